@@ -274,7 +274,7 @@ def surroundings(
     render_scene: RenderScene, eyes: Float64Array, clearance: float
 ) -> tuple[BoolArray, BoolArray]:
     """Return for each eye (N, 3) whether a surface is within `clearance` and whether it is inside
-    furniture, bool (N,) each."""
+    furniture or in or above a sloping roof, bool (N,) each."""
     if not len(eyes):
         return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
     directions = fibonacci_sphere(_RAYS)
@@ -287,6 +287,9 @@ def surroundings(
     for index, row in enumerate(hit):
         values, counts = np.unique(row[~structure[row]], return_counts=True)
         enclosed[index] = len(values) > 0 and counts.max() > _ENCLOSED * _RAYS
+    roofs = np.array([o.category == "slab" for o in render_scene.scene.objects] + [False])
+    for upright in (-1.0, 1.0):  # ceilings and floors hide it from eyes in rooms
+        enclosed |= roofs[cast(render_scene, eyes, np.tile([0.0, 0.0, upright], (len(eyes), 1)))[1]]
     return distance.min(axis=1) < clearance, enclosed
 
 

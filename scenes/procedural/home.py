@@ -9,6 +9,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from shapely.geometry import Point
 
 from scenes.arrays import Float64Array
 from scenes.contract import Credit, Light, Room, Scene, SceneObject, save_scene, writing_scene
@@ -37,7 +38,8 @@ from scenes.procedural.lighting import (
 from scenes.procedural.materials import MaterialLibrary
 from scenes.procedural.outdoors import build_outdoors
 from scenes.procedural.piece import CatalogueCredit, PiecePart
-from scenes.procedural.plan import Plan, make_plan
+from scenes.procedural.plan import Plan
+from scenes.procedural.planning import make_plan
 from scenes.procedural.scene_item import SceneItem
 from scenes.procedural.structure import build_structure
 from scenes.procedural.use import leave_traces
@@ -95,14 +97,7 @@ def make_home(
     if wear > _NEW:
         used = leave_traces(used, plan, texture_seed)
     items = [*used, *outdoors]
-    with_window = {
-        room
-        for opening in plan.openings
-        if opening.is_outer
-        for room in opening.rooms
-        if opening.kind != "entrance"
-    }
-    windowless = [room.id for room in plan.rooms if room.id not in with_window]
+    windowless = [room.id for room in plan.rooms if room.id not in plan.with_window]
     lit = choose_lit_lamps(
         draws("light", "lamps", lighting), lighting, lamp_descriptions(furniture), windowless
     )
@@ -129,6 +124,7 @@ def make_home(
                     room: {"floor": finish.floor.kind, "walls": finish.wall.kind}
                     for room, finish in sorted(finishes.rooms.items())
                 },
+                **_shape_of(plan),
                 "light": {**sky.choices, "lamps_cooler": kelvin_offset},
             },
             rooms=_rooms(plan, furniture),
@@ -147,9 +143,22 @@ def make_home(
     return scene
 
 
+def _shape_of(plan: Plan) -> dict[str, list]:
+    """Sloping ceilings and niches, as `scene.json` records them."""
+    found: dict[str, list] = {}
+    if plan.slopes:
+        found["slopes"] = [
+            {"from": [*each.edge.start], "to": [*each.edge.end], "knee": each.knee, "run": each.run}
+            for each in plan.slopes
+        ]
+    if plan.niches:
+        found["niches"] = [niche.room for niche in plan.niches]
+    return found
+
+
 def _rooms(plan: Plan, furniture: Sequence[SceneItem]) -> tuple[Room, ...]:
     lamps = {lamp.room for lamp in lamp_items(furniture)}
-    lit = lamps | {room for opening in plan.openings for room in opening.rooms}
+    lit = lamps | plan.with_window | {room for one in plan.openings for room in one.rooms}
     names: dict[str, int] = {}
     rooms = []
     for room in plan.rooms:
@@ -313,7 +322,10 @@ def _sensor(plan: Plan, standing: Sequence[SceneItem]) -> str:
         towards = np.array([middle.x - corner[0], middle.y - corner[1]])
         towards /= np.linalg.norm(towards)
         position = np.array([*(np.array(corner) + inwards * towards), EYE_HEIGHT])
-        if not any(_is_near(position, box) for box in boxes):
+        around = Point(*position[:2]).buffer(_SENSOR_MARGIN)
+        if plan.free_height(around) > EYE_HEIGHT + _SENSOR_MARGIN and not any(
+            _is_near(position, box) for box in boxes
+        ):
             (x, y, _), ahead = position, towards
             break
     return (

@@ -1,114 +1,29 @@
-"""Floor plans: rooms, walls, doors and windows of one storey.
+"""Floor plans of one storey: rooms, walls, openings, roof and niches as data.
 
 A plan lies in the world's XY plane, metres. Rooms are rectilinear polygons of net floor area; the
-space between and around them is wall. A rectangle is split recursively in proportion to the
-rooms' areas; then a room may lose a corner to the outside or to a bathroom, so that not all
-outlines and rooms are rectangles. A hall is a corridor between two rows of rooms, whose end may
-belong to the room beside it. Draws with uninhabitable rooms (too narrow, unreachable, no
-outer wall) are rejected.
+space between and around them is wall. `scenes.procedural.planning` draws plans.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
-import numpy as np
-import shapely
-from shapely import transform
-from shapely.geometry import LineString, MultiPolygon, Point, Polygon, box
-from shapely.geometry.polygon import orient
+from shapely.geometry import Polygon
 
+from scenes.arrays import Float64Array
 from scenes.contract import Point2
-from scenes.errors import PbrnetError
-from scenes.geometry.regions import buffered, difference, intersection, on_grid, simplified, union
+
+Metres = TypeVar("Metres", float, Float64Array)
 
 RoomType = Literal["living", "bedroom", "kitchen", "bathroom", "study", "dining", "hall"]
 # "open": nearly the whole wall between two rooms is left out, below a lintel.
 OpeningKind = Literal["door", "archway", "open", "entrance", "window", "patio"]
 
-GRID = 0.05  # metres; cell boundaries lie on this grid
 LEAST_LINTEL = 0.16  # metres from the ceiling to the top of an opening; beams are less deep
 STEP = 0.19  # metres, rise of a step
-MAX_DRAWS = 600  # an accepted plan needs a few dozen draws at most
-
-# Range of gross floor area in square metres, and least clear width in metres.
-SIZES: dict[RoomType, tuple[float, float, float]] = {
-    "living": (18.0, 32.0, 3.4),
-    "bedroom": (11.0, 18.0, 2.7),
-    "kitchen": (9.0, 15.0, 2.4),
-    "bathroom": (5.0, 8.5, 1.8),
-    "study": (8.5, 13.0, 2.4),
-    "dining": (11.0, 17.0, 2.8),
-    "hall": (3.6, 16.0, 1.05),
-}
-_LONGEST: dict[str, float] = {"hall": 9.0}  # greatest ratio of a room's sides; 3 for others
-PROGRAMMES: dict[int, tuple[tuple[float, tuple[RoomType, ...]], ...]] = {
-    1: (
-        (0.35, ("living",)),
-        (0.2, ("bedroom",)),
-        (0.15, ("kitchen",)),
-        (0.1, ("bathroom",)),
-        (0.1, ("study",)),
-        (0.1, ("dining",)),
-    ),
-    2: (
-        (0.3, ("living", "kitchen")),
-        (0.2, ("living", "bedroom")),
-        (0.15, ("bedroom", "bathroom")),
-        (0.15, ("living", "study")),
-        (0.2, ("dining", "kitchen")),
-    ),
-    3: (
-        (0.35, ("living", "bedroom", "bathroom")),
-        (0.3, ("living", "kitchen", "bedroom")),
-        (0.2, ("living", "kitchen", "bathroom")),
-        (0.15, ("living", "dining", "kitchen")),
-    ),
-    4: (
-        (0.6, ("living", "kitchen", "bedroom", "bathroom")),
-        (0.2, ("living", "kitchen", "study", "bathroom")),
-        (0.2, ("living", "dining", "kitchen", "bedroom")),
-        (0.3, ("hall", "living", "bedroom", "bathroom")),
-    ),
-    5: (
-        (0.4, ("living", "kitchen", "bedroom", "bathroom", "study")),
-        (0.35, ("living", "kitchen", "bedroom", "bathroom", "dining")),
-        (0.25, ("living", "kitchen", "bedroom", "bathroom", "bedroom")),
-        (0.6, ("hall", "living", "kitchen", "bedroom", "bathroom")),
-    ),
-    6: (
-        (0.6, ("living", "kitchen", "bedroom", "bathroom", "dining", "study")),
-        (0.4, ("living", "kitchen", "bedroom", "bathroom", "bedroom", "dining")),
-        (0.5, ("hall", "living", "kitchen", "bedroom", "bathroom", "study")),
-        (0.5, ("hall", "living", "kitchen", "bedroom", "bathroom", "bedroom")),
-    ),
-}
-# Cost of a door between two room types; doors form a tree of low cost that joins all rooms.
-_DOOR_COST: dict[frozenset[str], float] = {
-    frozenset({"dining", "kitchen"}): 0.4,
-    frozenset({"dining", "living"}): 0.5,
-    frozenset({"kitchen", "living"}): 0.7,
-    frozenset({"living", "study"}): 1.0,
-    frozenset({"living", "bedroom"}): 1.1,
-    frozenset({"bedroom", "bathroom"}): 1.4,
-    frozenset({"living", "bathroom"}): 1.6,
-    frozenset({"dining", "study"}): 1.7,
-    frozenset({"bedroom", "study"}): 2.0,
-    frozenset({"dining", "bedroom"}): 2.2,
-    frozenset({"dining", "bathroom"}): 2.5,
-    frozenset({"kitchen", "bathroom"}): 3.0,
-}
-_HALL_COST = 0.6  # to any room
-_THROUGH_COST: dict[str, float] = {"bathroom": 50.0, "bedroom": 3.0, "study": 2.0}
 WINDOWLESS: tuple[RoomType, ...] = ("bathroom", "hall")  # rooms that need no window
-_HUBS = ("hall", "living", "dining", "kitchen", "study", "bedroom", "bathroom")
-
-
-class PlanError(PbrnetError):
-    """No floor plan was found for a seed."""
 
 
 @dataclass(frozen=True)
@@ -260,6 +175,74 @@ class Stairs:
 
 
 @dataclass(frozen=True)
+class Slope:
+    """Part of the roof that comes down along an outer wall of the home.
+
+    The ceiling falls from full height, `run` metres before the wall, to the knee wall. `edge` is
+    the wall's inner face, along the whole side of the home.
+    """
+
+    edge: WallEdge
+    knee: float  # height of the ceiling at the wall, metres
+    run: float  # metres
+    height: float  # of the level ceiling, metres
+
+    @property
+    def rise(self) -> float:
+        """Rise of the ceiling in metres per metre away from the wall."""
+        return (self.height - self.knee) / self.run
+
+    def height_at(self, x: Metres, y: Metres) -> Metres:
+        """Height of the slope's plane, which goes on beyond its run."""
+        (nx, ny), (x0, y0) = self.edge.inward, self.edge.start
+        return self.knee + self.rise * ((x - x0) * nx + (y - y0) * ny)
+
+    def strip(self, margin: float = 0.0) -> Polygon:
+        """Area below the slope and the eaves, seen from above; it ends `margin` past the ridge."""
+        return self.edge.strip(-9.0, self.edge.length + 9.0, -9.0, self.run + margin)
+
+
+@dataclass(frozen=True)
+class RoofWindow:
+    """Window in a slope: [s0, s1] along the slope's edge, [near, far] from the wall, metres."""
+
+    id: str
+    room: str
+    slope: Slope
+    s0: float
+    s1: float
+    near: float
+    far: float
+
+    @property
+    def footprint(self) -> Polygon:
+        """The window seen from above."""
+        return self.slope.edge.strip(self.s0, self.s1, self.near, self.far)
+
+
+@dataclass(frozen=True)
+class Niche:
+    """A lining in front of a wall, from floor to ceiling, with a recess that holds boards.
+
+    The lining covers `edge.strip(s0, s1, 0, depth)`; its recess is `hole`, (s0, s1, z0, z1), open
+    to the room and as deep as the lining but for its back.
+    """
+
+    room: str
+    edge: WallEdge
+    s0: float
+    s1: float
+    depth: float
+    hole: tuple[float, float, float, float]
+    boards: tuple[float, ...]  # heights of their tops, metres
+
+    @property
+    def footprint(self) -> Polygon:
+        """The lining seen from above."""
+        return self.edge.strip(self.s0, self.s1, 0.0, self.depth)
+
+
+@dataclass(frozen=True)
 class Plan:
     """Floor plan of one storey."""
 
@@ -273,630 +256,26 @@ class Plan:
     ground: float  # height of the ground outdoors, at most 0
     beams: tuple[Beam, ...] = ()
     stairs: Stairs | None = None
+    slopes: tuple[Slope, ...] = ()
+    roof_windows: tuple[RoofWindow, ...] = ()
+    niches: tuple[Niche, ...] = ()
+
+    @property
+    def with_window(self) -> set[str]:
+        """Ids of the rooms with a window or a glazed door."""
+        upright = {
+            opening.rooms[0] for opening in self.openings if opening.kind in ("window", "patio")
+        }
+        return upright | {window.room for window in self.roof_windows}
+
+    def free_height(self, area: Polygon) -> float:
+        """Least height of the ceiling over an area, metres."""
+        x0, y0, x1, y1 = area.bounds
+        corners = ((x0, y0), (x0, y1), (x1, y0), (x1, y1))
+        return min(
+            [self.height, *(slope.height_at(*each) for slope in self.slopes for each in corners)]
+        )
 
     def room(self, room_id: str) -> PlanRoom:
         """Return the room with an id."""
         return next(room for room in self.rooms if room.id == room_id)
-
-
-def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
-    """Draw a floor plan of `rooms_min` to `rooms_max` rooms (1-6).
-
-    Raises `PlanError` if every draw is rejected.
-    """
-    count = int(rng.integers(rooms_min, rooms_max + 1))
-    weights = np.array([weight for weight, _ in PROGRAMMES[count]])
-    programme = PROGRAMMES[count][int(rng.choice(len(weights), p=weights / weights.sum()))][1]
-    partition = float(rng.choice([0.12, 0.14]))
-    outer = float(rng.choice([0.26, 0.30, 0.36, 0.40]))
-    height = float(rng.choice([2.4, 2.5, 2.55, 2.6, 2.7, 2.85]))
-    ground = float(rng.choice([-0.15, -0.3, -0.45, -3.2, -6.1], p=[0.3, 0.25, 0.15, 0.2, 0.1]))
-    for _ in range(MAX_DRAWS):
-        cells = _draw_cells(rng, programme, partition)
-        if cells is None or not all(map(_may_be_habitable, cells, programme)):
-            continue
-        rooms, inner = _net_rooms(cells, programme, partition)
-        if not all(_habitable(room) for room in rooms):
-            continue
-        outline = orient(simplified(buffered(inner, outer, join_style="mitre", mitre_limit=10), 0))
-        if outline.interiors or _closes_recess(inner, outer):
-            continue
-        openings = _draw_openings(rng, rooms, inner, outline, partition, outer, height)
-        if openings is None:
-            continue
-        beams = _draw_beams(rng, rooms, height)
-        return Plan(
-            rooms=tuple(rooms),
-            openings=tuple(openings),
-            inner=_ring(inner),
-            outline=_ring(outline),
-            outer_thickness=outer,
-            partition=partition,
-            height=height,
-            ground=ground,
-            beams=tuple(beams),
-            stairs=None if beams else _draw_stairs(rng, rooms, openings, height),
-        )
-    raise PlanError(
-        f"no floor plan for rooms {', '.join(programme)} within {MAX_DRAWS} draws; use another seed"
-    )
-
-
-def _draw_beams(rng: np.random.Generator, rooms: list[PlanRoom], height: float) -> list[Beam]:
-    """Beams of equal spacing across the dry rooms of one high home in three."""
-    drawn = float(rng.random())
-    spacing, wide = float(rng.uniform(0.75, 1.2)), float(rng.uniform(0.1, 0.18))
-    depth = float(rng.uniform(0.1, LEAST_LINTEL - 0.01))
-    if height < 2.5 or drawn > 0.33:
-        return []
-    beams = []
-    for room in rooms:
-        if room.type not in ("living", "dining", "bedroom", "study"):
-            continue
-        x0, y0, x1, y1 = room.shape.bounds
-        along_x = x1 - x0 < y1 - y0  # across the shorter side
-        first, last = (y0, y1) if along_x else (x0, x1)
-        count = int((last - first) / spacing)
-        for k in range(count):
-            middle = first + (last - first) * (k + 0.5) / count
-            a, b = middle - wide / 2, middle + wide / 2
-            strip = box(x0, a, x1, b) if along_x else box(a, y0, b, y1)
-            within = intersection(strip, room.shape)
-            for part in getattr(within, "geoms", [within]):
-                # Not where a wall of an L-shaped room runs within the beam.
-                if (
-                    part.geom_type == "Polygon"
-                    and part.area > 0.999 * box(*part.bounds).area > 0.05
-                ):
-                    low, high = part.bounds[:2], part.bounds[2:]
-                    beams.append(Beam(room.id, _rounded(low), _rounded(high), depth))
-    return beams
-
-
-def _draw_stairs(
-    rng: np.random.Generator, rooms: list[PlanRoom], openings: list[Opening], height: float
-) -> Stairs | None:
-    """Stairs in the living room of one home in three, if a wall has place for them."""
-    drawn = float(rng.random())
-    going, width = float(rng.uniform(0.22, 0.25)), float(rng.uniform(0.8, 0.9))
-    length = (round(height / STEP) - 1) * going
-    for room in rooms:
-        if drawn > 0.33 or room.type != "living" or room.shape.area < 20:
-            continue
-        ways = [
-            one.edge_in(room.id).strip(-0.1, one.width + 0.1, 0, 0.3 if one.kind == "window" else 1)
-            for one in openings
-            if room.id in one.rooms
-        ]
-        for index in rng.permutation(len(room.edges)):
-            edge = room.edges[int(index)]
-            for begin in (0.0, edge.length - length):  # the upper end is in a corner
-                stairs = Stairs(room.id, edge, begin, begin + length, width, begin == 0.0)
-                near, far = stairs.foot
-                whole = edge.strip(min(begin, near), max(begin + length, far), 0.0, width + 0.05)
-                if buffered(room.shape, 1e-3, join_style="mitre").covers(whole) and not any(
-                    whole.intersects(way) for way in ways
-                ):
-                    return stairs
-    return None
-
-
-def _snap(value: float) -> float:
-    return round(round(value / GRID) * GRID, 6)
-
-
-def _ring(polygon: Polygon) -> tuple[Point2, ...]:
-    points = shapely.get_coordinates(orient(polygon).exterior)[:-1]
-    return tuple((round(float(x), 6), round(float(y), 6)) for x, y in points)
-
-
-def _draw_cells(
-    rng: np.random.Generator, programme: tuple[RoomType, ...], partition: float
-) -> list[Polygon] | None:
-    """Gross cells of the rooms, in the programme's order; they tile the interior."""
-    areas = [float(rng.uniform(*SIZES[kind][:2])) for kind in programme]
-    if "hall" in programme:
-        return _corridor_cells(rng, programme, areas, partition)
-    carved = _carved_bathroom(rng, programme)
-    sliced = [index for index in range(len(programme)) if index != carved]
-    # The host room loses the area of the bathroom that is carved from it: start larger.
-    host = max(sliced, key=lambda index: areas[index])
-    if carved is not None:
-        areas[host] += areas[carved]
-    total = sum(areas[index] for index in sliced)
-    aspect = float(rng.uniform(1.0, 1.5 if len(sliced) < 3 else 1.75))
-    width = _snap(math.sqrt(total * aspect))
-    depth = _snap(total / width)
-    if rng.random() < 0.5:
-        width, depth = depth, width
-    order = [int(index) for index in rng.permutation(sliced)]
-    cells: dict[int, Polygon] = {}
-    _slice(rng, (0.0, 0.0, width, depth), order, areas, cells)
-    if carved is not None:
-        pair = _carve(rng, cells[host], areas[carved])
-        if pair is None:
-            return None
-        cells[host], cells[carved] = pair
-    if rng.random() < 0.55:
-        _notch(rng, cells, partition)
-    result = [cells[index] for index in range(len(programme))]
-    return result if all(cell.geom_type == "Polygon" for cell in result) else None
-
-
-def _corridor_cells(
-    rng: np.random.Generator, programme: tuple[RoomType, ...], areas: list[float], partition: float
-) -> list[Polygon] | None:
-    """Gross cells of two rows of rooms with a corridor between them, in the programme's order."""
-    hall = programme.index("hall")
-    order = [int(k) for k in rng.permutation(len(programme)) if k != hall]
-    rows = order[: (len(order) + 1) // 2], order[(len(order) + 1) // 2 :]
-    total = sum(areas[index] for index in order)
-    width = _snap(math.sqrt(total * float(rng.uniform(1.1, 1.7))))
-    wide = _snap(float(rng.uniform(1.2, 1.75)) + partition)
-    cells: dict[int, Polygon] = {}
-    first = _snap(sum(areas[index] for index in rows[0]) / width)
-    second = _snap(sum(areas[index] for index in rows[1]) / width)
-    _slice_row(rng, (0.0, first), width, rows[0], areas, cells)
-    _slice_row(rng, (first + wide, first + wide + second), width, rows[1], areas, cells)
-    end = width
-    row = rows[int(rng.integers(2))]
-    last = max(row, key=lambda index: cells[index].bounds[2])
-    x0, _, x1, _ = cells[last].bounds
-    if rng.random() < 0.65:  # a room takes the end of the corridor and becomes L-shaped
-        end = _snap(float(rng.uniform(x0 + 1.45, max(x0 + 1.5, x1 - 0.9))))
-        tail = box(end, first, width, first + wide)
-        cells[last] = union([cells[last], tail])
-    cells[hall] = box(0.0, first, end, first + wide)
-    if rng.random() < 0.5:
-        cells = {index: transform(cell, _swapped) for index, cell in cells.items()}
-    return [cells[index] for index in range(len(programme))]
-
-
-def _swapped(points: np.ndarray) -> np.ndarray:
-    return points[:, ::-1]
-
-
-def _slice_row(
-    rng: np.random.Generator,
-    between: tuple[float, float],
-    width: float,
-    row: list[int],
-    areas: list[float],
-    cells: dict[int, Polygon],
-) -> None:
-    """Split a row of rooms between two values of y by area."""
-    total = sum(areas[index] for index in row)
-    x = 0.0
-    for position, index in enumerate(row):
-        end = width if position == len(row) - 1 else _snap(x + width * areas[index] / total)
-        cells[index] = box(x, between[0], end, between[1])
-        x = end
-
-
-def _carved_bathroom(rng: np.random.Generator, programme: tuple[RoomType, ...]) -> int | None:
-    if "bathroom" in programme and len(programme) >= 2 and rng.random() < 0.45:
-        return programme.index("bathroom")
-    return None
-
-
-def _slice(
-    rng: np.random.Generator,
-    rect: tuple[float, float, float, float],
-    order: list[int],
-    areas: list[float],
-    cells: dict[int, Polygon],
-) -> None:
-    """Split `rect` (x0, y0, x1, y1) recursively by area into one rectangle per room."""
-    x0, y0, x1, y1 = rect
-    if len(order) == 1:
-        cells[order[0]] = box(x0, y0, x1, y1)
-        return
-    cut = int(rng.integers(1, len(order)))
-    if len(order) > 3:  # balanced splits give better proportions
-        cut = len(order) // 2
-    share = sum(areas[index] for index in order[:cut]) / sum(areas[index] for index in order)
-    if (x1 - x0) * float(rng.uniform(0.8, 1.25)) > (y1 - y0):
-        middle = _snap(x0 + share * (x1 - x0))
-        first, second = (x0, y0, middle, y1), (middle, y0, x1, y1)
-    else:
-        middle = _snap(y0 + share * (y1 - y0))
-        first, second = (x0, y0, x1, middle), (x0, middle, x1, y1)
-    _slice(rng, first, order[:cut], areas, cells)
-    _slice(rng, second, order[cut:], areas, cells)
-
-
-def _corner_box(
-    bounds: tuple[float, float, float, float], corner: int, width: float, depth: float
-) -> tuple[float, float, float, float]:
-    x0, y0, x1, y1 = bounds
-    left, low = corner in (0, 3), corner in (0, 1)
-    return (
-        x0 if left else x1 - width,
-        y0 if low else y1 - depth,
-        x0 + width if left else x1,
-        y0 + depth if low else y1,
-    )
-
-
-def _carve(rng: np.random.Generator, host: Polygon, area: float) -> tuple[Polygon, Polygon] | None:
-    """Split a rectangle into an L-shaped cell and the cell in its corner."""
-    x0, y0, x1, y1 = host.bounds
-    ratio = float(rng.uniform(0.7, 1.45))
-    width, depth = _snap(math.sqrt(area * ratio)), _snap(math.sqrt(area / ratio))
-    if x1 - x0 - width < 2.2 or y1 - y0 - depth < 2.2:
-        return None
-    part = box(*_corner_box((x0, y0, x1, y1), int(rng.integers(4)), width, depth))
-    return difference(host, part), part
-
-
-def _notch(rng: np.random.Generator, cells: dict[int, Polygon], partition: float) -> None:
-    """Remove a corner of a large rectangular room, for an L, T or U outline."""
-    whole = union(list(cells.values()))
-    options = []
-    for index, cell in sorted(cells.items()):
-        x0, y0, x1, y1 = cell.bounds
-        if len(cell.exterior.coords) != 5 or min(x1 - x0, y1 - y0) < 3.9:
-            continue
-        for corner in range(4):
-            probe = box(*_corner_box(cell.bounds, corner, 0.2, 0.2)).centroid
-            point = Point(
-                x0 if corner in (0, 3) else x1,
-                y0 if corner in (0, 1) else y1,
-            )
-            if whole.boundary.distance(point) < 1e-6 and cell.contains(probe):
-                options.append((index, corner))
-    if not options:
-        return
-    index, corner = options[int(rng.integers(len(options)))]
-    x0, y0, x1, y1 = cells[index].bounds
-    width = _snap(float(rng.uniform(1.3, max(1.35, min(3.0, x1 - x0 - 2.4)))))
-    depth = _snap(float(rng.uniform(1.0, max(1.05, min(2.6, y1 - y0 - 2.4)))))
-    notch = box(*_corner_box((x0, y0, x1, y1), corner, width, depth))
-    # Cut half a partition from the neighbours too: their walls continue in one plane where
-    # they become outer walls.
-    grown = intersection(
-        buffered(notch, partition / 2, join_style="mitre"),
-        notch.union(difference(whole, cells[index])),
-    )
-    for other in sorted(cells):
-        cut = notch if other == index else grown
-        cells[other] = difference(cells[other], cut)
-
-
-def _net_rooms(
-    cells: list[Polygon], programme: tuple[RoomType, ...], partition: float
-) -> tuple[list[PlanRoom], Polygon]:
-    """Net rooms without the partition walls, and the interior of the outer walls."""
-    inner = union(cells)
-    lines = [
-        intersection(first, second)
-        for first, second in itertools.combinations(cells, 2)
-        if first.distance(second) < 1e-9
-    ]
-    straight = [line for line in lines if line.length > 1e-6]
-    walls = union(
-        [buffered(line, partition / 2, cap_style="square", join_style="mitre") for line in straight]
-    )
-    rooms = []
-    inner = orient(simplified(_largest(inner), 0))
-    for index, (cell, kind) in enumerate(zip(cells, programme, strict=True)):
-        net = _largest(intersection(difference(cell, walls), inner))
-        points = _ring(simplified(on_grid(net, 1e-4), 0))
-        edges = []
-        for start, end in zip(points, points[1:] + points[:1], strict=True):
-            middle = LineString([start, end]).interpolate(0.5, normalized=True)
-            edges.append(WallEdge(start, end, bool(inner.boundary.distance(middle) < 1e-3)))
-        rooms.append(PlanRoom(f"room-{index}", kind, points, tuple(edges)))
-    return rooms, inner
-
-
-def _largest(shape: Polygon | MultiPolygon) -> Polygon:
-    if shape.geom_type == "Polygon":
-        return shape
-    return max(shape.geoms, key=lambda part: part.area)
-
-
-def _may_be_habitable(cell: Polygon, kind: RoomType) -> bool:
-    """Quick test on the gross cell: False if its net room cannot be habitable."""
-    low, _, narrow = SIZES[kind]
-    x0, y0, x1, y1 = cell.bounds
-    return bool(cell.area >= 0.75 * low and min(x1 - x0, y1 - y0) >= narrow)
-
-
-def _habitable(room: PlanRoom) -> bool:
-    low, _, narrow = SIZES[room.type]
-    shape = room.shape
-    if shape.is_empty or shape.area < 0.75 * low or shape.area > 60:
-        return False
-    x0, y0, x1, y1 = shape.bounds
-    if min(x1 - x0, y1 - y0) < narrow:
-        return False
-    if max(x1 - x0, y1 - y0) > _LONGEST.get(room.type, 3.0) * min(x1 - x0, y1 - y0):
-        return False
-    if any(edge.length < 0.25 for edge in room.edges):
-        return False
-    # Morphological opening with a square: it removes arms of an L that are too narrow.
-    half_width = 0.5 * min(narrow, 1.5) - 0.02
-    core = buffered(shape, -half_width, join_style="mitre")
-    if core.geom_type != "Polygon" or core.is_empty:
-        return False
-    opened = buffered(core, half_width, join_style="mitre")
-    return bool(opened.area > 0.97 * shape.area)
-
-
-def _closes_recess(inner: Polygon, outer: float) -> bool:
-    """Return True if the outer walls would close a recess of the outline, or nearly so."""
-    grown = buffered(inner, outer + 0.3, join_style="mitre", mitre_limit=10)
-    return len(grown.interiors) > 0 or simplified(grown, 0).exterior.coords.__len__() != len(
-        inner.exterior.coords
-    )
-
-
-def _draw_openings(
-    rng: np.random.Generator,
-    rooms: list[PlanRoom],
-    inner: Polygon,
-    outline: Polygon,
-    partition: float,
-    outer: float,
-    height: float,
-) -> list[Opening] | None:
-    doors = _draw_doors(rng, rooms, partition, height)
-    if doors is None:
-        return None
-    walls = difference(outline, inner)
-    taken: list[Polygon] = [buffered(door.footprint, 0.15, join_style="mitre") for door in doors]
-    entrance = _draw_entrance(rng, rooms, walls, outline, outer, taken)
-    if entrance is None:
-        return None
-    taken.append(buffered(entrance.footprint, 0.15, join_style="mitre"))
-
-    windows = _draw_windows(rng, rooms, walls, outline, outer, height, taken)
-    with_window = {window.rooms[0] for window in windows}
-    if any(room.id not in with_window and room.type not in WINDOWLESS for room in rooms):
-        return None
-    if len(rooms) == 1 and not windows:
-        return None
-    return [*doors, entrance, *windows]
-
-
-def _shared_walls(
-    first: PlanRoom, second: PlanRoom, partition: float
-) -> list[tuple[WallEdge, float, float]]:
-    """Stretches of wall between two rooms: (edge of `first`, s0, s1)."""
-    found = []
-    for a in first.edges:
-        for b in second.edges:
-            if a.inward[0] * b.inward[0] + a.inward[1] * b.inward[1] > -0.99:
-                continue
-            gap = -a.coordinates(b.start)[1]
-            if abs(gap - partition) > 1e-3:
-                continue
-            ends = sorted(a.coordinates(point)[0] for point in (b.start, b.end))
-            s0, s1 = max(0.0, ends[0]), min(a.length, ends[1])
-            if s1 - s0 > 0.5:
-                found.append((a, s0, s1))
-    return found
-
-
-def _draw_doors(
-    rng: np.random.Generator, rooms: list[PlanRoom], partition: float, height: float
-) -> list[Opening] | None:
-    """Doors of a cheapest tree grown from the hub; None if a room needs a bathroom passage."""
-    stretches: dict[tuple[int, int], list[tuple[WallEdge, float, float]]] = {}
-    for i, j in itertools.combinations(range(len(rooms)), 2):
-        shared = [
-            item for item in _shared_walls(rooms[i], rooms[j], partition) if item[2] - item[1] > 1.2
-        ]
-        if shared:
-            stretches[i, j] = shared
-    hub = min(range(len(rooms)), key=lambda index: _HUBS.index(rooms[index].type))
-    reached = [hub]
-    pairs: list[tuple[int, int]] = []
-    while len(reached) < len(rooms):
-        best: tuple[float, int, int] | None = None
-        for i, j in sorted(stretches):
-            if (i in reached) == (j in reached):
-                continue
-            known, fresh = (i, j) if i in reached else (j, i)
-            kinds = frozenset({rooms[known].type, rooms[fresh].type})
-            cost = _HALL_COST if "hall" in kinds else _DOOR_COST.get(kinds, 4.0)
-            if known != hub:
-                cost += _THROUGH_COST.get(rooms[known].type, 0.0)
-            if best is None or cost < best[0]:
-                best = (cost, known, fresh)
-        if best is None or best[0] >= 50:
-            return None
-        pairs.append(best[1:])
-        reached.append(best[2])
-    extra = [
-        (i, j)
-        for i, j in sorted(stretches)
-        if (i, j) not in pairs
-        and (j, i) not in pairs
-        and _DOOR_COST.get(frozenset({rooms[i].type, rooms[j].type}), 9) < 1.0
-    ]
-    pairs += [pair for pair in extra if rng.random() < 0.6]
-    doors = []
-    for number, (known, fresh) in enumerate(pairs):
-        shared = stretches[min(known, fresh), max(known, fresh)]
-        edge, s0, s1 = shared[int(np.argmax([item[2] - item[1] for item in shared]))]
-        host = rooms[min(known, fresh)]
-        other = rooms[max(known, fresh)]
-        kinds = frozenset({host.type, other.type})
-        open_plan = kinds <= {"living", "dining", "kitchen"} and s1 - s0 > 2.0
-        drawn = float(rng.random()) if open_plan else 1.0
-        kind: OpeningKind = "open" if drawn < 0.4 else ("archway" if drawn < 0.7 else "door")
-        if kind == "open":
-            width = _snap(s1 - s0 - 2 * float(rng.uniform(0.13, 0.4)))
-            top = height - float(rng.uniform(LEAST_LINTEL, 0.3))
-        elif kind == "archway":
-            width = _snap(min(float(rng.uniform(1.2, 2.4)), s1 - s0 - 0.5))
-            top = float(rng.choice([2.1, 2.2, 2.25]))
-        else:
-            width = float(rng.choice([0.8, 0.85, 0.9]))
-            top = 2.05
-        # Doors are mostly near a corner, which leaves long walls for furniture.
-        low = s0 + 0.13
-        high = max(low, s1 - 0.13 - width)  # a rounded width may leave a little less
-        place = float(rng.choice([low, high, rng.uniform(low, high)], p=[0.4, 0.4, 0.2]))
-        if kind == "archway":
-            place = float(rng.uniform(low, high))
-        elif kind == "open":
-            place = 0.5 * (s0 + s1 - width)
-        doors.append(
-            Opening(
-                id=f"door-{number}",
-                kind=kind,
-                start=_rounded(edge.at(place)),
-                end=_rounded(edge.at(place + width)),
-                thickness=partition,
-                z0=0.0,
-                z1=top,
-                rooms=(host.id, other.id),
-                hinge_at_start=bool(place - s0 < s1 - place - width),
-                swing=rooms[fresh].id,
-                angle=_draw_angle(rng),
-            )
-        )
-    return doors
-
-
-def _draw_angle(rng: np.random.Generator) -> float:
-    """Draw the opening angle of a door in degrees: closed, ajar or wide open."""
-    kind = rng.random()
-    if kind < 0.3:
-        return 0.0
-    return float(rng.uniform(12, 60)) if kind < 0.6 else float(rng.uniform(80, 92))
-
-
-def _rounded(point: Point2) -> Point2:
-    return (round(point[0], 4), round(point[1], 4))
-
-
-def _wall_is_solid(
-    edge: WallEdge, s0: float, s1: float, walls: Polygon, outline: Polygon, t: float
-) -> bool:
-    """Return True if the wall around an opening [s0, s1] is solid and borders the outdoors.
-
-    `t` is the thickness of the wall, metres.
-    """
-    hole = edge.strip(s0 - 0.12, s1 + 0.12, -0.001, -t + 0.001)
-    if not buffered(walls, 1e-6).covers(hole):
-        return False
-    return all(
-        outline.exterior.distance(Point(edge.at(s, -t))) < 1e-3 for s in (s0, 0.5 * (s0 + s1), s1)
-    )
-
-
-def _draw_entrance(
-    rng: np.random.Generator,
-    rooms: list[PlanRoom],
-    walls: Polygon,
-    outline: Polygon,
-    outer: float,
-    taken: list[Polygon],
-) -> Opening | None:
-    order = sorted(rooms, key=lambda room: _HUBS.index(room.type))
-    for room in order:
-        least = 1.3 if room.type == "hall" else 1.5
-        edges = [edge for edge in room.edges if edge.outer and edge.length > least]
-        for index in rng.permutation(len(edges)):
-            edge = edges[int(index)]
-            width = float(rng.choice([0.9, 0.95, 1.0]))
-            places = [0.2, edge.length - 0.2 - width]
-            if rng.random() < 0.5:
-                places.reverse()
-            places.append(0.5 * (edge.length - width))
-            for place in places:
-                strip = edge.strip(place, place + width, 0.7, -outer)
-                if not _wall_is_solid(edge, place, place + width, walls, outline, outer) or any(
-                    strip.intersects(other) for other in taken
-                ):
-                    continue
-                return Opening(
-                    id="entrance",
-                    kind="entrance",
-                    start=_rounded(edge.at(place)),
-                    end=_rounded(edge.at(place + width)),
-                    thickness=outer,
-                    z0=0.0,
-                    z1=2.1,
-                    rooms=(room.id,),
-                    hinge_at_start=place < 0.5 * edge.length,
-                    swing=room.id,
-                )
-    return None
-
-
-def _draw_windows(
-    rng: np.random.Generator,
-    rooms: list[PlanRoom],
-    walls: Polygon,
-    outline: Polygon,
-    outer: float,
-    height: float,
-    taken: list[Polygon],
-) -> list[Opening]:
-    head = min(float(rng.choice([2.1, 2.2, 2.3])), height - 0.18)
-    window_scale = float(rng.uniform(0.95, 1.3))  # of all windows of the home
-    windows: list[Opening] = []
-    patio_wanted = rng.random() < 0.5
-    for room in rooms:
-        edges = sorted(
-            (edge for edge in room.edges if edge.outer and edge.length > 1.1),
-            key=lambda edge: -edge.length,
-        )
-        wanted = 1 if room.type in WINDOWLESS else max(1, round(room.shape.area / 9.0))
-        found = 0
-        for edge in edges:
-            if found >= wanted:
-                break
-            kind, width, sill, top = _window_size(rng, room.type, window_scale, head)
-            if room.type == "living" and patio_wanted and not found and edge.length > 3:
-                kind, width, sill, top = "patio", float(rng.uniform(1.5, 2.4)), 0.0, head
-            width = _snap(min(width, edge.length - 0.5))
-            slots = 2 if edge.length > 2 * width + 1.6 and wanted - found >= 2 else 1
-            for slot in range(slots):
-                place = edge.length * (slot + 0.5) / slots - width / 2
-                place += float(rng.uniform(-0.15, 0.15)) * (edge.length / slots - width)
-                if not _wall_is_solid(edge, place, place + width, walls, outline, outer):
-                    place = edge.length * (slot + 0.5) / slots - width / 2
-                strip = edge.strip(place - 0.1, place + width + 0.1, 0.0, -outer)
-                if not _wall_is_solid(edge, place, place + width, walls, outline, outer) or any(
-                    strip.intersects(other) for other in taken
-                ):
-                    continue
-                taken.append(strip)
-                windows.append(
-                    Opening(
-                        id=f"window-{len(windows)}",
-                        kind="patio" if kind == "patio" else "window",
-                        start=_rounded(edge.at(place)),
-                        end=_rounded(edge.at(place + width)),
-                        thickness=outer,
-                        z0=sill,
-                        z1=top,
-                        rooms=(room.id,),
-                    )
-                )
-                found += 1
-                kind = "window" if kind == "patio" else kind
-                if slots == 2 and slot == 0 and windows[-1].kind == "patio":
-                    break
-    return windows
-
-
-def _window_size(
-    rng: np.random.Generator, room: RoomType, window_scale: float, head: float
-) -> tuple[str, float, float, float]:
-    """Draw (kind, width, sill height, head height) of a window for a room type, metres."""
-    if room == "bathroom":
-        return "window", _snap(float(rng.uniform(0.7, 1.1))), 1.25, head
-    if room == "kitchen":
-        return "window", _snap(window_scale * float(rng.uniform(1.1, 1.7))), 1.1, head
-    if room in ("living", "dining"):
-        sill = float(rng.choice([0.4, 0.55, 0.75]))
-        return "window", _snap(window_scale * float(rng.uniform(1.6, 2.5))), sill, head
-    sill = float(rng.choice([0.75, 0.85]))
-    return "window", _snap(window_scale * float(rng.uniform(1.3, 1.9))), sill, head

@@ -15,11 +15,13 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from scenes.arrays import Int64Array
 from scenes.contract import Portal
-from scenes.geometry.regions import buffered, difference
+from scenes.geometry.regions import buffered, difference, union
 from scenes.procedural.finishes import Finishes, RoomFinish
 from scenes.procedural.furniture.geometry import BodyMesh, bar, cylinder, merge, prism, span
+from scenes.procedural.niches import niche_parts
 from scenes.procedural.piece import Material, PiecePart
 from scenes.procedural.plan import STEP, Opening, Plan, PlanRoom, WallEdge
+from scenes.procedural.roof import COVER, cut_below, gable_cuts, panels, roof_portal, roof_window
 from scenes.procedural.scene_item import SceneItem, make_part
 
 EMBED = 0.02  # metres that walls extend into the slabs below and above
@@ -29,6 +31,7 @@ CASING = (0.07, 0.015)  # door casing, width and thickness
 LEAF = 0.04  # thickness of a door leaf
 FRAME = (0.05, 0.065)  # window frame, width and depth
 SKIRTING = 0.014  # thickness
+GABLE = "gable_"  # before the names of parts that are not made of rectangles
 
 Hole = tuple[float, float, float, float]  # s0, s1, z0, z1
 
@@ -38,25 +41,30 @@ def build_structure(plan: Plan, finishes: Finishes) -> tuple[list[SceneItem], li
     items: list[SceneItem] = []
     for room in plan.rooms:
         finish = finishes.rooms[room.id]
-        items.append(
-            _structure_item(f"floor-{room.id}", "floor", room.id, [_floor(plan, room, finish)])
-        )
+        items.append(_structure_item(f"floor-{room.id}", "floor", room.id, [_floor(room, finish)]))
         items.append(
             _structure_item(f"walls-{room.id}", "wall", room.id, _walls(plan, room, finish))
         )
-        ceiling = _panel(
-            plan, room, plan.height, plan.height + EMBED, _stairwell(plan, room, 0.005)
-        )
-        parts = [make_part("ceiling", finishes.ceiling, ceiling)]
+        whole = buffered(room.shape, EMBED, join_style="mitre")
+        well = _stairwell(plan, room, 0.005)
+        area = whole if well is None else difference(whole, well)
+        level, sloping = panels(plan, area, 0.0, (EMBED, EMBED), _extrude, lap=0.01, margin=0.004)
+        parts = [make_part("ceiling", finishes.ceiling, *level, *sloping)]
         items.append(_structure_item(f"ceiling-{room.id}", "ceiling", room.id, parts))
         trim = _trim(plan, room, finishes, finish)
         if trim:
             items.append(_structure_item(f"trim-{room.id}", "skirting", room.id, trim))
         items += _beams(plan, room, finishes)
+    for niche in plan.niches:
+        finish = finishes.rooms[niche.room]
+        lining = finish.wall_tiles or finish.wall
+        made = niche_parts(niche, plan.height, lining, finishes.threshold)
+        items.append(_structure_item(f"niche-{niche.room}", "wall", niche.room, made))
     items += _stairs(plan, finishes)
     items.append(_facade(plan, finishes))
     items.append(_slabs(plan, finishes))
-    portals = []
+    portals = [roof_portal(window) for window in plan.roof_windows]
+    items += [roof_window(window, finishes) for window in plan.roof_windows]
     for opening in plan.openings:
         if opening.kind in ("window", "patio"):
             items.append(_window(opening, finishes))
@@ -105,14 +113,6 @@ def _extrude(shape: Polygon | MultiPolygon, z0: float, z1: float) -> BodyMesh:
     )
 
 
-def _panel(
-    plan: Plan, room: PlanRoom, z0: float, z1: float, hole: Polygon | None = None
-) -> BodyMesh:
-    """Slab over the room's floor polygon, extended by `EMBED` below the walls."""
-    whole = buffered(room.shape, EMBED, join_style="mitre")
-    return _extrude(whole if hole is None else difference(whole, hole), z0, z1)
-
-
 def _stairwell(plan: Plan, room: PlanRoom | None, margin: float) -> Polygon | None:
     """Opening in the ceiling above stairs, grown by a margin; None without stairs in the room."""
     stairs = plan.stairs
@@ -126,8 +126,8 @@ def _stairwell(plan: Plan, room: PlanRoom | None, margin: float) -> Polygon | No
     return buffered(hole, margin, join_style="mitre")
 
 
-def _floor(plan: Plan, room: PlanRoom, finish: RoomFinish) -> PiecePart:
-    mesh = _panel(plan, room, -EMBED, 0.0)
+def _floor(room: PlanRoom, finish: RoomFinish) -> PiecePart:
+    mesh = _extrude(buffered(room.shape, EMBED, join_style="mitre"), -EMBED, 0.0)
     x0, y0, x1, y1 = room.shape.bounds
     uvs = mesh.vertices[:, :2] - (x0, y0)
     if y1 - y0 > x1 - x0:  # planks run along the room
@@ -136,11 +136,22 @@ def _floor(plan: Plan, room: PlanRoom, finish: RoomFinish) -> PiecePart:
 
 
 def _face(
-    edge: WallEdge, z0: float, z1: float, holes: list[Hole], s0: float, s1: float
+    edge: WallEdge,
+    z0: float,
+    z1: float,
+    holes: list[Hole],
+    s0: float,
+    s1: float,
+    cuts: tuple[list[float], list[float]] = ([], []),
 ) -> BodyMesh | None:
-    """Rectangle [s0, s1] x [z0, z1] of a wall face minus its holes, facing the room."""
-    s_cuts = {s0, s1, *(min(max(s, s0), s1) for hole in holes for s in hole[:2])}
-    z_cuts = {z0, z1, *(min(max(z, z0), z1) for hole in holes for z in hole[2:])}
+    """Rectangle [s0, s1] x [z0, z1] of a wall face minus its holes, facing the room.
+
+    `cuts` are further places (along, up) where it is divided.
+    """
+    across_cuts = [*(s for hole in holes for s in hole[:2]), *cuts[0]]
+    up_cuts = [*(z for hole in holes for z in hole[2:]), *cuts[1]]
+    s_cuts = {s0, s1, *(min(max(s, s0), s1) for s in across_cuts)}
+    z_cuts = {z0, z1, *(min(max(z, z0), z1) for z in up_cuts)}
     across, up = sorted(s_cuts), sorted(z_cuts)
     quads = []
     for a, b in pairwise(across):
@@ -201,36 +212,38 @@ def _laps(edges: tuple[WallEdge, ...], index: int) -> tuple[float, float]:
 
 
 def _walls(plan: Plan, room: PlanRoom, finish: RoomFinish) -> list[PiecePart]:
-    plain: list[BodyMesh] = []
-    accent: list[BodyMesh] = []
-    tiled: list[BodyMesh] = []
+    quads: dict[str, list[BodyMesh]] = {"wall": [], "accent": [], "tiles": []}
+    gables: dict[str, list[BodyMesh]] = {name: [] for name in quads}
     # The longest wall with the fewest openings has the accent colour.
     pierced = [len(_holes(edge, plan)) for edge in room.edges]
     order = sorted(range(len(room.edges)), key=lambda k: (pierced[k], -room.edges[k].length))
     tile_top = min(finish.tile_height, plan.height + EMBED) if finish.wall_tiles else 0.0
     for index, edge in enumerate(room.edges):
-        holes = _holes(edge, plan)
+        holes, cuts = _holes(edge, plan), gable_cuts(plan, edge, EMBED)
         before, after = _laps(room.edges, index)
         bottom, top = -EMBED, plan.height + EMBED
-        bands = [(bottom, top, accent if finish.accent and index == order[0] else plain)]
+        bands = [(bottom, top, "accent" if finish.accent and index == order[0] else "wall")]
         if tile_top:
-            bands = [(bottom, tile_top, tiled), (tile_top, top, plain)]
-        for z0, z1, target in bands:
+            bands = [(bottom, tile_top, "tiles"), (tile_top, top, "wall")]
+        for z0, z1, name in bands:
             if z1 - z0 > 1e-6:
-                face = _face(edge, z0, z1, holes, -before, edge.length + after)
-                if face is not None:
-                    target.append(face)
-    plain += [
+                face = _face(edge, z0, z1, holes, -before, edge.length + after, cuts)
+                upright, gable = cut_below(face, plan, EMBED) if face else (None, None)
+                quads[name] += [upright] if upright else []
+                gables[name] += [gable] if gable else []
+    quads["wall"] += [
         quad
         for opening in plan.openings
         if opening.rooms[0] == room.id
         for quad in _reveals(opening)
     ]
-    parts = [make_part("wall", finish.wall, *plain)] if plain else []
-    if accent and finish.accent:
-        parts.append(make_part("accent", finish.accent, *accent))
-    if tiled and finish.wall_tiles:
-        parts.append(make_part("tiles", finish.wall_tiles, *tiled))
+    materials = {"wall": finish.wall, "accent": finish.accent, "tiles": finish.wall_tiles}
+    parts = []
+    for prefix, found in (("", quads), (GABLE, gables)):
+        for name, meshes in found.items():
+            material = materials[name]
+            if meshes and material:
+                parts.append(make_part(prefix + name, material, *meshes))
     return parts
 
 
@@ -264,8 +277,10 @@ def _reveals(opening: Opening) -> list[BodyMesh]:
 def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) -> list[PiecePart]:
     """Skirting along the walls between doors, and cornice below the ceiling."""
     parts = []
+    linings = [niche.footprint for niche in plan.niches if niche.room == room.id]
+    shape = difference(room.shape, union(linings)) if linings else room.shape
     if finish.skirting:
-        ring = difference(room.shape, buffered(room.shape, -SKIRTING, join_style="mitre"))
+        ring = difference(shape, buffered(shape, -SKIRTING, join_style="mitre"))
         for opening in plan.openings:
             if opening.z0 <= 0:
                 margin = CASING[0] if opening.kind in ("door", "entrance") else 0.0
@@ -280,10 +295,11 @@ def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) ->
                 "skirting", finishes.skirting, _extrude(ring, -0.01, finishes.skirting_height)
             )
         )
-    if finishes.cornice and not (finish.wall_tiles and finish.tile_height > plan.height):
+    tiled_up = finish.wall_tiles and finish.tile_height > plan.height
+    if finishes.cornice and not tiled_up and not plan.slopes:
         for step in (1.0, 0.5):
             size = finishes.cornice * step
-            ring = difference(room.shape, buffered(room.shape, -size, join_style="mitre"))
+            ring = difference(shape, buffered(shape, -size, join_style="mitre"))
             drop = finishes.cornice * (1.5 - step)
             mesh = _extrude(ring, plan.height - drop, plan.height + 0.01)
             parts.append(make_part(f"cornice_{step:g}", finishes.ceiling, mesh))
@@ -378,8 +394,7 @@ def _facade(plan: Plan, finishes: Finishes) -> SceneItem:
     faces = []
     for edge in edges:
         face = _face(edge, -EMBED, plan.height + EMBED, _holes(edge, plan), 0.0, edge.length)
-        if face is not None:
-            faces.append(face)
+        faces += [part for part in cut_below(face, plan, EMBED) if part] if face else []
     return _structure_item("facade", "wall", None, [make_part("facade", finishes.facade, *faces)])
 
 
@@ -391,9 +406,11 @@ def _slabs(plan: Plan, finishes: Finishes) -> SceneItem:
     well = _stairwell(plan, None, 0.03)
     if well is not None:
         cover = difference(cover, well)
-    roof = _extrude(cover, plan.height + 0.5 * EMBED, plan.height + 0.28)
+    level, sloping = panels(
+        plan, cover, 0.5 * EMBED, (0.28, COVER), _extrude, lap=0.03, margin=0.004
+    )
     sills = [
-        make_part("roof", finishes.facade, roof),
+        make_part("roof", finishes.facade, *level, *sloping),
         make_part("base", finishes.facade, base),
     ]
     thresholds = [

@@ -21,6 +21,7 @@ from scenes.geometry.regions import simplified
 from scenes.procedural.piece import Material, PiecePart, Trace, Use
 from scenes.procedural.plan import Plan, PlanRoom
 from scenes.procedural.scene_item import SceneItem
+from scenes.procedural.structure import GABLE
 from scenes.seeds import generator
 
 _CELL = 0.15  # metres, of the grid that paths are found on
@@ -448,7 +449,8 @@ def _patched(
     parts: list[PiecePart] = []
     for part in item.parts:
         material = part.material
-        if not isinstance(material, Material) or material.use is not None:
+        gable = part.name.startswith(GABLE)
+        if gable or not isinstance(material, Material) or material.use is not None:
             parts.append(part)
             continue
         cut = _cut(part, box, inward)

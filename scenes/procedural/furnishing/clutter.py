@@ -28,6 +28,7 @@ _ON: dict[str, tuple[str, float]] = {
     "wall_shelf": ("shelf", 3.5),
     "wall_board": ("shelf", 4.5),
     "rack": ("shelf", 7.0),
+    "niche": ("shelf", 9.0),
     "shower": ("tub", 2.5),
     "sideboard": ("shelf", 4.5),
     "chest_of_drawers": ("dresser", 4.5),
@@ -73,7 +74,7 @@ def leave_things(furnisher: Furnisher) -> None:
     """Leave things in a furnished room, and mount its sockets, switches and detectors."""
     rng, space = furnisher.rng, furnisher.space
     run_cables(furnisher)
-    for carrier in list(space.items):
+    for carrier in [*space.items, *space.niches]:
         if carrier.kind in _ON and carrier.piece.surfaces:
             place, mean = _ON[carrier.kind]
             if place == "shelf" and carrier.kind != "bookshelf":

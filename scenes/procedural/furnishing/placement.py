@@ -120,14 +120,16 @@ def _place_small_objects(furnisher: Furnisher) -> None:
         "fridge": (("storage_box", "small_plant", "microwave"), 0, 1),
         "wall_shelf": (("small_plant", "books_stack", "vase", "candle"), 0, 2),
         "bath_tub": (("toiletries", "candle"), 0, 1),
+        "niche": (("vase", "books_stack", "books_stack", "small_plant", "candle"), 3, 6),
     }
-    for item in list(furnisher.space.items):
+    for item in [*furnisher.space.items, *furnisher.space.niches]:
         if item.kind not in wanted or not item.piece.surfaces:
             continue
         kinds, low, high = wanted[item.kind]
         for _ in range(int(rng.integers(low, high + 1))):
             kind = str(rng.choice(kinds))
-            if not furnisher.may_leave(kind):
+            # A niche was built for them.
+            if item.kind != "niche" and not furnisher.may_leave(kind):
                 continue
             yaw = float(rng.uniform(-25, 25))
             furnisher.space.on_top(rng, kind, furnisher.make(kind), item, yaw=yaw, tries=6)

@@ -21,9 +21,11 @@ from shapely.geometry import Polygon, box
 from shapely.prepared import prep
 
 from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.regions import buffered, deepest_point
+from scenes.geometry.regions import buffered, deepest_point, largest_part
+from scenes.procedural.niches import niche_piece, niche_solids
 from scenes.procedural.piece import FurniturePiece
-from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
+from scenes.procedural.plan import Niche, Opening, Plan, PlanRoom, WallEdge
+from scenes.procedural.roof import level_part
 from scenes.procedural.scene_item import Pose, SceneItem, place_piece
 from scenes.procedural.structure import CASING, SKIRTING, leaf_footprint
 
@@ -34,6 +36,7 @@ HALF_BODY_WIDTH = 0.21  # metres, of a walking person
 STEP_OVER = 0.06  # metres; lower obstacles do not block walking
 HEADROOM = 1.75  # metres; obstacles above do not block walking
 _FLAT_DEPTH = 0.02  # metres; flatter items on a wall do not block walking
+_BEFORE_NICHE = 0.4  # metres of floor that stay free
 CELL = 0.05  # of the walking grid, metres
 SKIRTING_TOP = 0.125  # metres; upper bound of skirting heights
 GAP = SKIRTING + 0.004  # metres between a wall and furniture against it
@@ -71,7 +74,7 @@ class PlacedPiece:
 
 @dataclass(frozen=True)
 class _ClearZone:
-    """Rectangle of floor to keep free for its `owner`: an item id, "passage", "swing" or "leaf"."""
+    """Rectangle of floor to keep free for its `owner`: an item id, "passage", "niche"..."""
 
     low: tuple[float, float]
     high: tuple[float, float]
@@ -88,6 +91,7 @@ class RoomSpace:
         # Floor between the skirtings, for boxes that extend down to them.
         self._between = prep(buffered(self.shape, CONTACT_TOLERANCE - GAP, join_style="mitre"))
         self.items: list[PlacedPiece] = []
+        self.niches: list[PlacedPiece] = []  # parts of the building that hold things
         self._boxes: Boxes = np.zeros((0, 2, 3))
         self._owners: list[str] = []
         self._zones: list[_ClearZone] = []
@@ -106,9 +110,30 @@ class RoomSpace:
             before = stairs.edge.strip(*stairs.foot, 0.0, stairs.width)
             self._keep_clear(before, "passage")
             self.doors.append(stairs.edge.at(sum(stairs.foot) / 2, 0.5 * stairs.width))
+        for niche in plan.niches:
+            if niche.room == room.id:
+                self._register_niche(niche)
         for opening in plan.openings:
             if room.id in opening.rooms:
                 self._register_opening(opening)
+
+    def _register_niche(self, niche: Niche) -> None:
+        edge, height = niche.edge, self.plan.height
+        solids = niche_solids(niche, height)
+        item = PlacedPiece(
+            f"{self.room.id}-niche",
+            "niche",
+            niche_piece(niche),
+            Pose(*edge.at(0.5 * (niche.s0 + niche.s1)), 0.0, yaw_facing(edge.inward)),
+            solids,
+        )
+        item.occupied = [[] for _ in item.piece.surfaces]
+        self.niches.append(item)
+        skirting = edge.strip(niche.s0 - GAP, niche.s1 + GAP, 0.0, niche.depth + GAP)
+        self._add_solids(np.concatenate([solids, _raised(skirting, 0.0, SKIRTING_TOP)]), item.id)
+        self._keep_clear(
+            edge.strip(niche.s0, niche.s1, niche.depth, niche.depth + _BEFORE_NICHE), "niche"
+        )
 
     def _register_opening(self, opening: Opening) -> None:
         edge, width = opening.edge_in(self.room.id), opening.width
@@ -196,6 +221,8 @@ class RoomSpace:
         low, high = item.bounds
         if high[2] > self.plan.height + CONTACT_TOLERANCE or low[2] < -CONTACT_TOLERANCE:
             return False
+        if self.plan.slopes and not all(map(self._is_below_slopes, item.collision_boxes)):
+            return False
         if not self._between.covers(box(low[0], low[1], high[0], high[1])):
             for body in item.collision_boxes:
                 limit = self._between if body[0, 2] < SKIRTING_TOP else self.inside
@@ -215,6 +242,10 @@ class RoomSpace:
                 ):
                     return False
         return True
+
+    def _is_below_slopes(self, body: Float64Array) -> bool:
+        free = self.plan.free_height(box(*body[0, :2], *body[1, :2]))
+        return bool(body[1, 2] < free + CONTACT_TOLERANCE)
 
     def _zone_is_clear(self, front: Boxes, allow: Collection[str]) -> bool:
         hits = _overlap(front, self._boxes).any(axis=0)
@@ -277,7 +308,10 @@ class RoomSpace:
         xs = x0 + (np.arange(columns) + 0.5) * CELL
         ys = y0 + (np.arange(rows) + 0.5) * CELL
         body = buffered(self.shape, -HALF_BODY_WIDTH, join_style="mitre")
-        return np.asarray(shapely.contains_xy(body, xs[:, None], ys[None, :]))
+        free = np.asarray(shapely.contains_xy(body, xs[:, None], ys[None, :]))
+        for slope in self.plan.slopes:
+            free &= slope.height_at(xs[:, None], ys[None, :]) > HEADROOM
+        return free
 
     def _commit(self, item: PlacedPiece, front: Boxes | None) -> None:
         item.occupied = [[] for _ in item.piece.surfaces]
@@ -306,8 +340,9 @@ class RoomSpace:
             self._blocked = blocked
 
     def middle(self) -> Float64Array:
-        """Return the point of the floor that is farthest from the walls, (2,)."""
-        return deepest_point(self.shape, 0.1)
+        """Return the point below the level ceiling that is farthest from its edges, (2,)."""
+        level = level_part(self.plan, self.shape) if self.plan.slopes else self.shape
+        return deepest_point(largest_part(level), 0.1)
 
     def open_middle(self) -> Float64Array:
         """Return the point of the free floor that is farthest from all obstacles, (2,)."""

@@ -42,7 +42,9 @@ from scenes.procedural.lighting import (
 )
 from scenes.procedural.materials import MaterialLibrary
 from scenes.procedural.piece import Material, PiecePart
-from scenes.procedural.plan import SIZES, Plan, WallEdge, make_plan
+from scenes.procedural.plan import Plan, WallEdge
+from scenes.procedural.planning import SIZES, make_plan
+from scenes.procedural.roof import COVER
 from scenes.procedural.scene_item import SceneItem
 from scenes.reconstruction.raycast import RayCaster
 from scenes.seeds import generator
@@ -236,10 +238,9 @@ def test_plans_are_habitable() -> None:
             assert shape.is_valid and shape.exterior.is_ccw
             assert 0.75 * SIZES[room.type][0] <= shape.area <= 60
             assert inner.buffer(1e-4).covers(shape)
-            assert room.type in ("bathroom", "hall") or any(
-                opening.rooms == (room.id,) and opening.kind in ("window", "patio")
-                for opening in plan.openings
-            ), f"seed {seed}: {room.type} without a window"
+            assert room.type in ("bathroom", "hall") or room.id in plan.with_window, (
+                f"seed {seed}: {room.type} without a window"
+            )
         for index, first in enumerate(shapes):
             for second in shapes[index + 1 :]:
                 assert first.distance(second) > 0.9 * plan.partition
@@ -298,12 +299,26 @@ def test_portals_lie_in_outer_walls_and_face_outdoors(homes: list[Home]) -> None
             normal = np.array(portal.normal)
             assert np.linalg.norm(normal) == pytest.approx(1)
             assert np.ptp(corners @ normal) < 1e-4
+            if normal[2] > 1e-6:  # a window in the roof
+                assert _is_in_a_slope(home.plan, corners, normal)
+                continue
             assert all(wall.covers(Point(corner)) for corner in corners[:, :2])
             outside = corners[:, :2].mean(axis=0) + home.plan.outer_thickness * normal[:2]
             assert not Polygon(home.plan.outline).contains(Point(outside))
             assert rooms[portal.room or ""].distance(Point(corners[0])) < home.plan.outer_thickness
             around = np.cross(corners[1] - corners[0], corners[2] - corners[1])
             assert abs(around @ normal) == pytest.approx(np.linalg.norm(around))
+
+
+def _is_in_a_slope(plan: Plan, corners: np.ndarray, normal: np.ndarray) -> bool:
+    """Test that a portal is parallel to a slope and within the roof above it."""
+    for slope in plan.slopes:
+        above = corners[:, 2] - slope.height_at(corners[:, 0], corners[:, 1])
+        steep = np.array([*slope.edge.inward, 0.0]) + np.array([0, 0, slope.rise])
+        inside = Polygon(plan.inner).covers(shapely.MultiPoint(corners[:, :2]))
+        if np.ptp(above) < 1e-4 and abs(normal @ steep) < 1e-6 and inside:
+            return bool(0.02 < above[0] < COVER)
+    return False
 
 
 def test_light_enters_a_home_through_portals_only(homes: list[Home]) -> None:
@@ -500,6 +515,9 @@ def test_rooms_are_furnished(homes: list[Home]) -> None:
             assert len(inside) >= 5, f"seed {home.seed}: {room.name} has {len(inside)} things"
             shape = Polygon(room.floor).buffer(2e-3)
             for item in inside:
+                for slope in home.plan.slopes:
+                    x, y, z = home.triangles(item).reshape(-1, 3).T
+                    assert (z < slope.height_at(x, y) + 2e-3).all(), f"{home.seed}: {item.id}"
                 for footprint, low, high in home.bodies[item.id]:
                     assert low > -2e-3 and high < room.ceiling_z + 2e-3, item.id
                     in_bay = item.bbox_min[2] > 0.2
@@ -515,7 +533,7 @@ def test_nothing_intersects(homes: list[Home]) -> None:
             and (
                 not item.is_structure
                 or item.category in ("door", "window")
-                or item.id.startswith(("beams-", "stairs-"))
+                or item.id.startswith(("beams-", "stairs-", "niche-"))
             )
         ]
         assert len(items) > 8
@@ -634,6 +652,12 @@ def test_nothing_floats(homes: list[Home]) -> None:
                     and (_hangs_from(home, item, solid) or _hangs_over(home, item, solid))
                 )
                 held = held or (item.category == "paper" and _sticks(home, item, solid))
+                held = held or any(
+                    -0.02 < low - level < 0.012 and niche.footprint.covers(footprint.centroid)
+                    for niche in home.plan.niches
+                    if niche.room == room.id
+                    for level in (niche.hole[2], *niche.boards)
+                )
                 assert held, f"seed {home.seed}: {item.id} floats at {low:.3f}"
 
 
@@ -683,9 +707,15 @@ def test_rooms_can_be_walked(homes: list[Home]) -> None:
                 for item in items
                 for footprint, low, high in home.bodies[item.id]
                 if high > 0.07 and low < 1.7
-            ]
+            ] + [niche.footprint for niche in home.plan.niches if niche.room == room.id]
             blocked = shapely.union_all(standing).buffer(0.2) if standing else Polygon()
+            lows = [
+                slope.strip((1.7 - slope.height) / slope.rise)
+                for slope in home.plan.slopes
+                if slope.knee < 1.7
+            ]
             free = room.shape.buffer(-0.2, join_style="mitre").difference(blocked)
+            free = free.difference(shapely.union_all(lows))
             patches = list(getattr(free, "geoms", [free]))
             doors = [
                 _before(home.plan, room.id, opening)

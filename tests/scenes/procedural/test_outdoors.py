@@ -8,7 +8,7 @@ import pytest
 from scenes.geometry.directions import unit
 from scenes.geometry.mesh import face_areas
 from scenes.procedural.outdoors import build_outdoors
-from scenes.procedural.plan import make_plan
+from scenes.procedural.planning import make_plan
 from scenes.procedural.surroundings.buildings import Block, Roof, building
 from scenes.reconstruction.raycast import RayCaster
 from scenes.seeds import generator

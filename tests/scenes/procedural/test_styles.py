@@ -17,7 +17,7 @@ from scenes.procedural.furniture import FURNITURE_KINDS, make_style
 from scenes.procedural.furniture.interiors import INTERIORS
 from scenes.procedural.furniture.style import Style, draw_style_name, hex_color
 from scenes.procedural.piece import Material
-from scenes.procedural.plan import make_plan
+from scenes.procedural.planning import make_plan
 from scenes.procedural.textures.families import FAMILIES, family_of
 from scenes.seeds import generator
 

@@ -11,7 +11,7 @@ from scenes.procedural.furnishing.placement import furnish
 from scenes.procedural.furniture import FURNITURE_KINDS, make_style
 from scenes.procedural.furniture.things import BY_PLACE, THINGS
 from scenes.procedural.furniture.things.soft import fallen
-from scenes.procedural.plan import make_plan
+from scenes.procedural.planning import make_plan
 from scenes.seeds import generator
 from tests.scenes.procedural.test_furniture import areas, bodies, corners, is_closed, volume
 

@@ -16,7 +16,7 @@ from scenes.procedural.furnishing.placement import furnish
 from scenes.procedural.furniture.style import make_style
 from scenes.procedural.materials import MaterialLibrary
 from scenes.procedural.piece import Material, PiecePart, Trace, Use
-from scenes.procedural.plan import make_plan
+from scenes.procedural.planning import make_plan
 from scenes.procedural.scene_item import SceneItem
 from scenes.procedural.structure import build_structure
 from scenes.procedural.use import leave_traces

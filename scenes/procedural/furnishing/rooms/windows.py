@@ -10,6 +10,7 @@ from scenes.procedural.structure import pane_depth
 
 def furnish_windows(furnisher: Furnisher) -> None:
     """Add radiators below windows, and curtains at all windows of the room or at none."""
+    _hang_below_roof(furnisher)
     curtained = furnisher.chance(furnisher.style.interior.curtained)
     for window in furnisher.space.windows():
         edge, width = window.edge, window.width
@@ -23,6 +24,19 @@ def furnish_windows(furnisher: Furnisher) -> None:
             # Curtains hang in front of the window.
             with furnisher.space.openings_unblocked():
                 furnisher.space.hang("curtains", curtains, edge, width / 2, 0.0)
+
+
+def _hang_below_roof(furnisher: Furnisher) -> None:
+    """Add radiators to the knee wall below roof windows."""
+    for window in furnisher.space.plan.roof_windows:
+        if window.room != furnisher.room.id or not furnisher.chance(0.65):
+            continue
+        radiator = furnisher.make("radiator", width=max(0.5, window.s1 - window.s0))
+        below = window.slope.edge.at(0.5 * (window.s0 + window.s1))
+        for edge in furnisher.room.edges:
+            s, depth = edge.coordinates(below)
+            if abs(depth) < 1e-3 and 0 < s < edge.length and edge.faces_like(window.slope.edge):
+                furnisher.space.hang("radiator", radiator, edge, s, radiator.mount_height)
 
 
 def fill_sills(furnisher: Furnisher) -> None:
@@ -53,6 +67,7 @@ def fill_sills(furnisher: Furnisher) -> None:
 
 def hang_radiators(furnisher: Furnisher) -> None:
     """Add radiators without curtains, for kitchens and bathrooms."""
+    _hang_below_roof(furnisher)
     for window in furnisher.space.windows():
         if window.z0 > 0.72 and furnisher.chance(0.6):
             radiator = furnisher.make("radiator", width=max(0.5, min(window.width, 1.0)))
