@@ -406,7 +406,7 @@ _THINGS = (
     _named("exhibition poster", "hall_wall dry_wall bed_wall", _SHEET, size=(0.48, 0.68), look="poster"),
     _named("travel poster", "hall_wall bath_wall desk_wall dry_wall", _SHEET, size=(0.4, 0.58), look="poster"),
     _named("framed certificate", "hall_wall desk_wall", _SHEET, size=(0.3, 0.22), look="poster", height=1.6),
-    _named("child's painting", "hall_wall kitchen_wall bed_wall", _SHEET, size=(0.34, 0.26), look="poster", height=1.3),
+    _named("painting of a child", "hall_wall kitchen_wall bed_wall", _SHEET, size=(0.34, 0.26), look="poster", height=1.3),
     _named("duty rota", "hall_wall kitchen_wall", _SHEET, size=(0.26, 0.34), look="calendar", height=1.5),
     _named("small round mirror", "hall_wall bath_wall bed_wall", _SHEET, size=(0.24, 0.24), look="mirror", height=1.68),
     _named("straw plate", "hall_wall dry_wall kitchen_wall", _SHEET, size=(0.4, 0.4), look="plate", height=1.6),

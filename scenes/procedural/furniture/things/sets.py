@@ -29,6 +29,7 @@ def _add(b: Builder, piece: FurniturePiece, x: float, y: float, z: float) -> Non
     """Add a piece at a place, as an object of its own."""
     with b.holding(piece.name, piece.category):
         for part in piece.parts:
+            assert isinstance(part.material, Material)
             mesh = BodyMesh(part.vertices, part.faces, part.uvs, part.smooth)
             b.add(part.material, mesh.moved(x, y, z), name=part.name)
 
@@ -50,9 +51,9 @@ def _content(rng: np.random.Generator, style: Style, what: str, name: str) -> Fu
         return cup(rng, style, (0.03, 0.036), (0.06, 0.11), handle=False, name=name)
     if what == "candles":
         b = Builder(name, "candle", "on_top")
-        radius, height = float(rng.uniform(0.014, 0.034)), float(rng.uniform(0.05, 0.2))
+        radius, tall = float(rng.uniform(0.014, 0.034)), float(rng.uniform(0.05, 0.2))
         wax = style.accents[int(rng.integers(len(style.accents)))].color
-        body = cylinder(radius, 0.0, height, 20, 0.002)
+        body = cylinder(radius, 0.0, tall, 20, 0.002)
         b.add(Material("plastic", wax, 0.6), body, name="wax")
         return b.piece()
     return jar(rng, style, (0.018, 0.03), (0.05, 0.1), name=name, category="clutter")
@@ -62,7 +63,7 @@ def _row(
     rng: np.random.Generator, style: Style, what: str, width: float, share: float
 ) -> list[tuple[FurniturePiece, float]]:
     """Different things of a set in a row of a width, and their places along it."""
-    found = []
+    found: list[tuple[FurniturePiece, float]] = []
     names = [_CONTENTS[what][k] for k in rng.permutation(len(_CONTENTS[what]))]
     at = -width / 2
     while names and rng.random() < share + 1.0 * (len(found) < 2):
@@ -151,14 +152,14 @@ def keys(rng: np.random.Generator, style: Style, name: str = "key board") -> Fur
         with b.holding(_KEYS[which], "fitting"):
             turn = np.linspace(0, 2 * np.pi, 14)[:-1]
             ring = np.stack(
-                [x + 0.011 * np.sin(turn), 0 * turn - 0.027, -0.017 - 0.011 * np.cos(turn)], 1
+                [x + 0.011 * np.sin(turn), 0 * turn - 0.027, -0.0184 - 0.011 * np.cos(turn)], 1
             )
             b.add(STEEL, tube(ring, 0.0012, 6, closed=True), name="ring")
             long = float(rng.uniform(0.035, 0.055))
             key = span((x - 0.004, -0.0285, -0.029 - long), (x + 0.004, -0.0265, -0.0275))
             b.add(STEEL if rng.random() < 0.7 else style.metal, key, name="key")
             if rng.random() < 0.5:
-                fob = box((0.022, 0.004, 0.034), (x + 0.006, -0.031, -0.07), 0.001)
+                fob = box((0.022, 0.004, 0.034), (x + 0.006, -0.0301, -0.07), 0.001)
                 b.add(tinted(rng, style), fob, name="fob")
     return b.piece()
 
@@ -176,7 +177,7 @@ def stand(rng: np.random.Generator, style: Style) -> FurniturePiece:
         foot = 0.03 * np.array([np.cos(turn), np.sin(turn)])
         head = 0.065 * np.array([np.cos(turn), np.sin(turn)])
         tall = h + float(rng.uniform(0.16, 0.34))
-        ends = (*foot.tolist(), 0.016), (*head.tolist(), tall)
+        ends = (*foot.tolist(), 0.0131), (*head.tolist(), tall)
         with b.holding(names[k], "bag" if k != 1 else "clutter"):
             if k != 1:
                 at = tuple((np.array(ends[0]) + 0.8 * np.subtract(*ends[::-1])).tolist())
