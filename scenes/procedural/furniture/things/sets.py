@@ -171,13 +171,14 @@ def stand(rng: np.random.Generator, style: Style) -> FurniturePiece:
     wall = [(0.0, 0.0), (r, 0.0), (r, h), (r - 0.006, h), (r - 0.006, 0.012), (0.0, 0.012)]
     body = [style.metal, glazed(rng, style), style.dark_wood][int(rng.integers(3))]
     b.add(body, lathe(wall, 28), name="stand")
+    b.add(STEEL, cylinder(r - 0.008, 0.0122, 0.0128, 28), name="dish")
     names = ("long umbrella", "walking stick", "short umbrella")
     for k in rng.permutation(3)[: int(rng.integers(1, 4))].tolist():
         turn = 2 * np.pi * (k + float(rng.uniform(-0.15, 0.15))) / 3
         foot = 0.03 * np.array([np.cos(turn), np.sin(turn)])
         head = 0.065 * np.array([np.cos(turn), np.sin(turn)])
         tall = h + float(rng.uniform(0.16, 0.34))
-        ends = (*foot.tolist(), 0.0131), (*head.tolist(), tall)
+        ends = (*foot.tolist(), 0.0142), (*head.tolist(), tall)
         with b.holding(names[k], "bag" if k != 1 else "clutter"):
             if k != 1:
                 at = tuple((np.array(ends[0]) + 0.8 * np.subtract(*ends[::-1])).tolist())
