@@ -42,7 +42,7 @@ from scenes.procedural.plan import Plan
 from scenes.procedural.planning import make_plan
 from scenes.procedural.scene_item import SceneItem
 from scenes.procedural.structure import build_structure
-from scenes.procedural.use import leave_traces
+from scenes.procedural.use.home import leave_traces
 from scenes.seeds import generator
 
 EYE_HEIGHT = 1.55  # metres; of the sensor in scene.xml

@@ -23,7 +23,7 @@ _ON: dict[str, tuple[str, float]] = {
     "coffee_table": ("coffee", 4.5),
     "side_table": ("coffee", 2.2),
     "desk": ("desk", 6.5),
-    "night_table": ("bedside", 3.2),
+    "night_table": ("bedside", 3.8),
     "bookshelf": ("shelf", 7.0),
     "wall_shelf": ("shelf", 3.5),
     "wall_board": ("shelf", 4.5),
@@ -31,16 +31,16 @@ _ON: dict[str, tuple[str, float]] = {
     "niche": ("shelf", 9.0),
     "shower": ("tub", 2.5),
     "sideboard": ("shelf", 4.5),
-    "chest_of_drawers": ("dresser", 4.5),
-    "console_table": ("hall_top", 3.6),
+    "chest_of_drawers": ("dresser", 5.5),
+    "console_table": ("hall_top", 4.6),
     "tv_stand": ("tv", 3.2),
-    "wash_basin": ("bath", 4.0),
+    "wash_basin": ("bath", 5.0),
     "washing_machine": ("laundry", 3.0),
-    "bath_tub": ("tub", 2.0),
-    "toilet": ("toilet_top", 1.0),
+    "bath_tub": ("tub", 3.0),
+    "toilet": ("toilet_top", 1.4),
     "wardrobe": ("top", 2.2),
     "fridge": ("top", 1.2),
-    "bench": ("seat", 1.2),
+    "bench": ("seat", 1.8),
     "storage_box": ("seat", 0.4),
 }
 # Type of room -> place whose things its shelves hold instead
@@ -48,22 +48,22 @@ _SHELF = {"bathroom": "bath", "kitchen": "worktop", "bedroom": "dresser"}
 # Type of room -> places on its floor, mean number of things there.
 _FLOOR: dict[str, tuple[tuple[str, float], ...]] = {
     "living": (("play", 1.0), ("floor", 1.6), ("tv_floor", 0.3)),
-    "bedroom": (("bed_floor", 1.4), ("floor", 1.6), ("gym", 0.4)),
+    "bedroom": (("bed_floor", 2.2), ("floor", 1.6), ("gym", 0.4)),
     "study": (("study_floor", 0.8), ("floor", 1.4), ("gym", 0.4)),
     "kitchen": (("kitchen_floor", 1.6),),
-    "bathroom": (("bath_floor", 2.2),),
+    "bathroom": (("bath_floor", 3.2),),
     "dining": (("play", 0.5), ("floor", 0.8)),
-    "hall": (("floor", 1.2), ("hall", 1.0)),
+    "hall": (("floor", 1.4), ("hall", 2.6)),
 }
 # Type of room -> place on its walls, mean number of things there.
 _WALLS: dict[str, tuple[str, float]] = {
-    "living": ("dry_wall", 1.6),
-    "bedroom": ("bed_wall", 3.0),
-    "study": ("desk_wall", 2.4),
-    "kitchen": ("kitchen_wall", 2.6),
-    "bathroom": ("bath_wall", 3.4),
-    "dining": ("dry_wall", 1.8),
-    "hall": ("hall_wall", 2.0),
+    "living": ("dry_wall", 2.0),
+    "bedroom": ("bed_wall", 3.8),
+    "study": ("desk_wall", 3.0),
+    "kitchen": ("kitchen_wall", 3.2),
+    "bathroom": ("bath_wall", 4.4),
+    "dining": ("dry_wall", 2.4),
+    "hall": ("hall_wall", 3.6),
 }
 _HALL = 2.0  # mean number of things in the room behind the entrance
 _SOCKETS = (1, 4)  # least and greatest number in a room

@@ -21,7 +21,7 @@ _SMALL = (
     *("books_stack", "vase", "candle", "fruit_bowl", "laptop", "crockery", "bottle", "kettle"),
     *("microwave", "cooking_pot", "toiletries", "storage_box", "wall_clock"),
 )
-_SHARE = 0.15  # of the rooms in which a kind of thing may be left
+_SHARE = 0.12  # of the rooms in which a kind of thing may be left
 
 
 class Furnisher:
@@ -137,6 +137,24 @@ class Furnisher:
         for _ in range(count):
             piece = self.make("picture")
             space.on_wall(rng, "picture", piece, where="middle")
+
+    def hang_row(self, most: int) -> None:
+        """Hang three to `most` pictures of one size in a row, where a wall has room for three."""
+        rng, space = self.rng, self.space
+        width = float(rng.uniform(0.22, 0.38))
+        height = width * float(rng.choice([1.0, 1.3, 1.4]))
+        count, gap = int(rng.integers(3, most + 1)), float(rng.uniform(0.05, 0.12))
+        row = [self._generate("picture", {"width": width, "height": height}) for _ in range(count)]
+        level = row[0].mount_height
+        for edge, middle in space.along_walls(rng, row[0], where="middle")[:12]:
+            hung = 0
+            for k, piece in enumerate(row):
+                s = middle + (k - 0.5 * (count - 1)) * (width + gap)
+                hung += space.hang("picture", piece, edge, s, level) is not None
+            if hung >= 3:
+                return
+            for _ in range(hung):
+                space.remove_last()
 
     def edge_behind(self, item: PlacedPiece) -> WallEdge | None:
         """Return the wall that the back of an item faces, or None."""

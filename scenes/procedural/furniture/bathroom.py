@@ -392,6 +392,12 @@ def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> Furnit
     return b.piece()
 
 
+_IN_CABINET = (
+    *("aftershave", "eye drops", "ointment", "antiseptic", "nasal spray", "sleeping pills"),
+    *("cold cream", "mouth spray", "tweezers tube", "contact lens fluid"),
+)
+
+
 def mirror_cabinet(
     rng: np.random.Generator, style: Style, width: float | None = None
 ) -> FurniturePiece:
@@ -422,15 +428,12 @@ def mirror_cabinet(
         )
         parts.add(material, mesh.moved(-each).moved(width / 2, -depth / 2 + 0.019), name="door")
     if angle:
-        for k in range(3):
-            at = (-width / 2 + 0.07 + 0.08 * k, 0.0, (0.018, 0.2265, 0.4465)[k])
-            parts.add(
-                style.accents[k],
-                lathe([(0.022, 0), (0.022, 0.1), (0.01, 0.12), (0.01, 0.14), (0, 0.14)], 16).moved(
-                    *at
-                ),
-                name="bottles",
-            )
+        outline = [(0.022, 0), (0.022, 0.1), (0.01, 0.12), (0.01, 0.14), (0, 0.14)]
+        for k, which in enumerate(rng.permutation(len(_IN_CABINET))[:5].tolist()):
+            x, z = ((0.07, 0.018), (0.15, 0.2265), (0.23, 0.4465), (0.07, 0.2265), (0.14, 0.018))[k]
+            with parts.holding(_IN_CABINET[which], "fitting"):
+                bottle = lathe(outline, 16).scaled(z=float(rng.uniform(0.7, 1.2)))
+                parts.add(style.accents[k], bottle.moved(x - width / 2, 0.0, z), name="bottle")
     b.add_from(parts, y=-depth / 2)
     return b.piece()
 

@@ -162,7 +162,7 @@ def hooked(
     thickness: float = 0.005,
     step: float = 0.042,
 ) -> BodyMesh:
-    """Return a cloth on a hook at the origin, in front of the wall y = 0.03, hanging down."""
+    """Return a cloth that hangs from z = 0 at y = -0.05, in front of the wall y = 0.02."""
     n, m = (round(length / step) + 1 for length in size)
     rest = (size[0] / (n - 1), size[1] / (m - 1))
     u = (np.arange(n) / (n - 1) - 0.5)[:, None]

@@ -302,7 +302,7 @@ def hob_unit(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furn
             angle = 2 * np.pi * np.arange(40) / 40
             ring = np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1)
             b.add(IRON, tube(ring, 0.0012, 8, closed=True).moved(x, y, high + 0.0068), name="rings")
-    if rng.random() < 0.2:
+    if rng.random() < 0.14:
         x, y, radius = places[int(rng.integers(4))]
         z = high + (0.0405 if gas else 0.0083)
         with b.holding("pot on the hob", "pot"):
@@ -348,7 +348,7 @@ def fridge(rng: np.random.Generator, style: Style, width: float = 0.6) -> Furnit
         )
         for z in (start + 0.03, start + length - 0.03):
             b.add(STEEL, bar((x, f + 0.003, z), (x, f - 0.035, z), 0.006, 8), name="handle")
-    if rng.random() < 0.16:
+    if rng.random() < 0.14:
         for _ in range(int(rng.integers(2, 5))):
             x, z = float(rng.uniform(-0.2, 0.2)), float(rng.uniform(1.15, 1.5))
             if abs(z - split) < 0.075:

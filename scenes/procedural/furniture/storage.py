@@ -180,10 +180,11 @@ def bookshelf(
     front = -depth / 2 + 0.045
     for level, z in enumerate(zs):
         kind = rng.random()
-        if level == 0 and kind < 0.16:
+        if level == 0 and kind < 0.14:
             half = (min(0.17, (right - left) / 4 - 0.01), depth / 2 - 0.045)
+            what = ("basket", "open box", "rush basket")[int(rng.integers(3))]
             for x in (left + 0.25 * (right - left), left + 0.75 * (right - left)):
-                with b.holding("basket", "box"):
+                with b.holding(what, "box"):
                     add_basket(b, x, 0.0, z, half, min(0.2, 0.7 * room))
             continue
         # One or two rows of books from the sides, then a stack or room for things between them.

@@ -12,7 +12,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from scenes.arrays import UInt8Array
+from scenes.arrays import Float32Array, UInt8Array
 from scenes.procedural.piece import Material
 from scenes.procedural.textures import cloth, goods, masonry, woods
 from scenes.procedural.textures.fields import Surface
@@ -285,13 +285,31 @@ def normal_map(made: Surface, steepest: float = 1.2) -> UInt8Array:
     """
     size = made.height.shape[0]
     step = np.float32(2 * made.metres / size)
-    slope_u = (np.roll(made.height, -1, axis=1) - np.roll(made.height, 1, axis=1)) / step
-    slope_v = (np.roll(made.height, -1, axis=0) - np.roll(made.height, 1, axis=0)) / step
-    slope_u, slope_v = (np.clip(each, -steepest, steepest) for each in (slope_u, slope_v))
-    length = np.sqrt(1 + slope_u * slope_u + slope_v * slope_v)
-    normals = np.stack([-slope_u / length, -slope_v / length, 1 / length], axis=-1)
-    return _byte(normals * np.float32(127.5) + np.float32(127.5))
+    slope_u, slope_v = _difference(made.height, 1), _difference(made.height, 0)
+    for slope in (slope_u, slope_v):
+        slope /= step
+        np.clip(slope, -steepest, steepest, out=slope)
+    length = 1 + slope_u * slope_u
+    length += slope_v * slope_v
+    np.sqrt(length, out=length)
+    packed = np.empty((size, size, 3), dtype=np.uint8)
+    for band, part in enumerate((-slope_u / length, -slope_v / length, 1 / length)):
+        part *= np.float32(127.5)
+        part += np.float32(127.5)
+        packed[..., band] = _byte(part)
+    return packed
+
+
+def _difference(height: Float32Array, axis: int) -> Float32Array:
+    """Next minus previous texel along an axis, around the tile's border."""
+    out = np.empty_like(height)
+    moved, source = np.moveaxis(out, axis, 0), np.moveaxis(height, axis, 0)
+    np.subtract(source[2:], source[:-2], out=moved[1:-1])
+    np.subtract(source[1], source[-1], out=moved[0])
+    np.subtract(source[0], source[-2], out=moved[-1])
+    return out
 
 
 def _byte(values: np.ndarray) -> UInt8Array:
-    return np.clip(values + np.float32(0.5), 0, 255).astype(np.uint8)
+    rounded = np.asarray(values + np.float32(0.5))
+    return np.clip(rounded, 0, 255, out=rounded).astype(np.uint8)

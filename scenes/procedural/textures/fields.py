@@ -110,8 +110,14 @@ def _sine() -> Float32Array:
 
 def smoothstep(low: float, high: float, x: Float32Array) -> Float32Array:
     """Cubic step from 0 at `low` to 1 at `high`."""
-    t = np.clip((x - np.float32(low)) / np.float32(high - low), 0, 1)
-    return np.asarray(t * t * (3 - 2 * t), dtype=np.float32)
+    t = np.asarray(x - np.float32(low))
+    t /= np.float32(high - low)
+    np.clip(t, 0, 1, out=t)
+    steep = 2 * t
+    np.subtract(3, steep, out=steep)
+    t *= t
+    t *= steep
+    return np.asarray(t, dtype=np.float32)
 
 
 def constant(size: int, value: float) -> Float32Array:
@@ -233,16 +239,18 @@ def cells(rng: np.random.Generator, size: int, count: int) -> tuple[Float32Array
             x = points[0][lattice] + (i - ramp).astype(np.float32)
             y = points[1][lattice] + (j - ramp).astype(np.float32)[:, None]
             far = x * x + y * y
-            name = np.where(far < near, own[lattice], name)
-            second = np.minimum(second, np.maximum(near, far))
-            near = np.minimum(near, far)
+            np.copyto(name, own[lattice], where=far < near)
+            np.minimum(second, np.maximum(near, far), out=second)
+            np.minimum(near, far, out=near)
     return np.sqrt(near), np.sqrt(second), name
 
 
 def encoded(linear: AnyArray) -> UInt8Array:
     """Encode linear values as 8-bit sRGB (IEC 61966-2-1), in steps of 1/4095."""
-    steps = np.clip(linear * np.float32(4095) + np.float32(0.5), 0, 4095).astype(np.uint16)
-    return np.asarray(_srgb()[steps])
+    steps = np.asarray(linear * np.float32(4095))
+    steps += np.float32(0.5)
+    np.clip(steps, 0, 4095, out=steps)
+    return np.asarray(np.take(_srgb(), steps.astype(np.uint16)))
 
 
 @lru_cache(maxsize=1)

@@ -19,7 +19,7 @@ from scenes.procedural.piece import Material, PiecePart, Trace, Use
 from scenes.procedural.planning import make_plan
 from scenes.procedural.scene_item import SceneItem
 from scenes.procedural.structure import build_structure
-from scenes.procedural.use import leave_traces
+from scenes.procedural.use.home import leave_traces
 from scenes.seeds import generator
 
 

@@ -26,16 +26,16 @@ def furnish_bathroom(furnisher: Furnisher) -> None:
         space.on_wall(rng, "towel_rail", furnisher.make("towel_rail"))
     hang_radiators(furnisher)
     _lay_mat(furnisher, tub or basin)
-    for kind, probability in (("waste_bin", 0.7), ("stool", 0.25)):
+    for kind, probability in (("waste_bin", 0.6), ("stool", 0.25)):
         if furnisher.chance(probability):
             space.in_corner(rng, kind, furnisher.make(kind))
     if furnisher.chance(0.35):
         furnisher.put_plant()
-    for kind, probability in (("wall_board", 0.75), ("rack", 0.55), ("wall_board", 0.35)):
+    for kind, probability in (("wall_board", 0.8), ("rack", 0.6), ("wall_board", 0.45)):
         if furnisher.wants(probability):
             furnisher.hang(kind) if kind == "wall_board" else furnisher.along_wall(kind)
-    if furnisher.chance(0.35):
-        furnisher.hang_pictures(furnisher.number(1, 2))
+    if furnisher.chance(0.5):
+        furnisher.hang_pictures(furnisher.number(1, 3))
 
 
 def _place_sanitary(furnisher: Furnisher) -> tuple[PlacedPiece | None, PlacedPiece | None]:

@@ -45,7 +45,9 @@ def furnish_bedroom(furnisher: Furnisher) -> None:
                 rng, kind, furnisher.make(kind)
             )
     furnisher.hang_pictures(furnisher.number(2, 4))
-    for _ in range(furnisher.number(0, 2)):
+    if furnisher.wants(0.25):
+        furnisher.hang_row(4)
+    for _ in range(furnisher.number(0, 3)):
         furnisher.hang("wall_shelf")
     if furnisher.wants(0.3):
         furnisher.hang("wall_mirror")

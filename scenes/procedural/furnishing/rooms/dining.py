@@ -20,5 +20,7 @@ def furnish_dining(furnisher: Furnisher) -> None:
     for _ in range(furnisher.number(1, 2)):
         furnisher.put_plant()
     furnisher.hang_pictures(furnisher.number(2, 4))
+    if furnisher.wants(0.25):
+        furnisher.hang_row(4)
     if furnisher.wants(0.3):
         furnisher.hang("wall_lamp")

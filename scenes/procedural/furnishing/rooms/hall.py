@@ -1,21 +1,22 @@
-"""Halls and corridors: coat hooks, shoe rack, console table, mirror, runner."""
+"""Halls and corridors: coat hooks, shoe rack, console table, mirror, mats, pictures."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from scenes.procedural.furnishing.furnisher import Furnisher
+from scenes.procedural.furnishing.space import yaw_facing
 from scenes.procedural.scene_item import Pose
 
 
 def furnish_hall(furnisher: Furnisher) -> None:
     """Furnish a hall or corridor."""
     furnisher.hang("coat_hooks")
-    if furnisher.wants(0.7):
+    if furnisher.wants(0.8):
         furnisher.along_wall("shoe_rack")
-    if furnisher.wants(0.5):
+    if furnisher.wants(0.6):
         furnisher.along_wall("console_table")
-    elif furnisher.wants(0.4):
+    elif furnisher.wants(0.6):
         furnisher.along_wall("bench")
     if furnisher.wants(0.5):
         furnisher.hang("wall_mirror")
@@ -23,6 +24,10 @@ def furnish_hall(furnisher: Furnisher) -> None:
         _lay_runner(furnisher)
     if furnisher.wants(0.4):
         furnisher.put_plant()
+    if furnisher.wants(0.5):
+        _lay_doormat(furnisher)
+    if furnisher.wants(0.4):
+        furnisher.hang_row(5)
     furnisher.hang_pictures(furnisher.number(2, 5))
     if furnisher.wants(0.35):
         furnisher.hang("wall_lamp")
@@ -43,3 +48,16 @@ def _lay_runner(furnisher: Furnisher) -> None:
         x, y = middle + shift
         if space.try_place("rug", runner, Pose(float(x), float(y), 0.0, yaw), zone=False):
             return
+
+
+def _lay_doormat(furnisher: Furnisher) -> None:
+    """Lay a mat before the door of the home."""
+    for opening in furnisher.plan.openings:
+        if opening.kind == "entrance" and furnisher.room.id in opening.rooms:
+            mat = furnisher.make("rug", width=0.7, depth=0.45)
+            edge = opening.edge_in(furnisher.room.id)
+            for away in (0.35, 0.6, 1.1):
+                x, y = edge.at(0.5 * opening.width, away)
+                pose = Pose(x, y, 0.0, yaw_facing(edge.inward))
+                if furnisher.space.try_place("rug", mat, pose, zone=False):
+                    break

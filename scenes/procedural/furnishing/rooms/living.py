@@ -43,6 +43,8 @@ def furnish_living(furnisher: Furnisher) -> None:
     if furnisher.wants(0.3):
         furnisher.space.anywhere(furnisher.rng, "pouf", furnisher.make("pouf"))
     furnisher.hang_pictures(furnisher.number(2, 5))
+    if furnisher.wants(0.25):
+        furnisher.hang_row(5)
     if furnisher.wants(0.4):
         furnisher.hang("wall_shelf")
     if furnisher.may_leave("wall_clock"):

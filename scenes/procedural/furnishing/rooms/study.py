@@ -21,13 +21,15 @@ def furnish_study(furnisher: Furnisher) -> None:
         space.in_corner(rng, "floor_lamp", furnisher.make("floor_lamp"))
     if furnisher.wants(0.6):
         furnisher.put_plant()
-    for kind, probability in (("waste_bin", 0.65), ("storage_box", 0.2)):
+    for kind, probability in (("waste_bin", 0.6), ("storage_box", 0.2)):
         if furnisher.wants(probability):
             space.in_corner(rng, kind, furnisher.make(kind)) or space.anywhere(
                 rng, kind, furnisher.make(kind)
             )
     furnisher.lay_rug()
     furnisher.hang_pictures(furnisher.number(2, 4))
+    if furnisher.wants(0.25):
+        furnisher.hang_row(4)
     if furnisher.wants(0.6):
         furnisher.hang("wall_shelf")
     if furnisher.may_leave("wall_clock"):

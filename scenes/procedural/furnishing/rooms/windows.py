@@ -45,7 +45,7 @@ def fill_sills(furnisher: Furnisher) -> None:
         depth = pane_depth(window) - 0.05
         if window.z0 <= 0 or depth < 0.14:
             continue
-        for _ in range(int(furnisher.rng.integers(0, 4))):
+        for _ in range(int(furnisher.rng.integers(0, 5))):
             things = [one for one in BY_PLACE["sill"] if one not in furnisher.left]
             kinds = list(filter(furnisher.may_leave, ["small_plant", "small_plant", *things]))
             if not kinds:

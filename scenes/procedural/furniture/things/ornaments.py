@@ -34,6 +34,8 @@ from scenes.procedural.piece import FurniturePiece, Material
 
 _CORK = Material("paper", hex_color("#b08a5e"), 0.95, family="corrugated")
 _WAX = Material("plastic", hex_color("#efe6d2"), 0.6)
+# Board -> what is pinned to it; on others flyers
+_PINNED = {"magnetic board": "memo", "cork board": "ticket"}
 # Shape -> outline from the foot to the top: radius and height, each relative to the greatest.
 _SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
     "candlestick": (
@@ -155,7 +157,7 @@ def sheet(
             half = float(rng.uniform(0.035, 0.055))
             left = -x / 2 + 0.1 + (x - 0.2) * k / 4
             up = float(rng.uniform(-0.5, 0.5)) * (z - 0.2)
-            with b.holding("note", "paper"):
+            with b.holding(_PINNED.get(name, "flyer"), "paper"):
                 note = span((left - half, -0.0178, up - half), (left + half, -0.0168, up + half))
                 b.add(*printed(rng, style, note), name="note")
                 pin = cylinder(0.006, 0.0, 0.008, 10).turned("x", 90)

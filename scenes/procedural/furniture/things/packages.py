@@ -468,9 +468,9 @@ def car(rng: np.random.Generator, style: Style, name: str = "toy car") -> Furnit
     return b.piece()
 
 
-def teddy(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def teddy(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
     """A stuffed animal that sits."""
-    b = Builder("teddy", "toy", "on_top")
+    b = Builder(name, "toy", "on_top")
     plush = Material(
         "fabric",
         hex_color(("#8a6240", "#b59a78", "#77706a")[int(rng.integers(3))]),

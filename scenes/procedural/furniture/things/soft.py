@@ -250,9 +250,9 @@ def suitcase(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def hat(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def hat(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
     """A felt or straw hat."""
-    b = Builder("hat", "clothing", "on_top")
+    b = Builder(name, "clothing", "on_top")
     straw = rng.random() < 0.4
     cloth = (
         Material("wood", hex_color("#c9a86a"), 0.8, family="wicker", scale=0.5)
