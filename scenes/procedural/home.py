@@ -9,6 +9,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from shapely.geometry import Polygon
 
 from scenes.arrays import Float64Array
 from scenes.contract import Credit, Light, Room, Scene, SceneObject, save_scene, writing_scene
@@ -40,6 +41,7 @@ from scenes.procedural.piece import CatalogueCredit, PiecePart
 from scenes.procedural.plan import Plan, make_plan
 from scenes.procedural.scene_item import SceneItem
 from scenes.procedural.structure import build_structure
+from scenes.procedural.surroundings.clouds import clouds
 from scenes.procedural.use import leave_traces
 from scenes.seeds import generator
 
@@ -47,6 +49,7 @@ EYE_HEIGHT = 1.55  # metres; of the sensor in scene.xml
 HALF_FOV = 0.5534  # radians, horizontal
 _OUTSIDE_WEIGHT = 0.03  # of sampling weights of street lamps and other homes' windows
 _NEW = 0.1  # wear of homes that show no traces of use
+_CLOUDY = 0.6  # share of the homes in the sun that have clouds
 _SENSOR_MARGIN = 0.25  # metres between the sensor and the bounds of furniture
 
 
@@ -94,7 +97,6 @@ def make_home(
     used = [*building, *furniture]
     if wear > _NEW:
         used = leave_traces(used, plan, texture_seed)
-    items = [*used, *outdoors]
     with_window = {
         room
         for opening in plan.openings
@@ -110,6 +112,8 @@ def make_home(
     lamp_weight = sum(sampling_weight(part) for part in lit_parts if part.lumens > 0)
     kelvin_offset = draw_kelvin_offset(draws("light", "lamp colour", lighting))
     sky = draw_sky(draws("light", "sky", lighting), lighting, lamp_weight)
+    heaps = _clouds(draws("light", "clouds", lighting), plan, sky)
+    items = [*used, *outdoors, *heaps]
     states = draw_lamp_states(draws("light", "lamp states", lighting), lit, kelvin_offset)
     states |= draw_screen_states(draws("light", "screens", lighting), lighting, furniture)
     if sky.is_dark:
@@ -129,7 +133,7 @@ def make_home(
                     room: {"floor": finish.floor.kind, "walls": finish.wall.kind}
                     for room, finish in sorted(finishes.rooms.items())
                 },
-                "light": {**sky.choices, "lamps_cooler": kelvin_offset},
+                "light": {**sky.choices, "clouds": len(heaps), "lamps_cooler": kelvin_offset},
             },
             rooms=_rooms(plan, furniture),
             objects=tuple(objects),
@@ -145,6 +149,15 @@ def make_home(
         save_scene(partial, scene)
     object.__setattr__(scene, "folder", Path(folder))
     return scene
+
+
+def _clouds(rng: np.random.Generator, plan: Plan, sky: Sky) -> list[SceneItem]:
+    """Clouds beside the sun, in `_CLOUDY` of the homes that it shines on."""
+    if rng.random() >= _CLOUDY or sky.sun is None:
+        return []
+    centre = np.array(Polygon(plan.outline).centroid.coords[0])
+    made = clouds(rng, centre, np.array(sky.sun), plan.ground)
+    return [] if made is None else [made]
 
 
 def _rooms(plan: Plan, furniture: Sequence[SceneItem]) -> tuple[Room, ...]:
