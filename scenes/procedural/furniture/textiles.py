@@ -189,11 +189,16 @@ def _heading(
     low, high = 0.0, 0.3
     for _ in range(30):  # the depth at which the folds take all of the cloth
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _lengths(x, middle * y)[-1] < cloth else (low, middle)
-    length = _lengths(x, low * y)
-    at = np.linspace(0, length[-1], n)
-    hooks = [float(end) for end in ends]
-    return np.interp(at, length, x), np.interp(at, length, low * y), hooks
+        edge = _evenly(x, middle * y, n)
+        low, high = (middle, high) if _lengths(*edge)[-1] < cloth else (low, middle)
+    return (*_evenly(x, low * y, n), [float(end) for end in ends])
+
+
+def _evenly(x: Float64Array, y: Float64Array, count: int) -> tuple[Float64Array, Float64Array]:
+    """Points x, y (count,) evenly along a curve."""
+    length = _lengths(x, y)
+    at = np.linspace(0, length[-1], count)
+    return np.interp(at, length, x), np.interp(at, length, y)
 
 
 def _lengths(x: Float64Array, y: Float64Array) -> Float64Array:

@@ -11,10 +11,11 @@ from scenes.procedural.furniture.geometry import BodyMesh, merge
 from scenes.procedural.piece import Material
 from scenes.procedural.scene_item import SceneItem, make_part
 
-NEAREST, FARTHEST = 900.0, 2000.0  # metres along the ground to the middle of a cloud
-LARGEST = 380.0  # metres from the middle of a cloud to its end
-SUN_MARGIN = 8.0  # degrees between the sun and a cloud, as seen from the home
-WHITE = Material("paint", (0.88, 0.89, 0.9), 1.0)
+NEAREST, FARTHEST = 1200.0, 2150.0  # metres along the ground to the middle of a cloud
+LARGEST = 340.0  # metres from the middle of a cloud to its end
+SUN_MARGIN = 40.0  # degrees between the sun and a cloud, as seen from the home: none is backlit
+# Light passes through, as if by many collisions: clouds before the sun are not black.
+WHITE = Material("paint", (0.95, 0.95, 0.95), 1.0, translucent=True)
 _BASES = (380.0, 720.0)  # metres above the ground, one height for all clouds of a day
 _SQUASHED = 0.1  # of the depth below its base that a lump keeps
 _ROUGH = 0.1  # of the radius of a lump
@@ -36,7 +37,7 @@ def clouds(
         for _ in range(_TRIES):
             angle = np.radians(start + 360 * (number + float(rng.uniform(-0.4, 0.4))) / count)
             away = float(rng.uniform(NEAREST, FARTHEST))
-            half = float(rng.uniform(0.35, 1.0)) * min(LARGEST, 0.3 * away)
+            half = float(rng.uniform(0.35, 1.0)) * LARGEST
             middle = np.array([away * np.cos(angle), away * np.sin(angle), base - ground])
             if _is_clear(middle, 1.25 * half, sun):
                 low = base + 0.5 * number  # metres; bases share no plane
@@ -60,7 +61,7 @@ def _is_clear(middle: Float64Array, radius: float, sun: Float64Array) -> bool:
 def _heap(rng: np.random.Generator, half: float) -> BodyMesh:
     """Return a cloud of half length `half` about the origin, its base at z = 0."""
     turn = float(rng.uniform(0, np.pi))
-    tall = float(rng.uniform(0.35, 0.6)) * half
+    tall = float(rng.uniform(0.3, 0.5)) * half
     places, radii, levels = [], [], []
     for k in range(7):  # the body: an uneven row of large lumps
         along = (k - 3) / 3 * 0.75 * half + float(rng.normal(0, 0.05)) * half
@@ -74,7 +75,11 @@ def _heap(rng: np.random.Generator, half: float) -> BodyMesh:
         radii.append(size)
         levels.append(2)
     # Smaller lumps on larger ones, chiefly above.
-    for level, first, last, amount, share in ((2, 0, 7, 30, 0.5), (1, 7, 37, 70, 0.26)):
+    for level, first, last, amount, share in (
+        (1, 0, 7, 26, 0.5),
+        (1, 7, 33, 90, 0.26),
+        (0, 33, 123, 150, 0.13),
+    ):
         for _ in range(amount):
             parent = int(rng.integers(first, last))
             way = rng.normal(0, 1, 3)
@@ -93,7 +98,10 @@ def _heap(rng: np.random.Generator, half: float) -> BodyMesh:
             for (a, b, c), d in zip(waves, shift, strict=True)
         )
         points = np.round(spot + size * ball * (1 + _ROUGH / 2 * np.asarray(bumps))[:, None], 3)
-        faces = faces[~_hidden(points, spots, sizes)[faces].all(axis=1)]
+        offset = spots - spot
+        apart = offset[:, 0] ** 2 + offset[:, 1] ** 2 + offset[:, 2] ** 2
+        near = (apart < (1.2 * size + sizes) ** 2) & (sizes > 0.5 * size)
+        faces = faces[~_hidden(points, spots[near], sizes[near])[faces].all(axis=1)]
         if len(faces) == 0:
             continue
         points[:, 2] = np.where(points[:, 2] < 0, _SQUASHED * points[:, 2], points[:, 2])
