@@ -11,7 +11,7 @@ from scenes.procedural.furniture.geometry import BodyMesh, merge
 from scenes.procedural.piece import Material
 from scenes.procedural.scene_item import SceneItem, make_part
 
-NEAREST, FARTHEST = 1200.0, 2150.0  # metres along the ground to the middle of a cloud
+NEAREST, FARTHEST = 1200.0, 2050.0  # metres along the ground to the middle of a cloud
 LARGEST = 340.0  # metres from the middle of a cloud to its end
 SUN_MARGIN = 40.0  # degrees between the sun and a cloud, as seen from the home: none is backlit
 # Light passes through, as if by many collisions: clouds before the sun are not black.
