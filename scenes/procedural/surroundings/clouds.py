@@ -11,12 +11,12 @@ from scenes.procedural.furniture.geometry import BodyMesh, merge
 from scenes.procedural.piece import Material
 from scenes.procedural.scene_item import SceneItem, make_part
 
-NEAREST, FARTHEST = 1200.0, 2050.0  # metres along the ground to the middle of a cloud
+NEAREST, FARTHEST = 1500.0, 2050.0  # metres along the ground to the middle of a cloud
 LARGEST = 340.0  # metres from the middle of a cloud to its end
 SUN_MARGIN = 40.0  # degrees between the sun and a cloud, as seen from the home: none is backlit
 # Light passes through, as if by many collisions: clouds before the sun are not black.
 WHITE = Material("paint", (0.95, 0.95, 0.95), 1.0, translucent=True)
-_BASES = (380.0, 720.0)  # metres above the ground, one height for all clouds of a day
+_BASES = (300.0, 460.0)  # metres above the ground, one height for all clouds of a day
 _SQUASHED = 0.1  # of the depth below its base that a lump keeps
 _ROUGH = 0.1  # of the radius of a lump
 _TRIES = 12
