@@ -116,6 +116,7 @@ _LABELS: tuple[tuple[str, str], ...] = (
     ("electronics", "other prop"),
     ("appliance", "other prop"),
     ("food", "other prop"),
+    ("cloud", "other structure"),
 )
 CATEGORY_LABELS = tuple(category for category, _ in _LABELS)
 # NYU40 class of each category number

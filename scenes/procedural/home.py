@@ -9,7 +9,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from shapely.geometry import Point
+from shapely.geometry import Point, Polygon
 
 from scenes.arrays import Float64Array
 from scenes.contract import Credit, Light, Room, Scene, SceneObject, save_scene, writing_scene
@@ -42,6 +42,7 @@ from scenes.procedural.plan import Plan
 from scenes.procedural.planning import make_plan
 from scenes.procedural.scene_item import SceneItem
 from scenes.procedural.structure import build_structure
+from scenes.procedural.surroundings.clouds import clouds
 from scenes.procedural.use.home import leave_traces
 from scenes.seeds import generator
 
@@ -49,6 +50,7 @@ EYE_HEIGHT = 1.55  # metres; of the sensor in scene.xml
 HALF_FOV = 0.5534  # radians, horizontal
 _OUTSIDE_WEIGHT = 0.03  # of sampling weights of street lamps and other homes' windows
 _NEW = 0.1  # wear of homes that show no traces of use
+_CLOUDY = 0.6  # share of the homes in the sun that have clouds
 _SENSOR_MARGIN = 0.25  # metres between the sensor and the bounds of furniture
 
 
@@ -96,7 +98,6 @@ def make_home(
     used = [*building, *furniture]
     if wear > _NEW:
         used = leave_traces(used, plan, texture_seed)
-    items = [*used, *outdoors]
     windowless = [room.id for room in plan.rooms if room.id not in plan.with_window]
     lit = choose_lit_lamps(
         draws("light", "lamps", lighting), lighting, lamp_descriptions(furniture), windowless
@@ -105,6 +106,8 @@ def make_home(
     lamp_weight = sum(sampling_weight(part) for part in lit_parts if part.lumens > 0)
     kelvin_offset = draw_kelvin_offset(draws("light", "lamp colour", lighting))
     sky = draw_sky(draws("light", "sky", lighting), lighting, lamp_weight)
+    heaps = _clouds(draws("light", "clouds", lighting), plan, sky)
+    items = [*used, *outdoors, *heaps]
     states = draw_lamp_states(draws("light", "lamp states", lighting), lit, kelvin_offset)
     states |= draw_screen_states(draws("light", "screens", lighting), lighting, furniture)
     if sky.is_dark:
@@ -125,7 +128,7 @@ def make_home(
                     for room, finish in sorted(finishes.rooms.items())
                 },
                 **_shape_of(plan),
-                "light": {**sky.choices, "lamps_cooler": kelvin_offset},
+                "light": {**sky.choices, "clouds": len(heaps), "lamps_cooler": kelvin_offset},
             },
             rooms=_rooms(plan, furniture),
             objects=tuple(objects),
@@ -154,6 +157,15 @@ def _shape_of(plan: Plan) -> dict[str, list]:
     if plan.niches:
         found["niches"] = [niche.room for niche in plan.niches]
     return found
+
+
+def _clouds(rng: np.random.Generator, plan: Plan, sky: Sky) -> list[SceneItem]:
+    """Clouds beside the sun, in `_CLOUDY` of the homes that it shines on."""
+    if rng.random() >= _CLOUDY or sky.sun is None:
+        return []
+    centre = np.array(Polygon(plan.outline).centroid.coords[0])
+    made = clouds(rng, centre, np.array(sky.sun), plan.ground)
+    return [] if made is None else [made]
 
 
 def _rooms(plan: Plan, furniture: Sequence[SceneItem]) -> tuple[Room, ...]:

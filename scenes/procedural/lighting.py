@@ -25,6 +25,7 @@ class Sky:
     xml: str
     lights: tuple[Light, ...]
     choices: dict[str, float]  # sampled parameters, recorded in `scene.json`
+    sun: tuple[float, float, float] | None = None  # direction towards it, if it shines
 
     @property
     def is_dark(self) -> bool:
@@ -99,7 +100,7 @@ def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
         "sun_scale": round(sun_scale, 3),
         "sky_scale": round(sky_scale, 3),
     }
-    return Sky(xml, tuple(lights), choices)
+    return Sky(xml, tuple(lights), choices, direction if sun_scale else None)
 
 
 def draw_elevation(rng: np.random.Generator, least: float, most: float) -> float:

@@ -16,7 +16,7 @@ from scenes.procedural.furniture.style import hex_color
 from scenes.procedural.piece import Material, PiecePart
 from scenes.procedural.plan import Plan, WallEdge
 from scenes.procedural.scene_item import SceneItem, make_part
-from scenes.procedural.surroundings.buildings import Block, Roof, building, far_blocks
+from scenes.procedural.surroundings.buildings import Block, Roof, building, far_blocks, hazed
 from scenes.procedural.surroundings.plants import hedge, shrubs, tree
 from scenes.procedural.surroundings.street import PAVEMENT, ROAD, fence, street
 from scenes.procedural.textures.fields import Spectrum, noise
@@ -24,10 +24,11 @@ from scenes.procedural.textures.fields import Spectrum, noise
 Setting = Literal["street", "courtyard", "garden", "high floor", "countryside"]
 LAWN = 70.0  # half the side of the lawn, metres
 GROUND = 2500.0  # half the side of the ground plane, metres
+_HILL_RINGS = ((320.0, 6.0, 3.0), (1500.0, 30.0, 20.0))  # metres: radius, height and its variation
 _UPSTAIRS = -2.0  # metres; ground below this is that of an upper floor
 _LAWNS = ("#4d5543", "#545a48", "#575848")
 _FIELDS = ("#6d6a4e", "#5f6a4a", "#7a7258", "#59634c", "#80795c")
-_HAZE = ("#6f7d76", "#7f8b8c")  # of distant woods and hills, seen through haze
+_HILLS = ("#57664f", "#4f5f55")  # of distant woods and hills, before haze
 
 
 def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[SceneItem]:
@@ -310,9 +311,11 @@ def _grounds(
     plain = Material("paint", hex_color("#6b7064" if rural else "#6f6e6b"), 0.95)
     horizon = [
         make_part(
-            f"hills-{k}", Material("paint", hex_color(code), 0.95), _hills(rng, centre, ground, k)
+            f"hills-{k}",
+            Material("paint", hazed(hex_color(code), _HILL_RINGS[k][0]), 0.95),
+            _hills(rng, centre, ground, k),
         )
-        for k, code in enumerate(_HAZE)
+        for k, code in enumerate(_HILLS)
     ]
     items = [
         _outside("ground", "ground", [make_part("near", paving if paved else grass, near)]),
@@ -467,7 +470,7 @@ def _ground(x0: float, y0: float, x1: float, y1: float, z: float) -> BodyMesh:
 
 def _hills(rng: np.random.Generator, centre: Float64Array, ground: float, ring: int) -> BodyMesh:
     """Ring of distant woods (`ring` 0) or of higher and more distant hills (1)."""
-    radius, low, high = ((320.0, 6.0, 3.0), (1500.0, 30.0, 20.0))[ring]
+    radius, low, high = _HILL_RINGS[ring]
     count = 512
     skyline = noise(rng, count, Spectrum(1.1))[0]
     tops = ground + np.maximum(low + high * skyline, 2.0)

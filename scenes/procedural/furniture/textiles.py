@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 
+from scenes.arrays import BoolArray, Float64Array
 from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cloth import stuffed
+from scenes.procedural.furniture.cloth import (
+    Weave,
+    plane,
+    refined,
+    settle,
+    started,
+    stuffed,
+)
 from scenes.procedural.furniture.geometry import (
+    BodyMesh,
     bar,
     box,
     cylinder,
@@ -18,62 +30,222 @@ from scenes.procedural.furniture.geometry import (
     thick_sheet,
     tube,
 )
-from scenes.procedural.furniture.style import Style
+from scenes.procedural.furniture.style import WHITE_PAINT, Style
 from scenes.procedural.piece import FurniturePiece
+from scenes.seeds import generator
+
+SHAPES = 6  # simulations of each size of curtain
+_BUNCHES = (0.3, 0.41, 0.55)  # metres, widths of open panels
+_OFF = 0.12  # metres from the wall to the rod
+_BACK, _FRONT = 0.062, 0.075  # metres from the rod that cloth reaches: it clears sills
+_RAIL = 0.014  # metres, height of a rail
+_RING_LOW = 0.0255  # metres from the rod's axis to the lower end of its rings
+_LONGEST = 2.5  # metres, of a panel before it is cut
+_ACROSS, _DOWN = 0.029, 0.096  # metres between points
+_STEPS = 45
+_TIE = 1.3  # metres from the rod down to a tie
+_TIED = (0.075, 0.05)  # half widths of what is tied
+_TIED_X = 0.07  # metres from the outer edge to the middle of the tie
 
 
 def curtains(
-    rng: np.random.Generator, style: Style, width: float = 1.4, height: float = 2.3
+    rng: np.random.Generator,
+    style: Style,
+    width: float = 1.4,
+    height: float = 2.3,
+    hem: float = 0.015,
+    shape: float = 0.0,
 ) -> FurniturePiece:
-    """A pair of open pleated curtains on a rod.
+    """A pair of open curtains on a rod with rings or in a rail, some of them tied back.
 
-    `width` of the window and `height` of the rod above the floor, metres. The origin is on the
-    floor below the centre of the window (`mount_height` 0); the hem is 1.5 cm above the floor.
+    `width` of the window, `height` of the rod and `hem` of the cloth above the floor, metres. The
+    origin is on the floor below the centre of the window (`mount_height` 0). `shape` chooses one
+    of `SHAPES` simulations of the folds, which all windows of a home may share.
     """
     b = Builder("curtains", "curtain", "on_wall")
-    off = 0.1  # metres from the wall to the rod
-    bunch = min(max(0.25 * width, 0.26), 0.6) * float(rng.uniform(0.85, 1.25))
+    wide = min(max(0.25 * width, 0.26), 0.6) * float(rng.uniform(0.85, 1.2))
     half_span = width / 2 + float(rng.uniform(0.14, 0.24))
-    hem, top = 0.015, height - 0.035
-    for side in (-1.0, 1.0):
-        count, rows = 90, 14
-        s = np.linspace(0, 1, count)
-        t = np.linspace(0, 1, rows)
-        pleats = float(round(bunch / rng.uniform(0.045, 0.06)))
-        phase = np.cumsum(rng.uniform(0.6, 1.4, count))
-        phase = 2 * np.pi * pleats * (phase - phase[0]) / (phase[-1] - phase[0])
-        depth = 0.036 * (0.75 + 0.35 * np.sin(3.1 * s + rng.uniform(0, 6)))
-        drift = rng.uniform(-0.5, 0.5, 3)
-        spread = bunch * (1 + 0.18 * t**1.5)  # wider at the hem than at the rod
-        swing = 1 - 0.25 * np.exp(-(((t - 0.02) / 0.08) ** 2))
-        wave = phase[None, :] + 0.5 * t[:, None] * np.sin(2 * np.pi * s * 1.5 + drift[0])
-        x = s[None, :] * spread[:, None] + 0.01 * np.sin(2 * wave) * t[:, None]
-        y = -off + depth[None, :] * swing[:, None] * np.sin(wave) * (1 + 0.25 * t[:, None])
-        z = top + (hem - top) * t
-        outer = side * (half_span - x)
-        points = np.stack(
-            [outer, np.broadcast_to(y, x.shape), np.broadcast_to(z[:, None], x.shape)], axis=-1
-        )
+    in_rail, tied = rng.random(2)
+    railed = bool(in_rail < 0.35)
+    size = int(np.argmin([abs(bunch - wide) for bunch in _BUNCHES]))
+    bunch = _BUNCHES[size]
+    stretch = min(max(wide / bunch, 0.87), 1.15)
+    gap = _RAIL + 0.001 if railed else _RING_LOW + 0.001  # metres from the height to the cloth
+    drop = height - gap - hem
+    ties = bool(tied < 0.25 and hem < 0.1 and drop > _TIE + 0.6)
+    made = panels(int(shape), size, style.curtain.translucent, ties)
+    for place, hooks, side in zip(made.places, made.hooks, (-1.0, 1.0), strict=True):
+        cloth = _cut(refined(place), drop)
+        x = side * (half_span - stretch * cloth[0])
+        points = np.stack([x, cloth[1] - _OFF, cloth[2] + height - gap], axis=-1)
+        s = made.rest[0] / 2 * np.arange(points.shape[0])[:, None]
+        uvs = np.stack(np.broadcast_arrays(s, -points[..., 2]), axis=-1)
+        if side > 0:
+            points, uvs = points[::-1], uvs[::-1]
         with b.holding("curtain", "curtain"):
-            b.add(style.curtain, grid(points[:, ::-1] if side < 0 else points), name="curtain")
-        for k in range(int(pleats)):
-            at = float(np.interp(2 * np.pi * (k + 0.5), phase, s)) * bunch
+            b.add(style.curtain, grid(points, uvs), name="curtain")
+            if ties:
+                cord = _cord(side * (half_span - stretch * _TIED_X), height - gap - _TIE, side)
+                b.add(style.curtain, *cord, name="tie")
+        for at in [] if railed else hooks:
             turn = 2 * np.pi * np.arange(14) / 14
             ring = np.stack([0 * turn, 0.017 * np.cos(turn), 0.017 * np.sin(turn) - 0.006], axis=1)
             loop = tube(ring, 0.0022, 8, closed=True)
-            b.add(style.metal, loop.moved(side * (half_span - at), -off, height), name="ring")
+            along = side * (half_span - stretch * at)
+            b.add(style.metal, loop.moved(along, -_OFF, height), name="ring")
+    if railed:
+        half = half_span + 0.05
+        rail = box((2 * half, 0.024, _RAIL), (0, -_OFF, height - _RAIL), 0.003)
+        b.add(WHITE_PAINT, rail, name="rail")
+        for x in np.linspace(-half + 0.08, half - 0.08, 2 + int(width > 1.6)):
+            arm = box((0.03, _OFF, 0.006), (float(x), -_OFF / 2, height + 0.001))
+            b.add(WHITE_PAINT, arm, name="bracket")
+        return b.piece()
     end = half_span + 0.07
-    b.add(style.metal, bar((-end, -off, height), (end, -off, height), 0.0105, 12), name="rod")
+    b.add(style.metal, bar((-end, -_OFF, height), (end, -_OFF, height), 0.0105, 12), name="rod")
     for side in (-1, 1):
-        b.add(style.metal, sphere(0.022, 14, 8).moved(side * end, -off, height), name="rod")
+        b.add(style.metal, sphere(0.022, 14, 8).moved(side * end, -_OFF, height), name="rod")
         x = side * (half_span + 0.025)
-        b.add(style.metal, bar((x, -0.003, height), (x, -off, height), 0.007, 8), name="bracket")
+        b.add(style.metal, bar((x, -0.003, height), (x, -_OFF, height), 0.007, 8), name="bracket")
         b.add(
             style.metal,
             cylinder(0.02, 0, 0.006, 16).turned("x", 90).moved(x, 0, height),
             name="bracket",
         )
     return b.piece()
+
+
+class Panels(NamedTuple):
+    """Two simulated panels of curtain: sheets (3, 2, n, m), x from the outer edge, z from the top.
+
+    `rest`: distances of the points at rest; `hooks`: where along x each hangs from rings.
+    """
+
+    places: tuple[Float64Array, Float64Array]
+    hooks: tuple[list[float], list[float]]
+    rest: tuple[float, float]
+
+
+@lru_cache(maxsize=64)
+def panels(shape: int, size: int, sheer: bool, tied: bool) -> Panels:
+    """The left and the right panel of a curtain of one of `_BUNCHES`, longer than any window.
+
+    Folds of uneven width and depth are held at the top and fall down from there. Sheer cloth has
+    less fullness, and so flatter folds. Tied panels are drawn to the side `_TIE` metres below.
+    """
+    rng = generator(shape, "curtain", size, sheer, tied)
+    bunch = _BUNCHES[size]
+    cloth = bunch * (1.75 if sheer else 2.5)
+    n, m = round(cloth / _ACROSS) + 1, round(_LONGEST / _DOWN) + 1
+    rest = (cloth / (n - 1), _LONGEST / (m - 1))
+    t = np.arange(m)[None, :] / (m - 1)
+    starts, hooks = [], []
+    for _ in range(2):
+        x, y, hook = _heading(rng, n, cloth, bunch, 0.15 if sheer else 0.2)
+        u = np.arange(n)[:, None] / (n - 1)
+        # Further down folds drift, open and close.
+        drift = 0.034 * t * np.sin(2 * np.pi * (1.3 * u + rng.random()) + 2 * t)
+        drift = drift + 0.016 * t * np.sin(2 * np.pi * (2.7 * u + rng.random()) - 3 * t)
+        deep = np.interp(u[:, 0], np.linspace(0, 1, 7), rng.uniform(0.0, 1.6, 7))
+        across = x[:, None] * (1 + 0.16 * t * np.sqrt(t)) + drift
+        out = y[:, None] * (1 + np.minimum(2 * t, 1) * (deep[:, None] - 1))
+        if tied:
+            below = t * _LONGEST - _TIE
+            waist = np.maximum(0, 1 - np.abs(below) / np.where(below < 0, _TIE, 0.9))
+            waist = waist * waist * (3 - 2 * waist)
+            across = across + waist * (_TIED_X + (u - 0.5) * 1.6 * _TIED[0] - across)
+            out = out * (1 - 0.35 * waist)
+        starts.append(started((across, out, -_LONGEST * t + 0 * u)))
+        hooks.append(hook)
+    held = np.ones((n, m))
+    held[:, 0] = 0.0
+    bodies = [plane(1, _BACK, -1.0), plane(1, -_FRONT), plane(0, -0.06)]
+    if tied:
+        bodies.append(_tie)
+    weave = Weave(1.0, 0.08, 0.004)
+    place = settle(
+        np.stack(starts, axis=1), rest, bodies, _STEPS, weave, mass=held, friction=0.3, iterations=4
+    )
+    return Panels((place[:, 0], place[:, 1]), (hooks[0], hooks[1]), rest)
+
+
+def _heading(
+    rng: np.random.Generator, n: int, cloth: float, bunch: float, fold: float
+) -> tuple[Float64Array, Float64Array, list[float]]:
+    """Points x, y (n,) of a curtain's upper edge, evenly along its folds, and places of rings.
+
+    `cloth` metres are gathered to `bunch`; a fold takes about `fold` metres.
+    """
+    folds = max(3, round(cloth / fold))
+    ends = np.cumsum([0.0, *rng.uniform(0.65, 1.35, folds)])
+    ends = bunch * ends / ends[-1]
+    along = np.linspace(0, bunch, 240 * folds + 1)
+    phase = 2 * np.pi * np.interp(along, ends, np.arange(folds + 1))
+    knots = np.linspace(0, bunch, 2 * folds + 1)
+    depth = np.interp(along, knots, rng.uniform(0.75, 1.1, 2 * folds + 1))
+    # A little past upright, as gathered cloth is.
+    x = np.round(along - 0.1 * bunch / folds * np.sin(2 * phase), 9)
+    y = np.round(depth * np.sin(phase), 9)
+    low, high = 0.0, 0.3
+    for _ in range(30):  # the depth at which the folds take all of the cloth
+        middle = 0.5 * (low + high)
+        edge = _evenly(x, middle * y, n)
+        low, high = (middle, high) if _lengths(*edge)[-1] < cloth else (low, middle)
+    return (*_evenly(x, low * y, n), [float(end) for end in ends])
+
+
+def _evenly(x: Float64Array, y: Float64Array, count: int) -> tuple[Float64Array, Float64Array]:
+    """Points x, y (count,) evenly along a curve."""
+    length = _lengths(x, y)
+    at = np.linspace(0, length[-1], count)
+    return np.interp(at, length, x), np.interp(at, length, y)
+
+
+def _lengths(x: Float64Array, y: Float64Array) -> Float64Array:
+    """Length (N,) of a curve up to each of its points."""
+    steps = np.sqrt(np.diff(x) * np.diff(x) + np.diff(y) * np.diff(y))
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _tie(place: Float64Array) -> BoolArray:
+    """Draw what is as high as the tie into it."""
+    near = np.abs(place[2] + _TIE) < 0.06
+    offsets = (place[0] - _TIED_X) / _TIED[0], place[1] / _TIED[1]
+    far = np.sqrt(offsets[0] * offsets[0] + offsets[1] * offsets[1])
+    hit = near & (far > 1)
+    scale = np.where(hit, 1 / np.maximum(far, 1), 1.0)
+    place[0] = _TIED_X + scale * (place[0] - _TIED_X)
+    place[1] = scale * place[1]
+    return hit
+
+
+def _cord(x: float, z: float, side: float) -> list[BodyMesh]:
+    """Two turns of cord around a tied curtain, and the hook in the wall that holds them."""
+    turn = 2 * np.pi * np.arange(28) / 28
+    away, deep = _TIED[0] + 0.012, 0.5 * (_OFF + _TIED[1]) + 0.004
+    loops = []
+    for down in (-0.009, 0.009):
+        ring = np.stack(
+            [
+                x + away * np.cos(turn),
+                deep * np.sin(turn) - deep - 0.012,
+                z + down + 0.25 * side * away * np.cos(turn),
+            ],
+            axis=1,
+        )
+        loops.append(tube(ring, 0.008, 8, closed=True))
+    return loops
+
+
+def _cut(place: Float64Array, drop: float) -> Float64Array:
+    """Return a sheet (3, n, m), held at z = 0, cut off where it hangs down by `drop` metres."""
+    low = -np.min(place[2], axis=0)
+    last = int(np.argmax(low >= drop))
+    if low[last] < drop:
+        return place
+    share = (drop - low[last - 1]) / (low[last] - low[last - 1])
+    hem = place[:, :, last - 1] + share * (place[:, :, last] - place[:, :, last - 1])
+    return np.concatenate([place[:, :, :last], hem[:, :, None]], axis=2)
 
 
 def rug(

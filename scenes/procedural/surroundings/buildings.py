@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from scenes.arrays import Float64Array
+from scenes.color import Color
 from scenes.geometry.mesh import face_areas
 from scenes.procedural.furniture.geometry import BodyMesh, box, grid, prism, span
 from scenes.procedural.furniture.style import hex_color
@@ -20,6 +21,10 @@ Roof = Literal["gable", "flat", "hip"]
 _WALLS = ("#b8b0a0", "#a99a82", "#9fa19d", "#b29d86", "#8f897e", "#c2beb2", "#7f7a76", "#a18b77")
 _BRICKS = ("#8d4a38", "#9a5a44", "#7a4238", "#a67a5c")
 _ROOFS = ("#6f4034", "#4c4845", "#7d4a38", "#3d3d40", "#5a4a40")
+_FAR_WALLS = ("#a29585", "#77706a", "#94705e")  # of far blocks, before haze
+_FAR = (60.0, 180.0, 300.0, 500.0)  # metres behind the nearest, of groups of one haze
+_AIR = 1100.0  # metres of air that pale a colour by 63 %
+_HORIZON = (0.42, 0.49, 0.56)
 _RECESS = 0.16  # metres from the facade to the glass
 _LUMINANCE = (5.0, 12.0, 30.0)  # candelas a square metre of lit windows, as behind curtains
 _KELVIN = (2700.0, 3000.0, 4000.0)
@@ -101,7 +106,7 @@ def far_blocks(
     rng: np.random.Generator, centre: Float64Array, ground: float, near: float, count: int
 ) -> SceneItem:
     """Return plain blocks in the haze of a town, from `near` metres on."""
-    groups: list[list[BodyMesh]] = [[], [], []]
+    groups: dict[tuple[int, int], list[BodyMesh]] = {}
     for number in range(count):
         distance = near + float(rng.exponential(140.0))
         angle = float(rng.uniform(0, 2 * np.pi))
@@ -112,15 +117,30 @@ def far_blocks(
         mesh = box((width, depth, high + below), (0, 0, -below)).turned(
             "z", float(rng.uniform(0, 180))
         )
-        haze = min(2, int((distance - near) / 140))
-        groups[haze].append(mesh.moved(place[0], place[1], ground))
-    colors = ("#8d8a86", "#8f9294", "#979ca0")
+        haze = min(len(_FAR) - 1, int((distance - near) / 120))
+        group = (haze, number % len(_FAR_WALLS))
+        groups.setdefault(group, []).append(mesh.moved(place[0], place[1], ground))
     parts = [
-        make_part(f"blocks-{k}", Material("paint", hex_color(color), 0.95), *meshes)
-        for k, (color, meshes) in enumerate(zip(colors, groups, strict=True))
-        if meshes
+        make_part(
+            f"blocks-{haze}-{wall}",
+            Material("paint", hazed(hex_color(_FAR_WALLS[wall]), near + _FAR[haze]), 0.95),
+            *groups[haze, wall],
+        )
+        for haze, wall in sorted(groups)
     ]
     return SceneItem("outside-town", "town", "building", tuple(parts), True, None)
+
+
+def hazed(color: Color, distance: float) -> Color:
+    """Return the colour of a far surface as it looks through `distance` metres of air.
+
+    It pales towards the horizon's sky, as reflectance: air itself is not modelled.
+    """
+    share = 1 - float(np.exp(-distance / _AIR))
+    mixed = [
+        round((1 - share) * own + share * sky, 4) for own, sky in zip(color, _HORIZON, strict=True)
+    ]
+    return (mixed[0], mixed[1], mixed[2])
 
 
 def _facade(

@@ -19,6 +19,7 @@ from scenes.procedural.furniture.cloth import (
 )
 from scenes.procedural.furniture.drapes import dropped, hooked, hung
 from scenes.procedural.furniture.geometry import BodyMesh, box, grid
+from scenes.procedural.furniture.textiles import SHAPES, panels
 from scenes.seeds import generator
 from tests.scenes.procedural.test_furniture import is_closed, volume
 
@@ -90,3 +91,30 @@ def test_what_pierces_a_cloth_is_noticed_and_moved_out() -> None:
 def _area(mesh: BodyMesh) -> float:
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+
+@pytest.mark.parametrize("tied", [False, True])
+@pytest.mark.parametrize("sheer", [False, True])
+def test_curtains_keep_their_length_and_fall_in_folds(sheer: bool, tied: bool) -> None:
+    shapes = []
+    for shape in range(SHAPES):
+        made = panels(shape, shape % 3, sheer, tied)
+        for place in made.places:
+            n, m = place.shape[1:]
+            down = np.linalg.norm(np.diff(place, axis=2), axis=0)
+            across = np.linalg.norm(np.diff(place, axis=1), axis=0)
+            assert down.sum(axis=1) == pytest.approx((m - 1) * made.rest[1], rel=0.03)
+            assert across.sum(axis=0) == pytest.approx((n - 1) * made.rest[0], rel=0.05)
+            assert (place[2, :, 0] == 0).all()  # the upper row is held
+            gathered = np.ptp(place[0], axis=0) / ((n - 1) * made.rest[0])
+            assert (gathered < (0.85 if sheer else 0.6)).all()
+            if tied:
+                waist = np.abs(place[2] + 1.3) < 0.06
+                assert np.ptp(place[0][waist]) < 0.5 * np.ptp(place[0][:, 0]) + 0.05
+            turns = np.diff(np.sign(np.diff(place[1, :, 0])))
+            assert (turns != 0).sum() >= 5  # three folds
+            shapes.append(place.tobytes())
+        panels.cache_clear()
+        again = panels(shape, shape % 3, sheer, tied)
+        assert [place.tobytes() for place in again.places] == shapes[-2:]
+    assert len(set(shapes)) == 2 * SHAPES

@@ -42,6 +42,7 @@ CLOTHED = (
     "towel_rail",
     "bath_tub",
     "sofa",
+    "curtains",
 )
 FLOOR = ("wall", "corner", "centre", "free", "on_top")
 
@@ -451,14 +452,24 @@ def test_requested_sizes_are_kept(kind: str, options: dict[str, float]) -> None:
         assert -0.01 < extent[0] - options["width"] < 0.12, (seed, extent)
 
 
-def test_curtains_hang_beside_the_window_from_rod_to_floor() -> None:
+@pytest.mark.parametrize("hem", [0.015, 0.71])
+@pytest.mark.parametrize("width", [0.8, 1.4, 2.4])
+def test_curtains_hang_beside_the_window_from_rod_to_hem(width: float, hem: float) -> None:
     style = make_style(generator(0, "style"))
-    for width in (0.8, 1.4, 2.4):
-        made = FURNITURE_KINDS["curtains"].make(generator(0, width), style, width=width, height=2.2)
+    forms = set()
+    for seed in range(12):
+        made = FURNITURE_KINDS["curtains"].make(
+            generator(seed, width), style, width=width, height=2.2, hem=hem, shape=seed % 2
+        )
         cloth = np.concatenate([p.vertices for p in made.parts if p.name.startswith("curtain")])
-        assert 0.005 < cloth[:, 2].min() < 0.03 and cloth[:, 2].max() == pytest.approx(2.165)
+        held = np.concatenate([p.vertices for p in made.parts if p.name in ("ring", "rail")])
+        assert cloth[:, 2].min() == pytest.approx(hem, abs=1e-4)
+        assert cloth[:, 2].max() == pytest.approx(held[:, 2].min(), abs=2e-3)  # on rings or rail
         assert np.abs(cloth[:, 0]).max() > width / 2  # covers the edge of the opening
         assert np.abs(cloth[:, 0]).min() > 0.05 * width  # and leaves its middle free
+        assert cloth[:, 1].max() < -0.048  # clears the sill, 45 mm
+        forms |= {part.name for part in made.parts}
+    assert forms >= {"ring", "rail"} and ("tie" in forms) == (hem < 0.1)
 
 
 def test_kitchen_units_of_one_home_line_up() -> None:

@@ -171,12 +171,23 @@ def test_light_settings_share_plan_and_furniture(homes: list[Home], tmp_path: Pa
     home = min((home for home in homes if home.scene.lighting == "night"), key=_room_count)
     scene = make_home(tmp_path / "day", "day", SMALL, home.seed, "day")
     assert scene.plan == home.scene.plan
-    assert [item.bbox_min for item in scene.objects] == [
-        item.bbox_min for item in home.scene.objects
-    ]
+    assert _still(scene) == _still(home.scene)
     windows = {portal.room for portal in scene.portals if portal.clear}
     assert not [light for light in scene.lights if light.kind == "area" and light.room in windows]
     assert [light for light in home.scene.lights if light.kind == "area"]
+
+
+def _still(scene: Scene) -> list[Any]:
+    """Ids and places of the objects, but of clouds: they belong to the light."""
+    return [(one.id, one.bbox_min) for one in scene.objects if one.category != "cloud"]
+
+
+def test_clouds_stand_in_the_sky_of_homes_in_the_sun(homes: list[Home]) -> None:
+    counts = [home.scene.source["light"]["clouds"] for home in homes]
+    assert 0 < sum(counts) < len(homes)
+    for home, count in zip(homes, counts, strict=True):
+        sunny = any(light.kind == "sun" for light in home.scene.lights)
+        assert count == sum(one.category == "cloud" for one in home.scene.objects) <= sunny
 
 
 def test_homes_differ(homes: list[Home]) -> None:
@@ -481,11 +492,13 @@ def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
         return [(item.id, item.bbox_min) for item in scene.objects if not item.is_structure]
 
     def outdoors(scene: Scene) -> list[Any]:
-        return [(t.id, t.bbox_min) for t in scene.objects if t.id.startswith("outside")]
+        return [each for each in _still(scene) if each[0].startswith("outside")]
 
     def materials(scene: Scene) -> str:
         text = (scene.folder / "scene.xml").read_text()
-        return "".join(re.findall(r"<bsdf.*?</bsdf>", text, re.DOTALL))
+        clouds = re.search(r'id="outside-clouds.0".*?<ref id="([^"]+)"', text)
+        made = re.findall(r"<bsdf.*?</bsdf>", text, re.DOTALL)
+        return "".join(one for one in made if clouds is None or f'id="{clouds[1]}"' not in one)
 
     plain = variant(0, "finishes", "furniture", "light", "outdoors")
     assert furniture(plain) == furniture(home.scene) and materials(plain) == materials(home.scene)

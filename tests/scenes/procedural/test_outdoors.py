@@ -7,9 +7,10 @@ import pytest
 
 from scenes.geometry.directions import unit
 from scenes.geometry.mesh import face_areas
-from scenes.procedural.outdoors import build_outdoors
+from scenes.procedural.outdoors import GROUND, build_outdoors
 from scenes.procedural.planning import make_plan
-from scenes.procedural.surroundings.buildings import Block, Roof, building
+from scenes.procedural.surroundings.buildings import Block, Roof, building, hazed
+from scenes.procedural.surroundings.clouds import FARTHEST, LARGEST, NEAREST, clouds
 from scenes.reconstruction.raycast import RayCaster
 from scenes.seeds import generator
 from tests.fixtures.planes import bodies, coplanar_overlap
@@ -48,3 +49,47 @@ def test_buildings_face_outwards(roof: Roof) -> None:
     distance, face = RayCaster(triangles).cast(eyes, ways)
     assert np.isfinite(distance).all()
     assert ((normals[face] * ways).sum(axis=1) < 0).all()
+
+
+def _sun(seed: int) -> np.ndarray:
+    azimuth, elevation = np.radians(generator(seed, "sun").uniform((0, 2), (360, 75)))
+    flat = np.cos(elevation)
+    return np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_clouds_are_far_and_never_before_the_sun(seed: int) -> None:
+    centre, sun, ground = np.array([5.0, 4.0]), _sun(seed), -3.0
+    made = clouds(generator(seed, "clouds"), centre, sun, ground)
+    again = clouds(generator(seed, "clouds"), centre, sun, ground)
+    assert made is not None and again is not None
+    (part,) = made.parts
+    assert part.vertices.tobytes() == again.parts[0].vertices.tobytes()
+    assert made.category == "cloud" and made.is_structure and len(part.faces) < 100_000
+    away = np.linalg.norm(part.vertices[:, :2] - centre, axis=1)
+    assert away.min() > NEAREST - 1.3 * LARGEST and away.max() < FARTHEST + 1.3 * LARGEST
+    assert np.abs(part.vertices[:, :2]).max() < GROUND  # the scene does not grow sideways
+    assert part.vertices[:, 2].min() - ground > 250 and part.vertices[:, 2].max() < 1200
+    caster = RayCaster(part.vertices[part.faces])
+    # From every place in and around the home, over the whole disc of the sun and its glare.
+    rng = generator(seed, "eyes")
+    eyes = np.column_stack([centre + rng.uniform(-80, 80, (500, 2)), rng.uniform(-3, 3, 500)])
+    ways = unit(sun + rng.normal(0, 0.05, (500, 3)))
+    assert np.isinf(caster.cast(eyes, ways)[0]).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_two_lumps_of_clouds_share_a_visible_plane(seed: int) -> None:
+    made = clouds(generator(seed, "clouds"), np.zeros(2), _sun(seed), 0.0)
+    assert made is not None
+    points, faces = made.parts[0].vertices, made.parts[0].faces
+    corners = np.sort(points[faces][:, :, 2], axis=1)
+    assert (corners[:, 2] - corners[:, 0]).min() > 0  # none is level
+    planes = np.column_stack([face_areas(points[faces])[1], points[faces].mean(axis=1)])
+    assert len(np.unique(np.round(planes, 3), axis=0)) == len(faces)
+
+
+def test_haze_pales_what_is_far() -> None:
+    near, middle, far = (hazed((0.1, 0.12, 0.08), metres) for metres in (50.0, 300.0, 1500.0))
+    assert np.less(near, middle).all() and np.less(middle, far).all()
+    assert np.ptp(far) > 0 and far[2] > far[0]  # bluish

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from scenes.procedural.furnishing.furnisher import Furnisher
+from scenes.procedural.furniture.textiles import SHAPES
 from scenes.procedural.furniture.things import BY_PLACE
 from scenes.procedural.scene_item import Pose
 from scenes.procedural.structure import pane_depth
+
+_ABOVE_FLOOR, _BELOW_SILL = 0.015, 0.04  # metres, hems of curtains
+_SHORT = 0.7  # share of the curtains at radiators that end there
 
 
 def furnish_windows(furnisher: Furnisher) -> None:
@@ -14,13 +18,18 @@ def furnish_windows(furnisher: Furnisher) -> None:
     curtained = furnisher.chance(furnisher.style.interior.curtained)
     for window in furnisher.space.windows():
         edge, width = window.edge, window.width
+        radiator = None
         if window.kind == "window" and window.z0 > 0.72 and furnisher.chance(0.65):
             low = max(0.5, min(width - 0.6, 1.4))
-            radiator = furnisher.make("radiator", width=low)
-            furnisher.space.hang("radiator", radiator, edge, width / 2, radiator.mount_height)
+            made = furnisher.make("radiator", width=low)
+            radiator = furnisher.space.hang("radiator", made, edge, width / 2, made.mount_height)
         if curtained:
             height = min(window.z1 + 0.12, furnisher.plan.height - 0.06)
-            curtains = furnisher.make("curtains", width=width, height=height)
+            # Where there is a radiator most end above it, below the sill.
+            short = radiator is not None and furnisher.chance(_SHORT)
+            hem = window.z0 - _BELOW_SILL if short else _ABOVE_FLOOR
+            shape = round(1000 * window.z1 + 10 * furnisher.plan.height) % SHAPES  # of the home
+            curtains = furnisher.make("curtains", width=width, height=height, hem=hem, shape=shape)
             # Curtains hang in front of the window.
             with furnisher.space.openings_unblocked():
                 furnisher.space.hang("curtains", curtains, edge, width / 2, 0.0)
