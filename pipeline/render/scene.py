@@ -32,7 +32,7 @@ from scenes.contract import Scene
 from scenes.errors import InputError, MachineError
 from scenes.geometry.directions import unit
 
-REVISION = 3
+REVISION = 4
 _SCALAR_WARNING = (
     "pbrnet: no usable libLLVM was found, so everything is rendered by the scalar_rgb variant: "
     "the same images, several times slower. To get it: apt-get install libllvm15, or set "
