@@ -145,7 +145,7 @@ def test_every_file_is_used_and_every_reference_exists(homes: list[Home]) -> Non
         assert named == present
         shapes = [node.get("id") for node in root.iter("shape")]
         assert sorted(shapes) == sorted(id for item in home.scene.objects for id in item.shapes)
-        assert len(shapes) <= 900
+        assert len(shapes) <= 1100
 
 
 def test_meshes_are_sound(homes: list[Home]) -> None:

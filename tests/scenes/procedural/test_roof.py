@@ -28,7 +28,7 @@ def plans() -> list[Plan]:
 @pytest.fixture(scope="module")
 def attic(tmp_path_factory: pytest.TempPathFactory) -> Home:
     """A home of two rooms with a slope, roof windows and a niche."""
-    return home_of(tmp_path_factory.mktemp("attic"), 1002)
+    return home_of(tmp_path_factory.mktemp("attic"), 1188)
 
 
 def test_a_fifth_of_the_homes_have_slopes_and_a_sixth_of_the_rooms_niches(
