@@ -45,8 +45,8 @@ class NeutralTwins:
         self._albedo = albedo
         self._made: dict[tuple[str, ...], Any] = {}
 
-    def twin(self, index: int) -> Any:
-        """Return the neutral twin of node `index`.
+    def twin(self, index: int, held: bool = False) -> Any:
+        """Return the neutral twin of node `index`; `held` is one that only other BSDFs hold.
 
         Metals become grey mirrors of that reflectance, tinted glass becomes clear. A colourless
         constant `specular_reflectance` is gloss, not colour, and stays. Raises `InputError` for a
@@ -59,13 +59,13 @@ class NeutralTwins:
         if plugin in _WRAPPERS:
             for name, child in graph.references(index).items():
                 if graph.kind(child) == "BSDF":
-                    props[name] = self.twin(child)
-            return self._make(index, props)
+                    props[name] = self.twin(child, held=True)
+            return self._make(index, props, held)
         if plugin in _CONDUCTORS:
             _drop(props, "eta", "k", "material", "specular_reflectance")
             props["material"] = "none"
             props["specular_reflectance"] = albedo
-            return self._make(index, props)
+            return self._make(index, props, held)
         if plugin in _BASE:
             _drop(props, _BASE[plugin])
             props[_BASE[plugin]] = albedo
@@ -78,12 +78,19 @@ class NeutralTwins:
         gloss = "specular_reflectance"
         if gloss in props and not _colourless(props[gloss]):
             del props[gloss]
-        return self._make(index, props)
+        return self._make(index, props, held)
 
-    def _make(self, index: int, props: Any) -> Any:
-        """Return the BSDF of these properties; the one made before if they are equal."""
+    def _make(self, index: int, props: Any, held: bool) -> Any:
+        """Return the BSDF of these properties; the one made before if they are equal.
+
+        One that is held is out of the reach of virtual calls, so shapes have others.
+        """
         names = sorted(props.keys())
-        key = (props.plugin_name(), *(f"{name} = {_described(props[name])}" for name in names))
+        key = (
+            props.plugin_name(),
+            str(held),
+            *(f"{name} = {_described(props[name])}" for name in names),
+        )
         if key not in self._made:
             self._made[key] = self._graph.make_from(index, props)
         return self._made[key]
