@@ -720,18 +720,22 @@ def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
     width = float(rng.uniform(0.6, 0.9))
     b = Builder("coat hooks", "coat hooks", "on_wall", mount_height=float(rng.uniform(1.6, 1.7)))
     b.add(style.wood, span((-width / 2, -0.022, -0.05), (width / 2, 0, 0.05), 0.003))
-    count, last = int(width / 0.15), -1.0
+    count, last, edge = int(width / 0.15), -1.0, -1.0
     for k in range(count):
         x = (k - (count - 1) / 2) * 0.15
         path = [(x, -0.02, -0.01), (x, -0.05, -0.03), (x, -0.08, -0.02), (x, -0.088, 0.015)]
         b.add(style.metal, tube(path, 0.006, 8), name="hooks")
         b.add(style.metal, sphere(0.009, 10, 6).moved(x, -0.088, 0.018), name="hooks")
         if x - last > 0.28 and rng.random() < 0.25 + 0.5 * style.disorder:
-            last = x
             cloth = (*style.cushions, style.second_upholstery, style.throw)[int(rng.integers(5))]
             size = (float(rng.uniform(0.5, 0.8)), float(rng.uniform(0.62, 0.85)))
+            coat = hooked(rng, size).moved(x, -0.045, -0.012)
+            left, right = coat.vertices[:, 0].min(), coat.vertices[:, 0].max()
+            if left < edge + 0.01:  # cloth of wide coats would lie in their neighbours'
+                continue
+            last, edge = x, right
             with b.holding("coat", "clothing"):
-                b.add(cloth, hooked(rng, size).moved(x, -0.045, -0.012), name="coat")
+                b.add(cloth, coat, name="coat")
     return b.piece()
 
 

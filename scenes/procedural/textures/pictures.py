@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import colorsys
+
 import numpy as np
 
 from scenes.arrays import Float32Array, Float64Array
+from scenes.color import decode_srgb_value
 from scenes.procedural.textures.fields import GRIT, Spectrum, axes, noise, smoothstep
 
 SCREEN_SIZE = (90, 160)  # rows and columns of pixels of what a screen shows
@@ -14,9 +17,7 @@ _EDGE = Spectrum(1.8)  # of ragged outlines
 def picture(rng: np.random.Generator, size: int) -> Float64Array:
     """Return an abstract painting, linear RGB float64 (3, size, size); row 0 is its bottom."""
     u, v = axes(size)
-    palette = rng.uniform(0.02, 0.75, (6, 3)).astype(np.float64)
-    palette[0] = rng.uniform(0.45, 0.78)  # ground
-    palette[1] *= 0.3
+    palette = _palette(rng)
     image = np.empty((3, size, size), np.float64)
     image[:] = palette[0][:, None, None]
     kind = int(rng.integers(4))
@@ -62,6 +63,23 @@ def picture(rng: np.random.Generator, size: int) -> Float64Array:
             lay(stroke, palette[int(rng.integers(1, 6))])
     canvas = 1 + 0.03 * noise(rng, size, GRIT)
     return np.clip(image * canvas, 0.005, 0.85).astype(np.float64)
+
+
+def _palette(rng: np.random.Generator) -> Float64Array:
+    """Draw the colours of a picture, linear RGB (6, 3): a pale ground, a dark one, four more.
+
+    Most lie beside one hue and are muted, one in four pictures is grey, one colour may stand out.
+    """
+    hue = float(rng.random())
+    chroma = 0.0 if rng.random() < 0.25 else float(rng.uniform(0.15, 0.7))
+    colors = []
+    for tone in (0.9, 0.25, *rng.uniform(0.3, 0.85, 4)):
+        beside = hue + float(rng.normal(0.0, 0.07))
+        strength = chroma * float(rng.uniform(0.4, 1.0)) * (0.25 if tone == 0.9 else 1.0)
+        colors.append(colorsys.hsv_to_rgb(round(beside, 4) % 1.0, round(strength, 4), float(tone)))
+    if chroma and rng.random() < 0.5:
+        colors[-1] = colorsys.hsv_to_rgb((hue + 0.5) % 1.0, min(1.2 * chroma, 0.8), 0.6)
+    return np.array([[decode_srgb_value(band) for band in color] for color in colors])
 
 
 def screen_picture(rng: np.random.Generator, is_film: bool) -> Float32Array:

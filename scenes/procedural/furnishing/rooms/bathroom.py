@@ -35,7 +35,7 @@ def furnish_bathroom(furnisher: Furnisher) -> None:
         if furnisher.wants(probability):
             furnisher.hang(kind) if kind == "wall_board" else furnisher.along_wall(kind)
     if furnisher.chance(0.5):
-        furnisher.hang_pictures(furnisher.number(1, 3))
+        furnisher.hang_pictures(furnisher.number(1, 2))
 
 
 def _place_sanitary(furnisher: Furnisher) -> tuple[PlacedPiece | None, PlacedPiece | None]:

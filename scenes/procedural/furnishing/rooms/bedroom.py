@@ -44,7 +44,7 @@ def furnish_bedroom(furnisher: Furnisher) -> None:
             space.in_corner(rng, kind, furnisher.make(kind)) or space.anywhere(
                 rng, kind, furnisher.make(kind)
             )
-    furnisher.hang_pictures(furnisher.number(2, 4))
+    furnisher.hang_pictures(furnisher.number(1, 3))
     if furnisher.wants(0.25):
         furnisher.hang_row(4)
     for _ in range(furnisher.number(0, 3)):

@@ -28,7 +28,7 @@ def furnish_hall(furnisher: Furnisher) -> None:
         _lay_doormat(furnisher)
     if furnisher.wants(0.4):
         furnisher.hang_row(5)
-    furnisher.hang_pictures(furnisher.number(2, 5))
+    furnisher.hang_pictures(furnisher.number(1, 4))
     if furnisher.wants(0.35):
         furnisher.hang("wall_lamp")
 

@@ -36,7 +36,7 @@ def furnish_kitchen(furnisher: Furnisher) -> None:
         furnisher.put_plant()
     if furnisher.may_leave("wall_clock"):
         furnisher.hang("wall_clock")
-    furnisher.hang_pictures(furnisher.number(1, 3))
+    furnisher.hang_pictures(furnisher.number(1, 2))
     for _ in range(furnisher.number(0, 2)):
         furnisher.hang("wall_shelf" if furnisher.chance(0.4) else "wall_board")
     if furnisher.wants(0.2):

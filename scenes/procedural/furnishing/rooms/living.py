@@ -42,7 +42,7 @@ def furnish_living(furnisher: Furnisher) -> None:
     place_second_seats(furnisher)
     if furnisher.wants(0.3):
         furnisher.space.anywhere(furnisher.rng, "pouf", furnisher.make("pouf"))
-    furnisher.hang_pictures(furnisher.number(2, 5))
+    furnisher.hang_pictures(furnisher.number(1, 4))
     if furnisher.wants(0.25):
         furnisher.hang_row(5)
     if furnisher.wants(0.4):
