@@ -213,11 +213,11 @@ def _intersect(geometry: SceneGeometry, ray: Any) -> Any:
 def _first_face(geometry: SceneGeometry, ray: Any, hit: Any) -> int:
     """Return the number of the face that a ray meets first; 0 for none, and for no mesh.
 
-    Of the faces that Embree finds along the ray or one of `triangles.ASIDE` about it.
+    Of the faces that Embree finds along `triangles.ASIDE`; that of `hit` if the ray meets none.
     """
     face, across = _face(geometry, hit), mi.Frame3f(ray.d)
     other = float(hit.t) if hit.is_valid() and not face else float("inf")  # of a sphere, say
-    candidates = {face}
+    candidates = set()
     for x, y in ASIDE:
         aside = mi.Ray3f(ray.o, ray.d + across.s * x + across.t * y)
         candidates.add(_face(geometry, geometry.scene.ray_intersect_preliminary(aside)))

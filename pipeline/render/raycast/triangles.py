@@ -5,9 +5,10 @@ approximate reciprocals, which differ by instruction set and vendor; here they a
 Only +, -, * and / occur, so NumPy, Python and Dr.Jit agree.
 
 Which of the faces at an edge a ray meets, and whether it meets one at a silhouette, Embree decides
-with the same rounding. So it looks along three more rays close by (`ASIDE`), which that edge parts,
-and of all faces found the nearest one counts that the ray itself meets, or passes by less than
-`_REACH`: too little to see, and more than Embree's rounding.
+with the same rounding. So it looks along three rays close by (`ASIDE`), which such an edge parts,
+and of the faces found the nearest one counts that the ray itself meets, or passes by less than
+`_REACH`: too little to see, and more than Embree's rounding. What Embree finds along the ray itself
+counts only where the three find nothing.
 """
 
 from __future__ import annotations

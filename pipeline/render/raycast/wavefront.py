@@ -285,12 +285,11 @@ def _intersect(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -> Any
 def _first_face(geometry: SceneGeometry, tables: dict[str, Any], ray: Any, hit: Any) -> Any:
     """Return the number of the face that each ray meets first; 0 for none, and for no mesh.
 
-    Of the faces that Embree finds along the ray or one of `triangles.ASIDE` about it.
+    Of the faces that Embree finds along `triangles.ASIDE`; that of `hit` if the ray meets none.
     """
     face, on_mesh = _face(tables, hit)
     double = dr.float64_array_t(mi.Float)
-    other = dr.select(hit.is_valid() & ~on_mesh, double(hit.t), dr.inf)  # of a sphere, say
-    met, t = _reaches(tables, ray, face, on_mesh)
+    nearest = dr.select(hit.is_valid() & ~on_mesh, double(hit.t), dr.inf)  # of a sphere, say
     across = mi.Frame3f(ray.d)
 
     def look(number: Any, face: Any, t: Any) -> tuple[Any, ...]:
@@ -306,7 +305,7 @@ def _first_face(geometry: SceneGeometry, tables: dict[str, Any], ray: Any, hit: 
         return number + 1, dr.select(nearer, candidate, face), dr.select(nearer, distance, t)
 
     _, face, _ = dr.while_loop(
-        state=(mi.UInt32(0), dr.select(on_mesh, face, 0), dr.select(met, t, other)),
+        state=(mi.UInt32(0), dr.select(on_mesh, face, 0), nearest),
         cond=lambda number, face, t: number < len(ASIDE),
         body=look,
         labels=("number", "face", "t"),
