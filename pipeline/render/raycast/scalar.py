@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.render.raycast.triangles import (
     ASIDE,
     Triangles,
-    edge_slack,
+    comes_near,
     meet,
     owners_of,
     partners_of,
@@ -204,7 +204,7 @@ def _intersect(geometry: SceneGeometry, ray: Any) -> Any:
     owner = int(owners[last])
     hit.shape, hit.prim_index = geometry.shapes[owner], last - int(triangles.first[owner])
     hit.valid = True
-    t, u, v, _ = _meet(geometry, ray, last)
+    t, u, v = _meet(geometry, ray, last)
     if t is not None:
         hit.t, hit.prim_uv = t, mi.ScalarPoint2f(u, v)
     return hit
@@ -213,7 +213,7 @@ def _intersect(geometry: SceneGeometry, ray: Any) -> Any:
 def _first_face(geometry: SceneGeometry, ray: Any, hit: Any) -> int:
     """Return the number of the face that a ray meets first; 0 for none, and for no mesh.
 
-    Of the faces that Embree finds along `triangles.ASIDE`; that of `hit` if the ray meets none.
+    Faces are those that Embree finds along `triangles.ASIDE`; that of `hit` if the ray meets none.
     """
     face, across = _face(geometry, hit), mi.Frame3f(ray.d)
     other = float(hit.t) if hit.is_valid() and not face else float("inf")  # of a sphere, say
@@ -223,9 +223,10 @@ def _first_face(geometry: SceneGeometry, ray: Any, hit: Any) -> int:
         candidates.add(_face(geometry, geometry.scene.ray_intersect_preliminary(aside)))
     met = []
     for candidate in candidates - {0}:
-        t, u, v, slack = _meet(geometry, ray, candidate)
-        if t is not None and 0 < t < other and min(u, v) >= -slack and u + v <= 1 + slack:
-            met.append((t, -candidate))
+        origin, direction, *corners = _rows(geometry, ray, candidate)
+        t, _, _, determinant = meet(origin, direction, *corners)
+        if comes_near(origin, direction, corners, determinant) and 0 < t / determinant < other:
+            met.append((t / determinant, -candidate))
     return -min(met)[1] if met else face
 
 
@@ -242,22 +243,25 @@ def _partners_met(geometry: SceneGeometry, ray: Any, face: int, same_side: bool)
     starts, partners = _partners(geometry, same_side)
     met = []
     for other in partners[starts[face] : starts[face + 1]].tolist():
-        t, u, v, _ = _meet(geometry, ray, other)
+        t, u, v = _meet(geometry, ray, other)
         if t is not None and t > 0 and u >= 0 and v >= 0 and u + v <= 1:
             met.append(other)
     return met
 
 
 def _meet(geometry: SceneGeometry, ray: Any, face: int) -> tuple[Any, ...]:
-    """Return t, u, v and `edge_slack` of a ray in a face's plane; None if it is parallel."""
+    """Return t, u and v of a ray in a face's plane; None if it is parallel."""
+    t, u, v, determinant = meet(*_rows(geometry, ray, face))
+    if not determinant:
+        return None, None, None
+    return t / determinant, u / determinant, v / determinant
+
+
+def _rows(geometry: SceneGeometry, ray: Any, face: int) -> list[list[float]]:
+    """Return origin and direction of a ray and the corners of a face."""
     triangles = _triangles(geometry)
     corners = triangles.vertices[triangles.faces[face]].astype(np.float64).tolist()
-    origin, direction = ([float(value) for value in vector] for vector in (ray.o, ray.d))
-    t, u, v, determinant = meet(origin, direction, *corners)
-    if not determinant:
-        return None, None, None, None
-    t, u, v = t / determinant, u / determinant, v / determinant
-    return t, u, v, edge_slack(corners, t / determinant)
+    return [*([float(value) for value in vector] for vector in (ray.o, ray.d)), *corners]
 
 
 def _past(hit: Any, ray: Any) -> float:

@@ -211,16 +211,22 @@ def meet(origin: Vector, direction: Vector, a: Vector, b: Vector, c: Vector) -> 
     return _dot(edge_c, q), _dot(offset, p), _dot(direction, q), _dot(edge_b, p)
 
 
-def edge_slack(corners: Sequence[Vector], scaled: Any) -> Any:
-    """Return by how much barycentric coordinates may be outside [0, 1] for a ray that meets a face.
+def comes_near(
+    origin: Vector, direction: Vector, corners: Sequence[Vector], determinant: Any
+) -> Any:
+    """Return whether a ray meets a triangle or passes it by an angle of at most `_REACH`.
 
-    That is `_REACH` seen from the ray's origin. `scaled` is the distance of the face's plane along
-    the ray, divided by the determinant of `meet`.
+    The angles are those to the planes through the ray's origin and an edge. `determinant` is that
+    of `meet`, whose sign says on which side of these planes the triangle lies.
     """
-    a, b, c = corners
-    edges = (_minus(b, a), _minus(c, a))
-    longest = sum(abs(part) for edge in edges for part in edge)  # or a little more
-    return _REACH * longest * abs(scaled)
+    a, b, c = (_minus(corner, origin) for corner in corners)
+    near = determinant != 0
+    for first, second in ((a, b), (b, c), (c, a)):
+        normal = _cross(second, first)
+        side = _dot(direction, normal)
+        within = side * side <= _REACH**2 * _dot(normal, normal)
+        near = near & ((side * determinant >= 0) | within)
+    return near
 
 
 def _minus(a: Vector, b: Vector) -> Vector:

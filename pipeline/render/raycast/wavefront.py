@@ -17,7 +17,7 @@ from pipeline.render.drjit_arrays import column, registry_id, registry_table, to
 from pipeline.render.raycast.triangles import (
     ASIDE,
     Triangles,
-    edge_slack,
+    comes_near,
     meet,
     owners_of,
     partners_of,
@@ -257,8 +257,7 @@ def _intersect(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -> Any
 
     Where faces of several shapes lie in one plane, the last opaque one of them is hit.
     """
-    hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True)
-    face = _first_face(geometry, tables, ray, hit)
+    hit, face = _first_hit_face(geometry, tables, ray)
     ties = tables["ties"]
     if ties is not None:
         owner = dr.gather(mi.UInt32, tables["owner"], face, face > 0)
@@ -275,48 +274,73 @@ def _intersect(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -> Any
     hit.shape = dr.select(on_mesh, dr.reinterpret_array(mi.ShapePtr, owner), hit.shape)
     first = dr.gather(mi.UInt32, tables["first"], owner, on_mesh)
     hit.prim_index = dr.select(on_mesh, face - first, hit.prim_index)
-    exact, t, u, v, _ = _meet(tables, ray, face, on_mesh)
+    exact, t, u, v = _meet(tables, ray, face, on_mesh)
     hit.t = dr.select(exact, mi.Float(t), hit.t)
     hit.prim_uv = dr.select(exact, mi.Point2f(mi.Float(u), mi.Float(v)), hit.prim_uv)
     hit.valid |= on_mesh
     return hit
 
 
-def _first_face(geometry: SceneGeometry, tables: dict[str, Any], ray: Any, hit: Any) -> Any:
-    """Return the number of the face that each ray meets first; 0 for none, and for no mesh.
+def _first_hit_face(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -> tuple[Any, Any]:
+    """Return a hit to be filled in, and the number of the face that each ray meets first.
 
-    Of the faces that Embree finds along `triangles.ASIDE`; that of `hit` if the ray meets none.
+    Faces are those that Embree finds along `triangles.ASIDE`. Where the ray meets none of them, or
+    they lead to what is no mesh, Embree's hit along the ray itself counts; face 0 is none.
     """
-    face, on_mesh = _face(tables, hit)
-    double = dr.float64_array_t(mi.Float)
-    nearest = dr.select(hit.is_valid() & ~on_mesh, double(hit.t), dr.inf)  # of a sphere, say
-    across = mi.Frame3f(ray.d)
+    across, count = mi.Frame3f(ray.d), dr.width(ray.d)
+    zero = dr.zeros(mi.UInt32, count)
 
-    def look(number: Any, face: Any, t: Any) -> tuple[Any, ...]:
-        x, y = (mi.Float(0), mi.Float(0))
-        for place, (to_right, up) in enumerate(ASIDE):
-            x, y = dr.select(number == place, to_right, x), dr.select(number == place, up, y)
+    def look(number: Any, one: Any, two: Any, three: Any, other: Any) -> tuple[Any, ...]:
+        x, y = _of(number, *(mi.Float(x) for x, _ in ASIDE)), _of(number, *(y for _, y in ASIDE))
         aside = mi.Ray3f(ray)
         aside.d = ray.d + across.s * x + across.t * y
-        found = geometry.scene.ray_intersect_preliminary(aside, coherent=True)
-        candidate, on_mesh = _face(tables, found)
-        met, distance = _reaches(tables, ray, candidate, on_mesh)
+        hit = geometry.scene.ray_intersect_preliminary(aside, coherent=True)
+        face, on_mesh = _face(tables, hit)
+        face = dr.select(on_mesh, face, 0)
+        return number + 1, two, three, face, other | (hit.is_valid() & ~on_mesh)
+
+    _, one, two, three, other = dr.while_loop(
+        state=(zero, zero, zero, zero, dr.full(mi.Bool, False, count)),
+        cond=lambda number, one, two, three, other: number < len(ASIDE),
+        body=look,
+        labels=("number", "one", "two", "three", "other"),
+    )
+    # Three rays about this one on the same face: it meets that, too, because faces are convex.
+    apart = (one != two) | (two != three)
+
+    def compare(number: Any, face: Any, t: Any) -> tuple[Any, ...]:
+        candidate = _of(number, one, two, three)
+        met, distance = _reaches(tables, ray, candidate, candidate > 0)
         nearer = met & ((distance < t) | ((distance == t) & (candidate > face)))
         return number + 1, dr.select(nearer, candidate, face), dr.select(nearer, distance, t)
 
-    _, face, _ = dr.while_loop(
-        state=(mi.UInt32(0), dr.select(on_mesh, face, 0), nearest),
-        cond=lambda number, face, t: number < len(ASIDE),
-        body=look,
+    _, face, t = dr.while_loop(
+        state=(
+            zero,
+            dr.select(apart, 0, one),
+            dr.full(dr.float64_array_t(mi.Float), dr.inf, count),
+        ),
+        cond=lambda number, face, t: apart & (number < len(ASIDE)),
+        body=compare,
         labels=("number", "face", "t"),
     )
-    return face
+    hit = geometry.scene.ray_intersect_preliminary(ray, coherent=True, active=other | (face == 0))
+    own, on_mesh = _face(tables, hit)
+    face = dr.select(on_mesh & (face == 0), own, face)
+    return hit, dr.select(hit.is_valid() & ~on_mesh & (hit.t < t), 0, face)
+
+
+def _of(number: Any, first: Any, second: Any, third: Any) -> Any:
+    """Return the value of that number, 0 to 2."""
+    return dr.select(number == 0, first, dr.select(number == 1, second, third))
 
 
 def _reaches(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> tuple[Any, Any]:
     """Return whether each ray meets a face or passes close to its edge, and the distance."""
-    exact, t, u, v, slack = _meet(tables, ray, face, active)
-    return exact & (t > 0) & (u >= -slack) & (v >= -slack) & (u + v <= 1 + slack), t
+    rows = _rows(tables, ray, face, active)
+    t, _, _, determinant = meet(*rows)
+    t /= determinant
+    return active & (t > 0) & comes_near(rows[0], rows[1], rows[2:], determinant), t
 
 
 def _face(tables: dict[str, Any], hit: Any) -> tuple[Any, Any]:
@@ -344,19 +368,22 @@ def _meets_partner(
 ) -> tuple[Any, Any]:
     """Return the partner at `place`, and whether the ray meets it."""
     other = dr.gather(mi.UInt32, partners[1], place)
-    exact, t, u, v, _ = _meet(tables, ray, other, dr.full(mi.Bool, True))
+    exact, t, u, v = _meet(tables, ray, other, dr.full(mi.Bool, True))
     return other, exact & (t > 0) & (u >= 0) & (v >= 0) & (u + v <= 1)
 
 
 def _meet(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> tuple[Any, ...]:
-    """Return whether a ray crosses a face's plane; t, u, v and `edge_slack` in double precision."""
+    """Return whether a ray crosses a face's plane, and t, u and v there in double precision."""
+    t, u, v, determinant = meet(*_rows(tables, ray, face, active))
+    return active & (determinant != 0), t / determinant, u / determinant, v / determinant
+
+
+def _rows(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> list[Any]:
+    """Return origin and direction of a ray and the corners of a face, in double precision."""
     corner = dr.gather(mi.Vector3u, tables["faces"], face, active)
     points = [dr.gather(mi.Point3f, tables["vertices"], number, active) for number in corner]
     double = dr.float64_array_t(mi.Float)
-    rows = [[double(value) for value in vector] for vector in (ray.o, ray.d, *points)]
-    t, u, v, determinant = meet(*rows)
-    t, u, v = t / determinant, u / determinant, v / determinant
-    return active & (determinant != 0), t, u, v, edge_slack(rows[2:], t / determinant)
+    return [[double(value) for value in vector] for vector in (ray.o, ray.d, *points)]
 
 
 def _onward(ray: Any, hit: Any) -> Any:

@@ -162,13 +162,13 @@ def device(
     dark = SCREEN if shell is not BLACK_PLASTIC else RUBBER
     if detail == "dials":
         for k in range(int(rng.integers(1, 4))):
-            knob = cylinder(0.12 * z, 0.0, 0.012, 18, 0.002).turned("x", 90)
+            knob = cylinder(min(0.12 * z, 0.13 * x), 0.0, 0.012, 18, 0.002).turned("x", 90)
             b.add(CHROME, knob.moved((k - 1) * 0.3 * x, front - 0.0002, 0.4 * z), name="dials")
     elif detail == "display":
         b.add(dark, box((0.6 * x, 0.004, 0.45 * z), (0, front - 0.0021, 0.3 * z)), name="display")
     elif detail == "cones":
         for high, r in ((0.36, 0.34), (0.74, 0.18)):
-            cone = cylinder(r * x, 0.0, 0.006, 28, 0.002).turned("x", 90)
+            cone = cylinder(r * min(x, 0.7 * z), 0.0, 0.006, 28, 0.002).turned("x", 90)
             b.add(dark, cone.moved(0, front - 0.0002, high * z), name="cones")
     elif detail == "slots":
         for y_at in (-0.17, 0.17):
