@@ -143,14 +143,17 @@ def pierces(triangles: Float64Array, mesh: BodyMesh) -> bool:
 
     The corners of rails and boards; fine meshes have no edge of `_LONG`, and are passed over.
     """
-    starts = triangles.reshape(-1, 3)
-    edges = np.roll(triangles, -1, axis=1).reshape(-1, 3) - starts
+    corners = mesh.vertices[mesh.faces]
+    middles = corners.sum(axis=1) / 3
+    low, high = middles.min(axis=0) - 3 * _NEAR, middles.max(axis=0) + 3 * _NEAR
+    starts, ends = triangles.reshape(-1, 3), np.roll(triangles, -1, axis=1).reshape(-1, 3)
+    close = ((np.minimum(starts, ends) < high) & (np.maximum(starts, ends) > low)).all(axis=1)
+    starts, edges = starts[close], ends[close] - starts[close]
     length = np.sqrt(edges[:, 0] ** 2 + edges[:, 1] ** 2 + edges[:, 2] ** 2)
     starts, edges, length = starts[length > _LONG], edges[length > _LONG], length[length > _LONG]
     if len(length) == 0:
         return False
-    corners = mesh.vertices[mesh.faces]
-    tree = cKDTree(corners.sum(axis=1) / 3)
+    tree = cKDTree(middles)
     count = np.ceil(length / _NEAR).astype(np.int64)
     owner = np.repeat(np.arange(len(count)), count)
     step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
@@ -432,12 +435,12 @@ def normals(place: Float64Array) -> Float64Array:
 
 
 def _differences(place: Float64Array, axis: int) -> Float64Array:
-    moved = np.moveaxis(place, axis, -1)
-    out = np.empty_like(moved)
-    out[..., 1:-1] = moved[..., 2:] - moved[..., :-2]
-    out[..., 0] = moved[..., 1] - moved[..., 0]
-    out[..., -1] = moved[..., -1] - moved[..., -2]
-    return np.moveaxis(out, -1, axis)
+    out = np.empty_like(place)
+    old, new = (each.swapaxes(axis, -1) for each in (place, out))
+    np.subtract(old[..., 2:], old[..., :-2], out=new[..., 1:-1])
+    np.subtract(old[..., 1], old[..., 0], out=new[..., 0])
+    np.subtract(old[..., -1], old[..., -2], out=new[..., -1])
+    return out
 
 
 def _bag_normals(place: Float64Array) -> Float64Array:
