@@ -174,9 +174,11 @@ class PiecePart:
         labels = _position_labels(self.vertices, 1e-6)
         order = np.argsort(labels, kind="stable")
         shared = [own[:, axis].copy() for axis in range(3)]
-        sorted_labels = labels[order]
-        for step in range(1, int(np.bincount(labels).max(initial=1))):
-            pairs = np.flatnonzero(sorted_labels[:-step] == sorted_labels[step:])
+        counts = np.bincount(labels)
+        after = np.cumsum(counts)[labels[order]] - np.arange(1, len(order) + 1)
+        pairs = np.arange(len(order))
+        for step in range(1, int(counts.max(initial=1))):
+            pairs = pairs[after[pairs] >= step]  # there are so many more at the same position
             one, other = order[pairs], order[pairs + step]
             alike = (unit[one] * unit[other]).sum(axis=1) > CREASE_COSINE
             one, other = one[alike], other[alike]

@@ -120,7 +120,9 @@ def cleared(mesh: BodyMesh, triangles: Float64Array | Samples, depth: float) -> 
     places, label = np.unique(np.round(mesh.vertices, 7), axis=0, return_inverse=True)
     label = label.reshape(-1)
     corners = label[mesh.faces]
-    edges = np.unique(np.sort(np.concatenate([corners[:, :2], corners[:, 1:]]), axis=1), axis=0)
+    pairs = np.sort(np.concatenate([corners[:, :2], corners[:, 1:]]), axis=1)
+    keys = np.unique(pairs @ np.array([len(places), 1]))
+    edges = np.stack(np.divmod(keys, len(places)), axis=1)
     for last in (False, False, False, True):
         move, count = np.zeros_like(places), np.zeros(len(places))
         for ends in (np.arange(len(places))[:, None], edges):
