@@ -295,23 +295,21 @@ class _Relaxer:
         def shares(of: Float64Array, size: int) -> Float64Array:
             return np.tile(of, row.size // of.size)[:size]
 
-        self._springs = []
+        self._groups: list[tuple[float, tuple[Float64Array, ...]]] = []
         for spring in springs:
             size, count = row.size - spring.offset, long.size - spring.offset
             first = second = shares(spring.first, size)
             if spring.second is not spring.first:
                 second = shares(spring.second, size)
-            self._springs.append(
-                (
-                    *(spring.rest, row[:size], row[spring.offset :], first, second),
-                    *(apart[:size], part[:size], long[:count]),
-                    *(each.reshape(3, -1)[:, :count] for each in (apart, part)),
-                )
-            )
+            ends = row[:size], row[spring.offset :], first, second
+            rows = apart[:size], part[:size], long[:count]
+            ways, squares = (each.reshape(3, -1)[:, :count] for each in (apart, part))
+            self._groups.append((spring.rest, (*ends, *rows, ways, squares)))
 
     def relax(self) -> None:
         """Relax each group of springs once."""
-        for rest, one, two, first, second, apart, part, scale, ways, squares in self._springs:
+        for rest, views in self._groups:
+            one, two, first, second, apart, part, scale, ways, squares = views
             np.subtract(two, one, out=apart)
             np.multiply(apart, apart, out=part)
             np.add(squares[0], squares[1], out=scale)
