@@ -71,6 +71,8 @@ class MaterialLibrary:
     _layouts: dict[Material, Layout] = field(default_factory=dict)
     _tiles: dict[Material, UInt8Array] = field(default_factory=dict)
     _shared: dict[tuple[object, ...], str] = field(default_factory=dict)
+    _names: dict[Material, tuple[str, str, int, int, int]] = field(default_factory=dict)
+    _places: dict[Material, tuple[float, Float64Array]] = field(default_factory=dict)
     _xml: list[str] = field(default_factory=list)
     _displays: list[str] = field(default_factory=list)
 
@@ -120,9 +122,11 @@ class MaterialLibrary:
             return uvs
         if material.use is not None:
             return (uvs - material.use.low) / self._layout(material).size
-        offset = self._offset(material)
+        if material not in self._places:
+            self._places[material] = self.tile(material), self._offset(material)
+        tile, offset = self._places[material]
         right = np.where(_is_left_handed(vertices, faces, normals, uvs)[:, None], [-1, 1], [1, 1])
-        return uvs * right / self.tile(material) + offset
+        return uvs * right / tile + offset
 
     def _offset(self, material: Material) -> Float64Array:
         """Offset (2,) of a material's pattern, in tiles: whole modules where there are joints."""
@@ -274,6 +278,11 @@ class MaterialLibrary:
 
     def _named(self, material: Material) -> tuple[str, str, int, int, int]:
         """Arguments of `packed_surface` for a material."""
+        if material not in self._names:
+            self._names[material] = self._choose(material)
+        return self._names[material]
+
+    def _choose(self, material: Material) -> tuple[str, str, int, int, int]:
         family = family_of(material)
         side = max(_SMALLEST, self.texture_size // FAMILIES[material.kind][family].detail)
         wear = self.wear if material.wear is None else material.wear

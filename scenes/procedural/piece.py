@@ -163,26 +163,31 @@ class PiecePart:
         corners = self.vertices[self.faces]
         facets = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         doubled = np.linalg.norm(facets, axis=1)
-        own = np.zeros_like(self.vertices)
+        turned = []
         for corner in range(3):
             first = corners[:, (corner + 1) % 3] - corners[:, corner]
             second = corners[:, (corner + 2) % 3] - corners[:, corner]
             angle = np.arctan2(doubled, (first * second).sum(axis=1))
-            np.add.at(own, self.faces[:, corner], angle[:, None] * facets)
+            turned.append(angle[:, None] * facets)
+        own = _sums(self.faces.T.reshape(-1), np.concatenate(turned), len(self.vertices))
         unit = own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-30)
         labels = _position_labels(self.vertices, 1e-6)
         order = np.argsort(labels, kind="stable")
-        shared = own.copy()
-        sorted_labels = labels[order]
-        for step in range(1, int(np.bincount(labels).max(initial=1))):
-            pairs = np.flatnonzero(sorted_labels[:-step] == sorted_labels[step:])
+        shared = [own[:, axis].copy() for axis in range(3)]
+        counts = np.bincount(labels)
+        after = np.cumsum(counts)[labels[order]] - np.arange(1, len(order) + 1)
+        pairs = np.arange(len(order))
+        for step in range(1, int(counts.max(initial=1))):
+            pairs = pairs[after[pairs] >= step]  # there are so many more at the same position
             one, other = order[pairs], order[pairs + step]
             alike = (unit[one] * unit[other]).sum(axis=1) > CREASE_COSINE
             one, other = one[alike], other[alike]
-            np.add.at(shared, one, own[other])
-            np.add.at(shared, other, own[one])
-        length = np.linalg.norm(shared, axis=1, keepdims=True)
-        return np.where(length > 0, shared / np.maximum(length, 1e-30), [0.0, 0.0, 1.0])
+            for axis in range(3):
+                np.add.at(shared[axis], one, own[other, axis])
+                np.add.at(shared[axis], other, own[one, axis])
+        summed = np.stack(shared, axis=1)
+        length = np.linalg.norm(summed, axis=1, keepdims=True)
+        return np.where(length > 0, summed / np.maximum(length, 1e-30), [0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -215,6 +220,12 @@ class FurniturePiece:
         if self.boxes is not None:
             return self.boxes
         return np.concatenate([_body_bounds(part) for part in self.parts])
+
+
+def _sums(places: Int64Array, values: Float64Array, count: int) -> Float64Array:
+    """Sums (count, 3) of the values (N, 3) of each place (N,), added in their order."""
+    columns = [np.bincount(places, values[:, axis], count) for axis in range(3)]
+    return np.stack(columns, axis=1)
 
 
 def _position_labels(points: Float64Array, spacing: float) -> Int64Array:

@@ -221,7 +221,7 @@ class RoomSpace:
         low, high = item.bounds
         if high[2] > self.plan.height + CONTACT_TOLERANCE or low[2] < -CONTACT_TOLERANCE:
             return False
-        if self.plan.slopes and not all(map(self._is_below_slopes, item.collision_boxes)):
+        if self.plan.slopes and not self._are_below_slopes(item.collision_boxes):
             return False
         if not self._between.covers(box(low[0], low[1], high[0], high[1])):
             for body in item.collision_boxes:
@@ -243,9 +243,11 @@ class RoomSpace:
                     return False
         return True
 
-    def _is_below_slopes(self, body: Float64Array) -> bool:
-        free = self.plan.free_height(box(*body[0, :2], *body[1, :2]))
-        return bool(body[1, 2] < free + CONTACT_TOLERANCE)
+    def _are_below_slopes(self, bodies: Boxes) -> bool:
+        x, y = bodies[:, [0, 0, 1, 1], 0], bodies[:, [0, 1, 0, 1], 1]  # of four corners
+        free = [np.full(len(bodies), self.plan.height)]
+        free += [slope.height_at(x, y).min(axis=1) for slope in self.plan.slopes]
+        return bool((bodies[:, 1, 2] < np.min(free, axis=0) + CONTACT_TOLERANCE).all())
 
     def _zone_is_clear(self, front: Boxes, allow: Collection[str]) -> bool:
         hits = _overlap(front, self._boxes).any(axis=0)

@@ -120,7 +120,9 @@ def cleared(mesh: BodyMesh, triangles: Float64Array | Samples, depth: float) -> 
     places, label = np.unique(np.round(mesh.vertices, 7), axis=0, return_inverse=True)
     label = label.reshape(-1)
     corners = label[mesh.faces]
-    edges = np.unique(np.sort(np.concatenate([corners[:, :2], corners[:, 1:]]), axis=1), axis=0)
+    pairs = np.sort(np.concatenate([corners[:, :2], corners[:, 1:]]), axis=1)
+    keys = np.unique(pairs @ np.array([len(places), 1]))
+    edges = np.stack(np.divmod(keys, len(places)), axis=1)
     for last in (False, False, False, True):
         move, count = np.zeros_like(places), np.zeros(len(places))
         for ends in (np.arange(len(places))[:, None], edges):
@@ -143,14 +145,17 @@ def pierces(triangles: Float64Array, mesh: BodyMesh) -> bool:
 
     The corners of rails and boards; fine meshes have no edge of `_LONG`, and are passed over.
     """
-    starts = triangles.reshape(-1, 3)
-    edges = np.roll(triangles, -1, axis=1).reshape(-1, 3) - starts
+    corners = mesh.vertices[mesh.faces]
+    middles = corners.sum(axis=1) / 3
+    low, high = middles.min(axis=0) - 3 * _NEAR, middles.max(axis=0) + 3 * _NEAR
+    starts, ends = triangles.reshape(-1, 3), np.roll(triangles, -1, axis=1).reshape(-1, 3)
+    close = ((np.minimum(starts, ends) < high) & (np.maximum(starts, ends) > low)).all(axis=1)
+    starts, edges = starts[close], ends[close] - starts[close]
     length = np.sqrt(edges[:, 0] ** 2 + edges[:, 1] ** 2 + edges[:, 2] ** 2)
     starts, edges, length = starts[length > _LONG], edges[length > _LONG], length[length > _LONG]
     if len(length) == 0:
         return False
-    corners = mesh.vertices[mesh.faces]
-    tree = cKDTree(corners.sum(axis=1) / 3)
+    tree = cKDTree(middles)
     count = np.ceil(length / _NEAR).astype(np.int64)
     owner = np.repeat(np.arange(len(count)), count)
     step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
@@ -262,21 +267,63 @@ def plane(axis: int, at: float, side: float = 1.0) -> Push:
 
 @dataclass(frozen=True)
 class _Springs:
-    """Springs between the points of two slices of a grid, of one rest length."""
+    """Springs of one rest length from each point of a grid to that `offset` places later in it.
 
-    one: tuple[slice, slice]
-    two: tuple[slice, slice]
+    `first` and `second` are the shares of the error that each end takes, (n * m,); 0 where there is
+    no spring.
+    """
+
+    offset: int
     rest: float
-    first: Float64Array | float  # share of the error that each end takes
-    second: Float64Array | float
+    first: Float64Array
+    second: Float64Array
 
-    def relax(self, place: Float64Array) -> None:
-        apart = place[..., self.two[0], self.two[1]] - place[..., self.one[0], self.one[1]]
-        x, y, z = apart
-        long = np.sqrt(x * x + y * y + z * z)
-        apart *= 1 - self.rest / np.maximum(long, 1e-9)
-        place[..., self.one[0], self.one[1]] += self.first * apart
-        place[..., self.two[0], self.two[1]] -= self.second * apart
+
+class _Relaxer:
+    """Relaxes springs of a sheet (3, ..., n, m) in place.
+
+    Places are in one row, x before y before z: NumPy runs over it several times as fast as over
+    slices of a grid. What is worked out where there is no spring is multiplied by 0.
+    """
+
+    def __init__(self, place: Float64Array, springs: Sequence[_Springs]) -> None:
+        row = place.reshape(-1)
+        assert np.shares_memory(row, place)
+        apart, part = np.zeros((2, row.size))
+        long = np.empty(row.size // 3)
+
+        def shares(of: Float64Array, size: int) -> Float64Array:
+            return np.tile(of, row.size // of.size)[:size]
+
+        self._groups: list[tuple[float, tuple[Float64Array, ...]]] = []
+        for spring in springs:
+            size, count = row.size - spring.offset, long.size - spring.offset
+            first = second = shares(spring.first, size)
+            if spring.second is not spring.first:
+                second = shares(spring.second, size)
+            ends = row[:size], row[spring.offset :], first, second
+            rows = apart[:size], part[:size], long[:count]
+            ways, squares = (each.reshape(3, -1)[:, :count] for each in (apart, part))
+            self._groups.append((spring.rest, (*ends, *rows, ways, squares)))
+
+    def relax(self) -> None:
+        """Relax each group of springs once."""
+        for rest, views in self._groups:
+            one, two, first, second, apart, part, scale, ways, squares = views
+            np.subtract(two, one, out=apart)
+            np.multiply(apart, apart, out=part)
+            np.add(squares[0], squares[1], out=scale)
+            np.add(scale, squares[2], out=scale)
+            np.sqrt(scale, out=scale)
+            np.maximum(scale, 1e-9, out=scale)
+            np.divide(rest, scale, out=scale)
+            np.subtract(1, scale, out=scale)
+            np.multiply(ways, scale, out=ways)
+            np.multiply(first, apart, out=part)
+            np.add(one, part, out=one)
+            if second is not first:
+                np.multiply(second, apart, out=part)
+            np.subtract(two, part, out=two)
 
 
 def _springs(
@@ -294,26 +341,28 @@ def _springs(
 
     def add(a: int, b: int, stiff: float, start: int = 0, step: int = 1) -> None:
         """Springs from (i, j) to (i + a, j + b); every `step`-th from `start` along the move."""
-        rows = slice(start if a and step > 1 else 0, n - a, step if a else 1)
-        columns = slice(max(0, -b) + (start if not a and step > 1 else 0), m - max(0, b))
-        if not a and step > 1:
-            columns = slice(columns.start, columns.stop, step)
-        over = slice(rows.start + a, None if a == 0 else n, rows.step)
-        across = slice(columns.start + b, columns.stop + b, columns.step)
-        one, two = (rows, columns), (over, across)
-        if rows.start >= n - a or columns.start >= columns.stop:
+        rows = slice(start if a else 0, n - a, step if a else 1)
+        columns = slice(max(0, -b) if a else start, m - max(0, b), 1 if a else step)
+        one = (rows, columns)
+        two = (
+            slice(rows.start + a, n, rows.step),
+            slice(columns.start + b, columns.stop + b, columns.step),
+        )
+        if rows.start >= rows.stop or columns.start >= columns.stop:
             return
-        if a == 0:
-            two = (rows, across)
         long = float(np.sqrt((a * rest[0]) ** 2 + (b * rest[1]) ** 2))
+        first, second = np.zeros((2, n, m))
         if plain:
-            made.append(_Springs(one, two, long, 0.5 * stiff, 0.5 * stiff))
+            first[one] = 0.5 * stiff
+            row = first.reshape(-1)
+            made.append(_Springs(a * m + b, long, row, row))
             return
-        first, second = inverse[one].copy(), inverse[two].copy()
-        first[light[two] & ~light[one]] = 0.0
-        second[light[one] & ~light[two]] = 0.0
-        total = np.maximum(first + second, 1e-9)
-        made.append(_Springs(one, two, long, stiff * first / total, stiff * second / total))
+        ends = inverse[one].copy(), inverse[two].copy()
+        ends[0][light[two] & ~light[one]] = 0.0
+        ends[1][light[one] & ~light[two]] = 0.0
+        total = np.maximum(ends[0] + ends[1], 1e-9)
+        first[one], second[one] = (stiff * end / total for end in ends)
+        made.append(_Springs(a * m + b, long, first.reshape(-1), second.reshape(-1)))
 
     for start in (0, 1):
         add(1, 0, weave.stretch, start, 2)
@@ -350,6 +399,7 @@ def settle(
     place = place.copy()
     before = place.copy()
     springs = _springs((place.shape[-2], place.shape[-1]), rest, weave, mass, ghost)
+    relaxer = _Relaxer(place, springs)
     free = np.ones(place.shape[1:]) if mass is None else (mass > 0).astype(np.float64)
     for _ in range(steps):
         speed = np.clip(_DAMPING * (place - before), -_FASTEST, _FASTEST)
@@ -359,8 +409,7 @@ def settle(
         if pressure > 0:
             place += pressure * _bag_normals(place)
         for _ in range(iterations):
-            for spring in springs:
-                spring.relax(place)
+            relaxer.relax()
             if pressure > 0:
                 _join_rims(place)
         for push in bodies:
@@ -386,12 +435,12 @@ def normals(place: Float64Array) -> Float64Array:
 
 
 def _differences(place: Float64Array, axis: int) -> Float64Array:
-    moved = np.moveaxis(place, axis, -1)
-    out = np.empty_like(moved)
-    out[..., 1:-1] = moved[..., 2:] - moved[..., :-2]
-    out[..., 0] = moved[..., 1] - moved[..., 0]
-    out[..., -1] = moved[..., -1] - moved[..., -2]
-    return np.moveaxis(out, -1, axis)
+    out = np.empty_like(place)
+    old, new = (each.swapaxes(axis, -1) for each in (place, out))
+    np.subtract(old[..., 2:], old[..., :-2], out=new[..., 1:-1])
+    np.subtract(old[..., 1], old[..., 0], out=new[..., 0])
+    np.subtract(old[..., -1], old[..., -2], out=new[..., -1])
+    return out
 
 
 def _bag_normals(place: Float64Array) -> Float64Array:
