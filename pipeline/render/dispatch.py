@@ -1,4 +1,4 @@
-"""Which instances the virtual calls of kernels may meet.
+"""Instances that virtual calls of kernels may meet.
 
 A call on `mi.BSDFPtr` may meet every BSDF in Dr.Jit's registry: each is traced for each call, and
 each form of BSDF becomes a function of the kernel. Mitsuba also registers BSDFs that only others

@@ -288,7 +288,8 @@ def surroundings(
         values, counts = np.unique(row[~structure[row]], return_counts=True)
         enclosed[index] = len(values) > 0 and counts.max() > _ENCLOSED * _RAYS
     roofs = np.array([o.category == "slab" for o in render_scene.scene.objects] + [False])
-    for upright in (-1.0, 1.0):  # ceilings and floors hide it from eyes in rooms
+    # Ceilings and floors hide a roof from eyes in rooms; sloping ones have room above them.
+    for upright in (-1.0, 1.0) if render_scene.scene.source.get("slopes") else ():
         enclosed |= roofs[cast(render_scene, eyes, np.tile([0.0, 0.0, upright], (len(eyes), 1)))[1]]
     return distance.min(axis=1) < clearance, enclosed
 

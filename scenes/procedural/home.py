@@ -15,6 +15,7 @@ from scenes.arrays import Float64Array
 from scenes.contract import Credit, Light, Room, Scene, SceneObject, save_scene, writing_scene
 from scenes.formats.ply import write_ply
 from scenes.geometry.mesh import Mesh
+from scenes.geometry.regions import buffered
 from scenes.params import Aspect, SceneParams
 from scenes.procedural.finishes import make_finishes
 from scenes.procedural.furnishing.asset_sampler import AssetSampler, load_kind_index
@@ -334,7 +335,7 @@ def _sensor(plan: Plan, standing: Sequence[SceneItem]) -> str:
         towards = np.array([middle.x - corner[0], middle.y - corner[1]])
         towards /= np.linalg.norm(towards)
         position = np.array([*(np.array(corner) + inwards * towards), EYE_HEIGHT])
-        around = Point(*position[:2]).buffer(_SENSOR_MARGIN)
+        around = buffered(Point(*position[:2]), _SENSOR_MARGIN)
         if plan.free_height(around) > EYE_HEIGHT + _SENSOR_MARGIN and not any(
             _is_near(position, box) for box in boxes
         ):

@@ -1,4 +1,4 @@
-"""What kernels are compiled for: the materials that calls meet, and nothing of one scene alone."""
+"""Kernels are compiled for the materials that calls meet, and for nothing of one scene alone."""
 
 from __future__ import annotations
 

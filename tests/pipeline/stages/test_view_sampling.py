@@ -342,14 +342,14 @@ def test_a_stored_camera_that_shows_nothing_is_left_out_and_named(
 
 @pytest.mark.parametrize(
     ("eye", "is_inside"),
-    [((2.0, 1.5, 1.5), True), ((-0.1, 1.5, 1.5), True), ((2.0, 1.5, 9.0), False),
+    [((2.0, 1.5, 1.5), True), ((-0.101, 1.5, 1.5), True), ((2.0, 1.5, 9.0), False),
      ((-5.0, 1.5, 1.5), False)],
     ids=["inside", "in the doorway", "above", "outside"],
 )  # fmt: skip
 def test_stored_views_outside_every_room_are_views_only_where_asked_for(
     tmp_path: Path, eye: tuple[float, float, float], is_inside: bool
 ) -> None:
-    towards = (-1.0 if eye[0] == -0.1 else 1.0, 0.2, -0.3)  # away from the wall beside the eye
+    towards = (-1.0 if eye[0] == -0.101 else 1.0, 0.2, -0.3)  # away from the wall beside the eye
     stored = {"name": "own", "camera_to_world": look(eye, towards).tolist()}
     rs = _opened(tmp_path / "stored", source={"views": [stored]})
 
