@@ -20,6 +20,8 @@ export TIMEFORMAT := %R s, of the processors %U s as user and %S s as system
 VENV := .venv
 BIN := $(VENV)/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
+# Workers and stages are hundreds of processes; each would compile the project's modules anew.
+unexport PYTHONDONTWRITEBYTECODE
 # The slow files come first, so that no worker ends long after the other.
 PYTEST := $(BIN)/python -m pytest -q --numprocesses $(PROCESSES) --dist loadfile --no-loadscope-reorder
 

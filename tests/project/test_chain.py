@@ -26,7 +26,7 @@ NETWORK = {"epochs": 1, "steps_per_epoch": 2, "width": 4, "levels": 2}
 CAN = {**NETWORK, "levels": 3}
 CHANGES: dict[str, dict[str, Any]] = {
     "image": {"width": 64, "height": 48},
-    "scenes": {"homes": 3, "rooms_max": 2, "texture_size": 64},
+    "scenes": {"homes": 3, "rooms_max": 1, "texture_size": 64},
     "cameras": {"views_per_room": 2, "views_per_scene": 2, "candidates": 12, "grid": 0.5},
     "illumination": {"width": 64, "supersampling": 2, "light_samples": 16, "shadow_rays": 2},
     "groundtruth": {"spp": 4, "block_spp": 2, "max_depth": 4},

@@ -61,7 +61,7 @@ def _params(folder: Path, share: float = 0.0, **assets: object) -> Params:
     return Params(
         assets=replace(AssetParams(enabled=True, folder=str(folder)), **assets),  # type: ignore[arg-type]
         farm=FarmParams(workers=1),
-        scenes=SceneParams(homes=1, texture_size=64, catalogue_share=share),
+        scenes=SceneParams(homes=1, rooms_max=2, texture_size=64, catalogue_share=share),
     )
 
 
@@ -428,7 +428,7 @@ def _home(folder: Path, seed: int, share: float, assets: Path) -> Scene:
 
 
 def test_without_a_share_homes_stay_as_they_are(converted: Path, tmp_path: Path) -> None:
-    params = SceneParams(texture_size=64)
+    params = SceneParams(rooms_max=2, texture_size=64)
     make_home(tmp_path / "a" / "home", "home", params, 11, "day")
     _ = make_home(tmp_path / "b" / "home", "home", params, 11, "day", 0, converted / "assets")
     assert digest_folder(tmp_path / "a") == digest_folder(tmp_path / "b")
@@ -445,8 +445,9 @@ def test_homes_use_and_credit_the_catalogue(converted: Path, tmp_path: Path) -> 
     seen: set[str] = set()
     for seed in range(3):
         scene = _home(tmp_path / str(seed) / "home", seed, 1.0, assets)
-        again = _home(tmp_path / f"{seed}-again" / "home", seed, 1.0, assets)
-        assert digest_folder(scene.folder) == digest_folder(again.folder)
+        if seed == 0:
+            again = _home(tmp_path / "again" / "home", seed, 1.0, assets)
+            assert digest_folder(scene.folder) == digest_folder(again.folder)
         for credit in scene.credits[1:]:
             assert (credit.author, credit.licence) == ("Jörg Test", "CC-BY-3.0-US")
             assert "test.sh3f 2.1" in credit.source
