@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
 from model.commands.report import report
 from model.figures.charts import line_chart, line_figure, strip_figure, strip_plot
@@ -102,6 +103,13 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     make_results(root, keys, (32, 24))
     make_ledger(root / "data", keys)
     return root
+
+
+@pytest.fixture
+def blank_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Charts without content, for tests of the rest: drawing them is most of a page's time."""
+    blank = '<svg viewBox="0 0 1 1"></svg>'
+    monkeypatch.setattr(Figure, "savefig", lambda figure, stream, **options: stream.write(blank))
 
 
 def places(root: Path) -> Places:
@@ -226,6 +234,7 @@ def test_predictions_are_shown_with_their_authors(root: Path, tmp_path: Path) ->
         (("data/inputs", "data/color"), ""),
     ],
 )
+@pytest.mark.usefixtures("blank_charts")
 def test_what_is_missing_is_named_and_the_rest_shown(
     root: Path, tmp_path: Path, gone: tuple[str, ...], words: str
 ) -> None:
@@ -255,6 +264,7 @@ def test_what_is_missing_is_named_and_the_rest_shown(
         "metrics/evaluation.csv",
     ],
 )
+@pytest.mark.usefixtures("blank_charts")
 def test_a_damaged_part_is_named_and_the_rest_shown(root: Path, tmp_path: Path, name: str) -> None:
     copy = tmp_path / "copy"
     shutil.copytree(root, copy)

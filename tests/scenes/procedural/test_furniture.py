@@ -29,7 +29,7 @@ from scenes.reconstruction.raycast import RayCaster
 from scenes.seeds import generator
 from tests.fixtures.planes import bodies, coplanar_overlap, welded
 
-SEEDS = range(20)
+SEEDS = range(10)
 KINDS = sorted(FURNITURE_KINDS)
 SHEETS = ("curtain", "leaves", "display")  # open meshes, seen from both sides
 BUDGET = 15_000

@@ -842,7 +842,7 @@ def _furnishes(seed: int) -> None:
 
 @pytest.mark.slow
 def test_a_sample_of_forty_homes_is_made(tmp_path: Path) -> None:
-    sample = generator(0, "sample of homes").choice(FORTY, 3, replace=False)
+    sample = generator(0, "sample of homes").choice(FORTY, 2, replace=False)
     for seed in sample.tolist():
         _makes_a_home(tmp_path, seed)
 
