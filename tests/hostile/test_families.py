@@ -19,7 +19,17 @@ CASES = 3500
 def outcomes(folder: Path, *arguments: str) -> list[Outcome]:
     """Run `python -m tests.hostile` in a process of its own, which can be forked."""
     made = folder / "outcomes.json"
-    command = [sys.executable, "-m", "tests.hostile", "--work", str(folder), "--json", str(made)]
+    # -B: a cached module would be a file outside of the folder.
+    command = [
+        sys.executable,
+        "-B",
+        "-m",
+        "tests.hostile",
+        "--work",
+        str(folder),
+        "--json",
+        str(made),
+    ]
     done = subprocess.run([*command, *arguments], cwd=ROOT, capture_output=True, text=True)
     print(done.stdout[-4000:])
     assert made.is_file(), done.stderr[-4000:]
