@@ -193,7 +193,6 @@ class Farm:
             )
         )
         get_mp_context().set_forkserver_preload(list(_PRELOADED))  # replaces dask's own list
-        atexit.register(_end_server)
         self._cluster = self._local_cluster(folder)
         self._stack.callback(self._close_quietly, self._cluster)
         self._client = Client(self._cluster, set_as_default=False)
@@ -245,14 +244,15 @@ def _kill_workers(nannies: Sequence[Nanny]) -> None:
                 os.kill(process.pid, signal.SIGKILL)
 
 
+@atexit.register
 def _end_server() -> None:
     """End the server of worker processes with this process, which so accounts for its time.
 
     Without it, the server would end a moment later by itself.
     """
     server: Any = multiprocessing.forkserver._forkserver
-    if server._forkserver_pid is not None:
-        with contextlib.suppress(OSError, psutil.Error):
+    with contextlib.suppress(AttributeError, OSError, psutil.Error):  # names of CPython's own
+        if server._forkserver_pid is not None:
             os.close(server._forkserver_alive_fd)  # which the server waits for
             psutil.Process(server._forkserver_pid).wait(timeout=5)
 
