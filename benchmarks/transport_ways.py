@@ -82,7 +82,7 @@ class Bench:
     def picture(self, indirect: Float32Array, **other: Float32Array) -> Float32Array:
         images = {**self.images, **other}
         light = images["albedo"] * (images["direct"] + indirect)
-        return np.asarray(light + images["specular"] + images["emitted"])
+        return np.asarray(light + sum(images[name] for name in ("specular", "panes", "emitted")))
 
     def panorama(self) -> tuple[Surfels, AnyArray]:
         """Surfels that a panorama around the eye sees, and their area."""

@@ -4,6 +4,7 @@ Computed, not traced: direct light by shadow rays to all lamps, through windows 
 indirect light by radiosity among surfels around the view (`pipeline.transport`). No path goes on
 from surface to surface. Left out: where mirrors, metals and glass throw light (between surfaces it
 is exchanged as if all reflected diffusely, as much as they do), and light behind rough glass.
+Cloth that transmits light diffusely is lit from both sides.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from pipeline.views import View
 from scenes.arrays import Float32Array
 from scenes.errors import InputError
 
-REVISION = 7
+REVISION = 8
 _LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
 # Samples by size of the image: up to so many pixels, so many samples each.
 _SAMPLES = ((40_000, 16), (100_000, 8))
@@ -43,10 +44,11 @@ class Transport:
     """Images of a view, linear RGB float32 (H, W, 3).
 
     `direct` and `indirect` are irradiance / pi: the radiance of a white diffuse surface, 0 where
-    no surface is seen. Where a mirror is seen they are those of what it shows, which `albedo` and
-    the mirror's colour have dimmed. `albedo` is that of the diffuse lobes, averaged over the pixel,
-    `specular` the radiance by other lobes, `emitted` that of lamps and sky. In a pixel of several
-    surfaces light counts as much as each of them reflects it.
+    no surface is seen. Where a mirror is seen they are those of what it shows, and through cloth
+    comes light of its other side. `albedo` is that of the diffuse lobes, averaged over the pixel,
+    dimmed by mirrors and window panes before them, `specular` the radiance by other lobes and by
+    panes, `emitted` that of lamps and sky. In a pixel of several surfaces light counts as much as
+    each of them reflects it.
 
     `nan_pixels` counts pixels with samples that are not finite, and `nan_surfels` such surfels;
     both count as 0. `lost_pixels` counts pixels without any other samples.
@@ -114,7 +116,7 @@ def transport_of(
     return Transport(
         images["direct"],
         images["indirect"],
-        images["specular"],
+        images["specular"] + images["panes"],
         images["emitted"],
         images["albedo"],
         nan_pixels=int((lost > 0).sum()),

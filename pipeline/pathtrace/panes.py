@@ -56,6 +56,17 @@ class Panes:
         Returns the rays, their weights (`mi.Float`), and which are mirrored (`mi.Bool`). `random`
         is in [0, 1).
         """
+        met, reflected, mirror = self.mirror(scene, ray, active)
+        mirrored = met & (random < _MIRRORED)
+        share = dr.select(mirrored, reflected / _MIRRORED, (1 - reflected) / (1 - _MIRRORED))
+        return dr.select(mirrored, mirror, ray), dr.select(met, share, 1), mirrored
+
+    def mirror(self, scene: Any, ray: Any, active: Any) -> tuple[Any, Any, Any]:
+        """Find the first pane that camera rays meet before any surface.
+
+        Returns which meet one (`mi.Bool`), the share of light that it reflects (`mi.Float`), and
+        the mirrored rays.
+        """
         nearest, normal, sheets = mi.Float(_FAR), mi.Vector3f(0), mi.Float(0)
         for pane in self.panes:
             distance = pane.distance(ray)
@@ -68,13 +79,10 @@ class Panes:
         before.maxt = nearest
         met &= ~scene.ray_test(before, met)
         cosine = dr.dot(ray.d, normal)
-        reflected = reflectance(dr.abs(cosine), sheets)
-        mirrored = met & (random < _MIRRORED)
-        share = dr.select(mirrored, reflected / _MIRRORED, (1 - reflected) / (1 - _MIRRORED))
         # Off the pane by a hair, on the camera's side.
         start = ray.o + nearest * ray.d - dr.mulsign(normal, cosine) * 1e-5
         mirror = mi.Ray3f(start, ray.d - 2 * cosine * normal, ray.time, ray.wavelengths)
-        return dr.select(mirrored, mirror, ray), dr.select(met, share, 1), mirrored
+        return met, reflectance(dr.abs(cosine), sheets), mirror
 
 
 @dataclass(init=False, eq=False)

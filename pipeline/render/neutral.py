@@ -166,6 +166,20 @@ def mirrored_sides(graph: Graph, index: int) -> Mirror:
     return "front" if graph.plugin(index) == "conductor" else ""
 
 
+def transmitted_share(graph: Graph, index: int) -> float:
+    """Return the part of the diffuse light of node `index` that goes through, in [0, 1].
+
+    The rest is reflected. Where a texture decides, as in a blend, it is taken as one half.
+    """
+    plugin, children = graph.plugin(index), graph.nested(index, "BSDF")
+    if plugin == "principledthin":  # whose `diff_trans` of 2 transmits all
+        value = _value(graph, index, "diff_trans", 0.0)
+        return min(1.0, max(0.0, value / 2)) if isinstance(value, float | int) else 0.5
+    if plugin == "twosided" or not children:
+        return 0.0
+    return sum(transmitted_share(graph, child) for child in children) / len(children)
+
+
 def has_mask(graph: Graph, index: int) -> bool:
     """Test whether a BSDF node holds an alpha mask anywhere."""
     return graph.plugin(index) == "mask" or any(

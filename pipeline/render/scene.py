@@ -24,7 +24,13 @@ from pipeline.render.dispatch import level_ids
 from pipeline.render.lights import Lights, collect_lights
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.materials import MaterialTable
-from pipeline.render.neutral import has_mask, mirrored_sides, passes_light, reflectance_twin
+from pipeline.render.neutral import (
+    has_mask,
+    mirrored_sides,
+    passes_light,
+    reflectance_twin,
+    transmitted_share,
+)
 from pipeline.render.scene_geometry import SceneGeometry
 from pipeline.render.scenegraph import Graph, create, parse, shapes_of
 from scenes.arrays import Float32Array, Float64Array, Int32Array
@@ -136,7 +142,8 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     root = graph.make(0)
     _check_geometry(scene, root)
     index_of = {shape: i for i, item in enumerate(scene.objects) for shape in item.shapes}
-    shapes, objects, clear, masked, mirrors, twins, materials = [], [], [], [], [], [], []
+    shapes, objects, clear, masked, mirrors = [], [], [], [], []
+    transmitted, twins, materials = [], [], []
     made: dict[int, Any] = {}
     for node in shapes_of(graph):
         if graph.plugin(node) == "shapegroup":
@@ -150,6 +157,7 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         masked.append(any(has_mask(graph, bsdf) for bsdf in bsdfs))
         own = graph.nested(node, "BSDF")
         mirrors.append(mirrored_sides(graph, own[0]) if own else "")
+        transmitted.append(transmitted_share(graph, own[0]) if own else 0.0)
         if own and own[0] not in made:
             made[own[0]] = reflectance_twin(graph, own[0])
         twins.append(made[own[0]] if own else _default_reflectance(made))
@@ -165,6 +173,7 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         np.array(clear, dtype=bool),
         np.array(masked, dtype=bool),
         tuple(mirrors),
+        np.array(transmitted, dtype=np.float32),
         tuple(twins),
     )
     box = root.bbox()

@@ -20,7 +20,8 @@ class SceneGeometry:
 
     `objects[i]` is the object index of shape i (-1: belongs to no object), `clear[i]` says that
     camera rays pass shape i undeviated, `masked[i]` that its BSDF has an alpha mask, `mirrors[i]`
-    how it is a perfect mirror.
+    how it is a perfect mirror, `transmitted[i]` the part of its diffuse light that leaves on the
+    other side, as through cloth.
     """
 
     scene: Any  # mi.Scene
@@ -29,6 +30,7 @@ class SceneGeometry:
     clear: BoolArray
     masked: BoolArray
     mirrors: tuple[Mirror, ...]
+    transmitted: Float32Array
     reflectances: tuple[Any, ...]  # reflectance twin of each shape's BSDF
 
 

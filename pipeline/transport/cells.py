@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from pipeline.render.drjit_arrays import column
-from scenes.arrays import AnyArray, Float32Array, Float64Array, Int64Array
+from scenes.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int64Array
 
 CELL = 0.25  # metres: side of the smallest cubes
 LEVELS = 4  # of cubes of 0.25, 1, 4 and 16 metres
@@ -40,6 +40,11 @@ class Cells:
     members: Int64Array  # (LEVELS, M): the cells of each surfel
     measure: Float32Array  # (M,): weight of each surfel
     total: Float64Array  # (C,): weight of the surfels in each cell
+
+    @property
+    def is_fine(self) -> BoolArray:
+        """Which cells (C + 1,) are of the two smallest sizes; the last one is none."""
+        return np.append(self.keys >> np.uint32(3 * _BITS + 3) < 2, False)
 
     @classmethod
     def of(
@@ -86,6 +91,7 @@ class LightTable:
     keys: Any  # mi.UInt32, sorted
     irradiance: Any  # mi.Float, over pi, three bands a cell; the last entry is for all surfels
     radiosity: Any  # mi.Float, likewise: what the surfels reflect
+    large: Any  # mi.UInt32, likewise: 1 where `radiosity` is without direct light
     origin: list[Any]  # mi.Float
 
     def __init__(self, cells: Cells, irradiance: Float32Array, radiosity: Float32Array) -> None:
@@ -93,6 +99,9 @@ class LightTable:
         keys[: len(cells.keys)] = cells.keys
         self.keys = column(mi.UInt32, keys)
         self.irradiance, self.radiosity = _table(irradiance), _table(radiosity)
+        large = np.ones((1 << _SIZE_BITS) + 1, dtype=np.uint32)
+        large[: len(cells.keys)] = ~cells.is_fine[:-1]
+        self.large = column(mi.UInt32, large)
         self.origin = [dr.opaque(mi.Float, float(side)) for side in cells.origin]
 
     def find(self, position: Any, shift: Any, normal: Any, active: Any) -> Any:

@@ -25,12 +25,15 @@ from pipeline.transport.rays import (
     surface_point,
 )
 
+_GLOSS = 0.05  # part of what the base colour absorbs that gloss reflects
+
 
 @dataclass
 class Gathered:
     """Light at surface points; radiance of a white diffuse surface, `mi.Color3f`."""
 
     direct: Any  # mi.Color3f, of one emitter sample and of emission along the direction
+    sampled: Any  # mi.Color3f, of the emitter sample alone
     weight: Any  # mi.Float: the surface met counts with its diffuse radiance times this
     si: Any  # what the direction meets
     direction: Any  # mi.Vector3f
@@ -46,7 +49,7 @@ def gather(
     normal: Any,
     active: Any,
 ) -> Gathered:
-    """Gather light at surface points with these unit normals."""
+    """Gather light at surface points with these unit normals, on the side of these."""
     point = surface_point(position, normal)
     ds, light = lights.sample(scene, point, sampler.next_2d(), active)
     arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
@@ -61,7 +64,8 @@ def gather(
         direction = dr.select(guided, guidance.direction(random, square), direction)
         pdf = guidance.mixed_density(pdf, ds.d)
     mis = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
-    direct = arriving * (towards * mis)
+    sampled = arriving * towards
+    direct = sampled * mis
 
     along = dr.maximum(dr.dot(direction, normal), 0) * dr.inv_pi
     pdf = along
@@ -72,7 +76,31 @@ def gather(
         scene, tables, lights, point, direction, weight > 0, dr.full(mi.Bool, True)
     )
     direct += emitted * (weight * power_heuristic(pdf, density))
-    return Gathered(direct, weight, si, direction, cosine)
+    return Gathered(direct, sampled, weight, si, direction, cosine)
+
+
+def reflected(
+    scene: Any,
+    tables: ShapeTables,
+    lights: PlannedLights,
+    sampler: Any,
+    found: Gathered,
+    active: Any,
+) -> Any:
+    """Return the direct light that the surfaces met reflect, times the weight, `mi.Color3f`.
+
+    By one emitter sample on each. Gloss counts as in `_GLOSS`, in all directions alike.
+    """
+    si = found.si
+    normal = tables.lit_side(sampler, si, facing_normal(si, found.direction), active)
+    point = surface_point(si.p, normal)
+    ds, light = lights.sample(scene, point, sampler.next_2d(), active)
+    arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
+    towards = dr.maximum(dr.dot(ds.d, normal), 0) * dr.inv_pi
+    own = si.bsdf()
+    colour = tables.reflectance_at(si, active)
+    colour = colour + dr.select(active & is_glossy(own), _GLOSS, 0) * (1 - colour)
+    return dr.select(active, arriving * colour * (towards * found.weight), 0)
 
 
 def met(
@@ -109,20 +137,41 @@ def look_up(cache: LightTable, si: Any, direction: Any, sampler: Any, active: An
     return cache.find(si.p, moved, normal, active & si.is_valid())
 
 
+def lit_texture(
+    tables: ShapeTables, cache: LightTable, si: Any, direction: Any, sampler: Any, active: Any
+) -> Any:
+    """Return the diffuse radiance of the surfaces that a direction meets, `mi.Color3f`.
+
+    For what shows their texture: cells give light alone.
+    """
+    lit = active & si.is_valid()
+    entry = look_up(cache, si, direction, sampler, lit)
+    irradiance = dr.gather(mi.Color3f, cache.irradiance, entry, lit)
+    return dr.select(lit, irradiance * tables.reflectance_at(si, lit), 0)
+
+
 def diffuse_albedo(tables: ShapeTables, lobes: Any, si: Any, cosine: Any, active: Any) -> Any:
     """Estimate the albedo of the diffuse lobes at `si`, towards the rays that met it.
 
     `lobes` is the table of the BSDFs' diffuse lobes; `cosine` are cosine-distributed directions in
-    world space: BSDF times cosine over their density.
+    world space: BSDF times cosine over their density. Of cloth it is what it reflects and transmits
+    together.
     """
     own = si.bsdf()
-    glossy = active & is_glossy(own)
+    through = mi.Bool(False)
+    if tables.translucent:
+        through = tables.transmits(si, active) > 0
+    uneven = active & (is_glossy(own) | through)
     diffuse = mi.BSDFContext()
     diffuse.type_mask = mi.BSDFFlags.Diffuse
     towards = si.to_local(cosine)
     density = dr.maximum(dr.abs(mi.Frame3f.cos_theta(towards)), 1e-4) * dr.inv_pi
-    value = mi.Color3f(partner(lobes, own, glossy).eval(diffuse, si, towards, glossy))
-    return dr.select(glossy, value / density, tables.reflectance_at(si, active & ~glossy))
+    lobe = partner(lobes, own, uneven)
+    value = mi.Color3f(lobe.eval(diffuse, si, towards, uneven))
+    if tables.translucent:
+        behind = mi.Vector3f(towards.x, towards.y, -towards.z)
+        value += mi.Color3f(lobe.eval(diffuse, si, behind, through))
+    return dr.select(uneven, value / density, tables.reflectance_at(si, active & ~uneven))
 
 
 def reflect(lobes: Any, sampler: Any, si: Any, active: Any) -> tuple[Any, Any]:

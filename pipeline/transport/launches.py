@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from pipeline.pathtrace.light_sampling import PlannedLights
+from pipeline.pathtrace.panes import panes_of
 from pipeline.render.bsdf_tables import partner_table
 from pipeline.render.drjit_arrays import column, to_numpy
 from pipeline.render.scene import RenderScene
@@ -44,6 +45,7 @@ class TransportLauncher:
         self._lobes = partner_table([(own, lobe) for own, lobe, _ in render_scene.lobes()])
         self._tables = ShapeTables(render_scene.geometry)
         self._scene = render_scene.neutral(None).mitsuba
+        self._panes = panes_of(render_scene.scene.portals)
         self._launches: dict[Any, Any] = {}
         self.version = render_scene.materials.version
 
@@ -71,7 +73,16 @@ class TransportLauncher:
         camera = _camera(view, size)
         seed = dr.opaque(mi.UInt32, derive32(seed, "pixels"))
         bands = self._recorded(gather_pixels, (*size, samples))(
-            self._scene, self._tables, lights, self._lobes, cache, camera, size, samples, seed
+            self._scene,
+            self._tables,
+            lights,
+            self._lobes,
+            cache,
+            camera,
+            size,
+            self._panes,
+            samples,
+            seed,
         )
         dr.eval(bands)
         smoothed = self._recorded(_smoothed, size)(bands, camera[0], size, samples)

@@ -3,8 +3,9 @@
 Three kernels, each with camera rays of its own, because they need unlike numbers of them. Surfaces
 give textures and edges and cost least. Light takes an emitter sample and one gathered direction.
 Gloss, where the material has any, takes an emitter sample and one direction of its own sampling; it
-costs most and adds least. Gloss sees the diffuse light of what that direction meets. A perfect
-mirror shows what a camera ray meets behind it. Values that are not finite become 0 and are counted.
+costs most and adds least. Gloss sees the diffuse light of what that direction meets, and so does
+what a window pane reflects. A perfect mirror shows what a camera ray meets behind it. Values that
+are not finite become 0 and are counted.
 """
 
 from __future__ import annotations
@@ -16,20 +17,29 @@ import mitsuba as mi
 
 from pipeline.pathtrace.integrator import power_heuristic
 from pipeline.pathtrace.light_sampling import PlannedLights
+from pipeline.pathtrace.panes import Panes
 from pipeline.render.bsdf_tables import partner
 from pipeline.transport.cells import LightTable
 from pipeline.transport.gather import (
     diffuse_albedo,
     gather,
     is_glossy,
+    lit_texture,
     look_up,
     met,
     reflect,
+    reflected,
     sampler_of,
     share,
 )
 from pipeline.transport.radiosity import camera_ray
-from pipeline.transport.rays import ShapeTables, facing_normal, seen_surface, surface_point
+from pipeline.transport.rays import (
+    ShapeTables,
+    facing_normal,
+    first_surface,
+    seen_surface,
+    surface_point,
+)
 
 Image = dict[str, Any]
 
@@ -39,6 +49,7 @@ IMAGES = {
     "albedo": 3,  # of the diffuse lobes
     "normal": 3,
     "position": 3,
+    "panes": 3,  # radiance that window panes reflect
     "seen": 1,  # 1 where a surface is seen
     "lost_surfaces": 1,  # 1 where a value is not finite: it counts as 0
     "direct": 3,  # light on the surface: radiance of a white diffuse one; times `weight`
@@ -77,7 +88,7 @@ class Kernel(NamedTuple):
     """Inputs of the kernels.
 
     `lobes` is the table of the BSDFs' diffuse lobes, `camera` as in `trace_surfels` for pixels of
-    an image of `size` (width, height).
+    an image of `size` (width, height), `panes` are the scene's window panes.
     """
 
     scene: Any
@@ -87,6 +98,7 @@ class Kernel(NamedTuple):
     cache: LightTable
     camera: tuple[Any, Any]
     size: tuple[int, int]
+    panes: Panes | None
 
     def means(self, image: Any, spp: int, seed: Any) -> list[Any]:
         """Return the bands of a kernel's images, means over `spp` samples, (H * W,) each."""
@@ -95,8 +107,15 @@ class Kernel(NamedTuple):
         pixel = dr.arange(mi.UInt32, width * height * spp) // spp
         offset = sampler.next_2d()
         x, y = mi.Float(pixel % width) + offset.x, mi.Float(pixel // width) + offset.y
-        seen = seen_surface(self.scene, self.tables, camera_ray(self.camera, x, y))
-        images = image(self, sampler, *seen)
+        ray = camera_ray(self.camera, x, y)
+        si, onward, left = seen_surface(self.scene, self.tables, ray)
+        pane = None
+        if self.panes is not None:
+            pane = self.panes.mirror(self.scene, ray, mi.Bool(True))
+            left = left * dr.select(pane[0], 1 - pane[1], 1)
+        images = image(self, sampler, si, onward, left)
+        if "panes" in images:
+            images["panes"] = self.reflected(pane, sampler)
         bands = [band for bands in images.values() for band in bands]
         finite = dr.full(mi.Bool, True, width * height * spp)
         for band in bands:
@@ -105,6 +124,16 @@ class Kernel(NamedTuple):
         bands.append(dr.select(finite, mi.Float(0), 1))
         dr.eval(bands)  # in one kernel: a sum over blocks evaluates what it is given by itself
         return [dr.block_sum(band, spp) / spp for band in bands]
+
+    def reflected(self, pane: tuple[Any, Any, Any] | None, sampler: Any) -> Any:
+        """Return the radiance that panes reflect, `mi.Color3f`; `pane` is from `Panes.mirror`."""
+        if pane is None:
+            return dr.zeros(mi.Color3f, sampler.wavefront_size())
+        met, share, ray = pane
+        si, _ = first_surface(self.scene, self.tables, ray, met)
+        radiance = mi.Color3f(si.emitter(self.scene, met).eval(si, met))
+        radiance += lit_texture(self.tables, self.cache, si, ray.d, sampler, met)
+        return dr.select(met, share * radiance, 0)
 
 
 def gather_pixels(
@@ -115,11 +144,12 @@ def gather_pixels(
     cache: LightTable,
     camera: tuple[Any, Any],
     size: tuple[int, int],
+    panes: Panes | None,
     samples: Samples,
     seed: Any,
 ) -> list[Any]:
     """Return the bands of `IMAGES`, `mi.Float` (H * W,) each; inputs as in `Kernel`."""
-    kernel = Kernel(scene, tables, lights, lobes, cache, camera, size)
+    kernel = Kernel(scene, tables, lights, lobes, cache, camera, size, panes)
     return [
         band
         for number, (image, spp) in enumerate(
@@ -139,6 +169,7 @@ def _surfaces(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Ima
         "albedo": left * diffuse_albedo(kernel.tables, kernel.lobes, si, towards, seen),
         "normal": dr.select(seen, normal, 0),
         "position": dr.select(seen, mi.Vector3f(si.p), 0),
+        "panes": mi.Color3f(0),  # by `Kernel.means`
         "seen": [dr.select(seen, mi.Float(1), 0)],
     }
 
@@ -146,11 +177,14 @@ def _surfaces(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Ima
 def _light(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
     seen = si.is_valid()
     scene, tables, lights, cache = kernel.scene, kernel.tables, kernel.lights, kernel.cache
-    found = gather(scene, tables, lights, sampler, si.p, facing_normal(si, ray.d), seen)
+    normal = tables.lit_side(sampler, si, facing_normal(si, ray.d), seen)
+    found = gather(scene, tables, lights, sampler, si.p, normal, seen)
     reflecting = (found.weight > 0) & found.si.is_valid()
     entry = look_up(cache, found.si, found.direction, sampler, reflecting)
     radiosity = dr.gather(mi.Color3f, cache.radiosity, entry, reflecting)
     indirect = dr.select(reflecting, radiosity * found.weight, 0)
+    large = reflecting & (dr.gather(mi.UInt32, cache.large, entry, reflecting) > 0)
+    indirect += reflected(scene, tables, lights, sampler, found, large)
     # Where a white curtain hides half of a dark wall in the sun, mean reflectance times mean light
     # would be too bright: light counts as much as it is reflected.
     weight = dr.select(seen, tables.reflectance_at(si, seen) + _LEAST_WEIGHT, 0)
@@ -187,11 +221,7 @@ def _gloss(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
     direction = si.to_world(sample.wo)
     other, emission, density = met(scene, tables, lights, point, direction, active, ~delta)
     emission *= dr.select(delta, 1, power_heuristic(sample.pdf, density))
-    # Gloss shows the texture of what it meets, so cells give light alone.
-    lit = active & other.is_valid()
-    entry = look_up(cache, other, direction, sampler, lit)
-    irradiance = dr.gather(mi.Color3f, cache.irradiance, entry, lit)
-    radiance = dr.select(lit, irradiance * tables.reflectance_at(other, lit), 0)
+    radiance = lit_texture(tables, cache, other, direction, sampler, active)
     specular += dr.select(active, weight * (emission + radiance), 0)
     return {
         "specular": left * specular,

@@ -1,12 +1,13 @@
 """Radiosity among surfels around a view.
 
 Surfels are what the view's surfaces see: camera rays of a coarse grid go on in cosine-distributed
-directions twice, and both places that they meet become surfels. So they lie where the pixels gather
-light, behind the camera, behind furniture, in the next room and outdoors as well. Each surfel gets
-direct light by emitter samples and traces a few rays. What they meet is looked up in cells of
-surfels, which makes visibility exact and the exchange of light a sparse product; it is repeated for
-every bounce (Jacobi iteration). Surfaces reflect in all directions alike, with the albedo of all
-their lobes towards the ray that found them.
+directions three times, and all places that they meet become surfels. So they lie where the pixels
+gather light, behind the camera, behind furniture, in the next room and outdoors as well. Each
+surfel gets direct light by emitter samples and traces a few rays. What they meet is looked up in
+cells of surfels, which makes visibility exact and the exchange of light a sparse product; it is
+repeated for every bounce (Jacobi iteration). Surfaces reflect in all directions alike, with the
+albedo of all their lobes towards the ray that found them. Cloth that transmits light is lit from
+both sides: rays start on either.
 """
 
 from __future__ import annotations
@@ -21,13 +22,16 @@ import numpy as np
 from pipeline.pathtrace.light_sampling import PlannedLights
 from pipeline.render.drjit_arrays import to_numpy
 from pipeline.transport.cells import Cells, max_surfels
-from pipeline.transport.gather import diffuse_albedo, gather, reflect, sampler_of
+from pipeline.transport.gather import diffuse_albedo, gather, reflect, reflected, sampler_of
 from pipeline.transport.rays import ShapeTables, facing_normal, first_surface, surface_point
-from scenes.arrays import AnyArray, Float32Array
+from scenes.arrays import AnyArray, Float32Array, Int64Array
+from scenes.color import luminance
 
 RAYS = 8  # from each surfel
 BOUNCES = 8
+_BRIGHT = 4  # times the mean of what surfels reflect of direct light: near a lamp
 _BRANCHES = 4  # paths that go on from each camera ray
+_BOUNDS = 3  # of each such path: as many surfels
 
 
 @dataclass(frozen=True)
@@ -39,37 +43,72 @@ class Surfels:
     measure: Float32Array  # (M,): how much of what the view sees each stands for; 0: no surface
     albedo: Float32Array  # (M, 3): by all lobes, towards the ray that found the surfel
     direct: Float32Array  # (M, 3)
+    sampled: Float32Array  # (M, 3): `direct` as emitter samples alone find it
     met_points: Float32Array  # (M * RAYS, 3)
     met_normals: Float32Array  # (M * RAYS, 3)
     weights: Float32Array  # (M * RAYS,): of the rays, 0 if nothing is met
+    met_light: Float32Array  # (M * RAYS, 3): direct light that what is met reflects, weighted
     lost: int = 0  # surfels with light or albedo that is not finite, which counts as 0
 
 
 def solve(
     surfels: Surfels, centre: AnyArray, bounces: int = BOUNCES
 ) -> tuple[Cells, Float32Array, Float32Array]:
-    """Return the cells of the surfels, the light on each (C + 1, 3), and what each reflects of it.
+    """Return the cells of the surfels, the light on each, and what each reflects, linear RGB.
 
-    The last row is the mean of all. Direct light counts as well; `bounces` is how often light is
-    reflected before. The mean of a cell's reflected light, not of its reflectance and its light
-    apart, keeps energy where bright surfaces are brightly lit: a lamp's bowl before a wall.
+    Light is (C + 1, 3); the last row is for what lies in no cell. `bounces` is how often light is
+    reflected before; direct light counts as well. The mean of a cell's reflected light, not of its
+    reflectance and its light apart, keeps energy where bright surfaces are brightly lit: a lamp's
+    bowl before a wall.
+
+    Large cells do not reflect direct light: what is far from all surfels, such as a house in the
+    sun, is not lit as they are. There it is sampled on the very surface that a ray meets.
     """
     count = len(surfels.points)
     valid = surfels.measure > 0
     cells = Cells.of(surfels.points[valid], surfels.normals[valid], surfels.measure[valid], centre)
     found = cells.find(surfels.met_points, surfels.met_normals)
     weights, albedo = surfels.weights[:, None], surfels.albedo[valid]
-    light = surfels.direct
-    for _ in range(bounces):
-        arriving = cells.means(albedo * light[valid])[found] * weights
-        light = surfels.direct + arriving.reshape(count, -1, 3).mean(axis=1, dtype=np.float32)
-    both = cells.means(np.concatenate([light[valid], albedo * light[valid]], axis=1))
-    return cells, both[:, :3], both[:, 3:]
+    direct = cells.means(albedo * surfels.direct[valid])
+    sampled = cells.means(albedo * surfels.sampled[valid])
+    direct = _pooled(direct, sampled, surfels, found)
+    direct[~cells.is_fine] = 0
+    arriving = np.where(cells.is_fine[found, None], direct[found] * weights, surfels.met_light)
+    once = arriving.reshape(count, -1, 3).mean(axis=1, dtype=np.float32)
+    indirect = once if bounces else np.zeros_like(once)
+    for _ in range(bounces - 1):
+        arriving = cells.means(albedo * indirect[valid])[found] * weights
+        indirect = once + arriving.reshape(count, -1, 3).mean(axis=1, dtype=np.float32)
+    light = (surfels.direct + indirect)[valid]
+    both = cells.means(np.concatenate([light, albedo * indirect[valid]], axis=1))
+    return cells, both[:, :3], both[:, 3:] + direct
+
+
+def _pooled(
+    direct: Float32Array, sampled: Float32Array, surfels: Surfels, found: Int64Array
+) -> Float32Array:
+    """Return what cells reflect of direct light, (C + 1, 3), of the bright ones by more samples.
+
+    `direct` are means over each cell's surfels, `sampled` those of `Surfels.sampled`, `found` the
+    cell that each ray meets. Near a lamp light changes within a cell by orders of magnitude, and
+    the mean of a few surfels would decide on the level of a whole picture. So there it is the mean
+    over what all rays meet, which are more, scaled for light that emitter samples miss, as behind
+    glass. Where they miss more than half, it stays.
+    """
+    level, part = luminance(direct), luminance(sampled)
+    measure = np.repeat(surfels.measure, RAYS)
+    rays = np.bincount(found, measure * surfels.weights, len(level))
+    bright = (level > _BRIGHT * level[-1]) & (part > level / 2) & (rays > 0)
+    light = (surfels.met_light * measure[:, None]).T
+    bands = np.stack([np.bincount(found, band, len(level)) for band in light], axis=1)
+    scale = level[bright] / part[bright] / rays[bright]
+    direct[bright] = bands[bright] * scale[:, None]
+    return direct
 
 
 def surfels_of(arrays: tuple[Any, ...]) -> Surfels:
     """Return the surfels that `light_surfels` made, in NumPy arrays."""
-    points, normals, measure, albedo, direct, met_points, met_normals, weights = to_numpy(*arrays)
+    points, normals, measure, albedo, direct, sampled, *met = to_numpy(*arrays)
 
     sound = np.isfinite(albedo).all(axis=-1) & np.isfinite(direct).all(axis=-1)
     lost = int((~sound.reshape(-1, RAYS)).any(axis=1).sum())
@@ -79,15 +118,25 @@ def surfels_of(arrays: tuple[Any, ...]) -> Surfels:
         return rows.mean(axis=1, dtype=np.float32)
 
     # Where a ray meets nothing, position and normal are not defined.
-    met_points, met_normals = (np.nan_to_num(each) for each in (met_points, met_normals))
+    met_points, met_normals, weights, met_light = (np.nan_to_num(each) for each in met)
     return Surfels(
-        points, normals, measure, mean(albedo), mean(direct), met_points, met_normals, weights, lost
+        points,
+        normals,
+        measure,
+        mean(albedo),
+        mean(direct),
+        mean(sampled),
+        met_points,
+        met_normals,
+        weights,
+        met_light,
+        lost,
     )
 
 
 def grid_size(surfels: int, width: int, height: int) -> tuple[int, int]:
     """Return columns and rows of the camera rays that give about this number of surfels."""
-    rays = max(1, min(surfels, max_surfels()) // (2 * _BRANCHES))
+    rays = max(1, min(surfels, max_surfels()) // (_BOUNDS * _BRANCHES))
     columns = max(1, round((rays * width / height) ** 0.5))
     return columns, max(1, rays // columns)
 
@@ -116,8 +165,8 @@ def trace_surfels(
     si, _ = first_surface(scene, tables, ray, mi.Bool(True))
     origins, directions, measures = [], [], []
     measure = dr.select(si.is_valid(), mi.Float(1), 0)
-    for bounce in range(2):
-        normal = facing_normal(si, ray.d)
+    for bounce in range(_BOUNDS):
+        normal = tables.lit_side(sampler, si, facing_normal(si, ray.d), measure > 0)
         point = surface_point(si.p, normal)
         random, square = sampler.next_1d(), sampler.next_2d()
         direction = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(square))
@@ -177,7 +226,8 @@ def light_surfels(
     si = dr.gather(mi.SurfaceInteraction3f, found, index)
     active = (dr.gather(mi.Float, measure, index) > 0) & si.is_valid()
     normal = facing_normal(si, dr.gather(mi.Vector3f, direction, index))
-    found = gather(scene, tables, lights, sampler, si.p, normal, active)
+    side = tables.lit_side(sampler, si, normal, active)
+    found = gather(scene, tables, lights, sampler, si.p, side, active)
     _, gloss = reflect(lobes, sampler, si, active)
     hit = active & found.si.is_valid() & (found.weight > 0)
     first = dr.arange(mi.UInt32, count) * RAYS
@@ -187,9 +237,11 @@ def light_surfels(
     arrays = (
         diffuse_albedo(tables, lobes, si, found.cosine, active) + gloss,
         dr.select(active, found.direct, 0),
+        dr.select(active, found.sampled, 0),
         dr.select(hit, mi.Point3f(found.si.p), 0),
         dr.select(hit, facing_normal(found.si, found.direction), mi.Vector3f(0, 0, 1)),
         dr.select(hit, found.weight, 0),
+        reflected(scene, tables, lights, sampler, found, hit),
     )
     dr.eval(arrays, place, towards, met)
     return (

@@ -15,6 +15,7 @@ import mitsuba as mi
 from pipeline.render.drjit_arrays import registry_id, registry_table
 from pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry
 
+_WHOLE = 1 << 16
 _MIRRORS = 2  # that a camera ray may meet one after the other
 
 
@@ -27,6 +28,8 @@ class ShapeTables:
     passable: bool  # whether any shape is clear or masked
     mirror: Any  # mi.UInt32: sides that are a perfect mirror, none, the front, or both
     mirrored: bool  # whether any shape is one
+    transmitted: Any  # mi.UInt32: of 2^16, the part of its diffuse light that goes through
+    translucent: bool  # whether any shape transmits light so
 
     def __init__(self, geometry: SceneGeometry) -> None:
         shapes = list(zip(geometry.shapes, geometry.clear, geometry.masked, strict=True))
@@ -49,6 +52,16 @@ class ShapeTables:
         pairs = list(zip(geometry.shapes, sides, strict=True))
         self.mirror = registry_table(pairs, mi.ShapePtr, 0, mi.UInt32)
         self.mirrored = any(sides)
+        self.transmitted = registry_table(
+            [
+                (shape, round(_WHOLE * share))
+                for shape, share in zip(geometry.shapes, geometry.transmitted.tolist(), strict=True)
+            ],
+            mi.ShapePtr,
+            0,
+            mi.UInt32,
+        )
+        self.translucent = bool(geometry.transmitted.any())
 
     def reflectance_at(self, si: Any, active: Any) -> Any:
         """Return the base colour in [0, 1] of the surface at `si`, `mi.Color3f`."""
@@ -62,6 +75,24 @@ class ShapeTables:
         active = active & si.is_valid()
         sides = dr.gather(mi.UInt32, self.mirror, dr.reinterpret_array(mi.UInt32, si.shape), active)
         return active & ((sides == 2) | ((sides == 1) & (mi.Frame3f.cos_theta(si.wi) > 0)))
+
+    def transmits(self, si: Any, active: Any) -> Any:
+        """Return the part of the diffuse light that leaves `si` on the other side, `mi.Float`."""
+        if not self.translucent:
+            return mi.Float(0)
+        shape = dr.reinterpret_array(mi.UInt32, si.shape)
+        return mi.Float(dr.gather(mi.UInt32, self.transmitted, shape, active)) * (1 / _WHOLE)
+
+    def lit_side(self, sampler: Any, si: Any, normal: Any, active: Any) -> Any:
+        """Return the normal of the side from which light at `si` comes: `normal`, or its opposite.
+
+        Through cloth comes what lights its other side. Sides are drawn, by their share in the
+        light that leaves on the side of `normal`.
+        """
+        if not self.translucent:
+            return normal
+        through = sampler.next_1d() < self.transmits(si, active)
+        return dr.select(through, -normal, normal)
 
     def passes(self, si: Any, active: Any) -> Any:
         """Test whether rays go on behind the surface at `si`: clear glass, or cut out."""

@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from pipeline.views import View
 from scenes.errors import InputError
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import (
+    WINDOW,
     ball,
     diffuse,
     glow,
@@ -101,13 +103,53 @@ def test_bright_surfaces_in_bright_light_keep_their_energy_among_dark_ones() -> 
         measure=np.ones(2, dtype=np.float32),
         albedo=rows(0.9, 0.1),
         direct=rows(8.0, 0.0),
+        sampled=rows(8.0, 0.0),
         met_points=empty,
         met_normals=empty,
         weights=empty[:, 0],
+        met_light=empty,
     )
-    _, irradiance, radiosity = solve(surfels, np.zeros(3))
+    cells, irradiance, radiosity = solve(surfels, np.zeros(3))
     assert irradiance == pytest.approx(4.0)
-    assert radiosity == pytest.approx(0.9 * 8 / 2)
+    assert radiosity[cells.is_fine] == pytest.approx(0.9 * 8 / 2)
+    # Far from all surfels a ray samples the direct light that it meets reflected.
+    assert radiosity[~cells.is_fine] == pytest.approx(0)
+
+
+def test_light_near_a_lamp_comes_from_what_rays_meet_and_not_from_a_few_surfels() -> None:
+    # 40 surfels of a wall, and two beside a lamp, of which one has a thousand times its light;
+    # each of the rays of one surfel meets a place there that has as much as the other.
+    rng = np.random.default_rng(1)
+    places = np.float32(rng.uniform(0, 0.2, (42, 3)) * (1, 1, 0))
+    places[:40, 0] += 3
+    normals = np.tile(np.float32([0, 0, 1]), (42, 1))
+    direct = np.full((42, 3), 0.1, dtype=np.float32)
+    direct[40:] = [[1000.0], [1.0]]
+    met_points = np.tile(np.float32([3.1, 0.1, 0]), (42 * RAYS, 1))
+    met_points[: 4 * RAYS] = [0.1, 0.1, 0]
+    weights = np.ones(42 * RAYS, dtype=np.float32)
+    met_light = np.full((42 * RAYS, 3), 0.05, dtype=np.float32)
+    met_light[: 4 * RAYS] = 0.5
+    surfels = Surfels(
+        points=places,
+        normals=normals,
+        measure=np.ones(42, dtype=np.float32),
+        albedo=np.full((42, 3), 0.5, dtype=np.float32),
+        direct=direct,
+        sampled=0.8 * direct,  # the rest of the light is behind glass
+        met_points=met_points,
+        met_normals=np.tile(normals[:1], (42 * RAYS, 1)),
+        weights=weights,
+        met_light=met_light,
+    )
+    cells, irradiance, radiosity = solve(surfels, np.zeros(3), bounces=1)
+    lamp, wall = cells.find(np.float32([[0.1, 0.1, 0], [3.1, 0.1, 0]]), normals[:2])
+    assert irradiance[lamp] == pytest.approx(500.5 + 0.05, rel=1e-3)
+    # What the four surfels that look at the lamp meet, corrected by 1 / 0.8, is what it reflects.
+    assert radiosity[lamp] == pytest.approx(0.5 / 0.8 + 0.5 * 0.05, rel=1e-3)
+    got = 0.1 + (4 * 0.5 / 0.8 + 36 * 0.05) / 40
+    assert irradiance[wall] == pytest.approx(got, rel=1e-3)
+    assert radiosity[wall] == pytest.approx(0.5 * got, rel=1e-3)
 
 
 def test_energy_is_neither_made_nor_lost_in_a_room_with_a_lamp(tmp_path: Path) -> None:
@@ -236,6 +278,72 @@ def test_a_mirror_shows_the_lamp_and_the_wall_behind_the_camera(tmp_path: Path) 
     assert wall.min() > 0
 
 
+@pytest.mark.parametrize("through", [0.4, 1.0, 2.0])
+def test_cloth_shows_the_light_of_both_sides(tmp_path: Path, through: float) -> None:
+    # A sheet close before a large lamp, and a smaller, dimmer one behind the camera: it transmits
+    # `through` / 2 of what its back gets, and reflects the rest of what its front gets.
+    cloth = (
+        '<bsdf type="principledthin"><rgb name="base_color" value="0.8"/>'
+        f'<float name="roughness" value="0.9"/><float name="diff_trans" value="{through}"/>'
+        '<float name="eta" value="1.001"/></bsdf>'
+    )
+    body = (
+        quad("sheet", (0, 2, 1.5), (0, -1, 0), (1, 1), cloth)
+        + quad("back", (0, 2.02, 1.5), (0, -1, 0), (4, 4), glow(3.0))
+        + quad("front", (0, -1, 1.5), (0, 1, 0), (1, 1), glow(20.0))
+    )
+    view = make_view((0, 0, 1.5), (0, 1, 0), size=(32, 24), focal=60)
+    scene = open_scene(write_scene(tmp_path / "a", body))
+    assert scene.geometry.transmitted[0] == pytest.approx(through / 2)
+    found = transport_of(scene, view, PARAMS, 1)
+    truth = GroundTruthParams(spp=256, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
+    traced = stacked(render_both(scene, view, truth, 0.5, 1).color[0])
+    assert found.color[4:-4, 4:-4].mean() == pytest.approx(traced[4:-4, 4:-4].mean(), rel=0.04)
+    # Rough surfaces of this material reflect a little more than their base colour.
+    assert 0.8 <= found.albedo[12, 16].mean() < 0.84
+
+
+def test_light_through_a_curtain_reaches_the_room(tmp_path: Path) -> None:
+    # A closed room whose only light is a lamp behind a curtain that divides it.
+    cloth = (
+        '<bsdf type="principledthin"><rgb name="base_color" value="0.9"/>'
+        '<float name="roughness" value="0.9"/><float name="diff_trans" value="1"/>'
+        '<float name="eta" value="1.001"/></bsdf>'
+    )
+    walls, _ = room_walls(diffuse(0.6))
+    curtain = quad("curtain", (0, 1, 1.5), (0, -1, 0), (2, 1.5), cloth)
+    body = walls + curtain + ball("lamp", (0, 1.5, 1.5), 0.1, glow(50.0))
+    scene = open_scene(write_scene(tmp_path / "a", body))
+    view = make_view((0, 0.8, 1.5), (0, -1, -0.2), size=(32, 24), focal=16)
+    found = transport_of(scene, view, PARAMS, 1)
+    truth = GroundTruthParams(spp=256, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
+    traced = stacked(render_both(scene, view, truth, 0.5, 1).color[0])
+    assert found.direct.max() == 0
+    assert found.color.mean() == pytest.approx(traced.mean(), rel=0.06)
+
+
+@pytest.mark.parametrize("panes", [1, 2])
+def test_a_pane_shows_the_room_behind_the_camera_before_the_dark(
+    tmp_path: Path, panes: int
+) -> None:
+    walls, _ = room_walls(diffuse(0.5), window=True)
+    body = walls + ball("lamp", (0.8, -1.5, 2.2), 0.3, glow(4.0))
+    glazed = replace(WINDOW, panes=panes)
+    scene = open_scene(write_scene(tmp_path / "a", body, portals=[glazed]))
+    view = make_view((0, 0, 1.5), (0, 1, 0), size=(32, 24), focal=40)
+    found = transport_of(scene, view, PARAMS, 1)
+    truth = GroundTruthParams(spp=512, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
+    traced = stacked(render_both(scene, view, truth, 0.5, 1).color[0])
+    inside = np.s_[4:20, 8:24]
+    assert found.albedo[inside].max() == 0  # what is behind the pane is dark
+    shown = found.color[inside]
+    lamp = traced[inside] > 0.01
+    assert lamp.any()
+    assert 0 < shown[~lamp].mean() < 0.2 * found.color[:3].mean()
+    assert shown.mean() == pytest.approx(traced[inside].mean(), rel=0.1)
+    assert shown[~lamp].mean() == pytest.approx(traced[inside][~lamp].mean(), rel=0.1)
+
+
 def test_a_pixel_whose_normals_cancel_keeps_its_light_and_leaves_its_neighbours_theirs() -> None:
     # Both sides of a thin edge in one pixel: the mean of their normals is zero.
     normals = np.tile(np.array([[0.0], [0.0], [1.0]]), 81)
@@ -292,7 +400,7 @@ def test_samples_that_are_not_finite_are_counted(tmp_path: Path) -> None:
     scene = open_scene(write_scene(tmp_path / "a", room_walls(diffuse(0.5))[0]))
     eye, matrix = mi.Float([0, -1, 1.5]), mi.Float([1, 0, -8, 0, 0, 8, 0, -1, 6])
     tables = ShapeTables(scene.geometry)
-    kernel = Kernel(scene.geometry.scene, tables, None, None, None, (eye, matrix), (16, 12))
+    kernel = Kernel(scene.geometry.scene, tables, None, None, None, (eye, matrix), (16, 12), None)
 
     def faulty(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> dict[str, Any]:
         half = dr.arange(mi.UInt32, 16 * 12 * 4) % 4 < 2
