@@ -6,8 +6,9 @@
 `docs/data/quick-start.json`, `metrics/reference.json` and the studies' files in `docs/data`
 (`pbrnet study all --docs docs`), those of the time budgets from `docs/data/budgets.json`, which
 `make bench ONLY=budgets` writes, those in docs/benchmark.md and docs/cluster.md from
-`docs/data/benchmark.json` and `docs/data/plan.json`, which `make records` writes. With `--check`
-nothing is written, and the exit code is 1 if a file is not up to date.
+`docs/data/benchmark.json` and `docs/data/plan.json`, which `make records` writes, that in
+docs/scenes.md from `docs/data/realism.json`, figures that `pbrnet inspect --realism` printed. With
+`--check` nothing is written, and the exit code is 1 if a file is not up to date.
 
 After a quick start, `--quick-start REPRO TEST` records its figures: the seconds that `make repro`
 and `make test` took on a quiet machine, and the evaluation in `metrics/`.
@@ -34,6 +35,7 @@ METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (less is
 QUICK_START = ROOT / "docs" / "data" / "quick-start.json"
 BENCHMARK = ROOT / "docs" / "data" / "benchmark.json"
 PLAN = ROOT / "docs" / "data" / "plan.json"
+REALISM = ROOT / "docs" / "data" / "realism.json"
 BUDGETS = ROOT / "docs" / "data" / "budgets.json"
 QUICK_METHODS = ("pbrnet", "product", "product_linear", "unet", "ceiling")
 
@@ -119,6 +121,20 @@ def budget_parts(readme: bool) -> str:
         return f"{plot}\n\n{words}"
     sheet = f"![Reference and each one's best picture in a second]({folder}/budgets.jpg)"
     return f"{words}\n\n{_table(clay_budget_table(found))}\n\n{plot}\n\n{sheet}"
+
+
+def realism_table(found: dict[str, Any]) -> str:
+    """Table of figures of rendered views beside those of photographs, and how they were made."""
+    width, height = found["size"]
+    rows = [["figure of a view", "5 %", "median", "95 %", "photographs"]]
+    for one in found["figures"]:
+        known = one["photographs"].replace("no published figure found", "")
+        rows.append([one["figure"], *(f"{one[q]:g}" for q in ("5 %", "median", "95 %")), known])
+    classes = ", ".join(f"{one['class']} {one['share']}" for one in found["classes"][:12])
+    return (
+        f"{found['views']} views of {found['homes']} homes, {width}x{height}, "
+        f"{found['spp']} samples and the denoiser:\n\n{_table(rows)}\n\nPixels by NYU40 class: {classes}."
+    )
 
 
 def plan_table(found: dict[str, Any]) -> str:
@@ -223,6 +239,9 @@ def main() -> int:
     plan = plan_table(json.loads(PLAN.read_text())) if PLAN.is_file() else missing
     page = ROOT / "docs" / "cluster.md"
     wanted[page] = filled(page, {"plan": plan}).encode()
+    page = ROOT / "docs" / "scenes.md"
+    realism = realism_table(json.loads(REALISM.read_text()))
+    wanted[page] = filled(page, {"realism": realism}).encode()
     stale = [
         path for path, data in wanted.items() if not path.is_file() or path.read_bytes() != data
     ]
