@@ -131,10 +131,11 @@ def realism_table(found: dict[str, Any]) -> str:
         known = one["photographs"].replace("no published figure found", "")
         rows.append([one["figure"], *(f"{one[q]:g}" for q in ("5 %", "median", "95 %")), known])
     classes = ", ".join(f"{one['class']} {one['share']}" for one in found["classes"][:12])
-    return (
+    about = (
         f"{found['views']} views of {found['homes']} homes, {width}x{height}, "
-        f"{found['spp']} samples and the denoiser:\n\n{_table(rows)}\n\nPixels by NYU40 class: {classes}."
+        f"{found['spp']} samples and the denoiser:"
     )
+    return f"{about}\n\n{_table(rows)}\n\nPixels by NYU40 class: {classes}."
 
 
 def plan_table(found: dict[str, Any]) -> str:
