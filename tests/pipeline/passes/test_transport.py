@@ -303,6 +303,27 @@ def test_cloth_shows_the_light_of_both_sides(tmp_path: Path, through: float) -> 
     assert 0.8 <= found.albedo[12, 16].mean() < 0.84
 
 
+def test_the_part_that_goes_through_is_found_in_all_wrappers(tmp_path: Path) -> None:
+    thin = '<bsdf type="principledthin"><float name="diff_trans" value="{}"/></bsdf>'
+    image = '<bsdf type="principledthin"><texture type="checkerboard" name="diff_trans"/></bsdf>'
+    cases = {
+        thin.format(1.0): 0.5,
+        '<bsdf type="principledthin"/>': 0.0,
+        image: 0.5,
+        f'<bsdf type="mask">{thin.format(2.0)}<float name="opacity" value="0.5"/></bsdf>': 1.0,
+        f'<bsdf type="blendbsdf"><float name="weight" value="0.5"/>{thin.format(1.0)}'
+        f"{diffuse(0.5)}</bsdf>": 0.25,
+        f'<bsdf type="twosided">{diffuse(0.5)}</bsdf>': 0.0,
+        "": 0.0,
+    }
+    body = "".join(
+        quad(f"quad-{number}", (0, number, 1), (0, -1, 0), (1, 1), material)
+        for number, material in enumerate(cases)
+    )
+    geometry = open_scene(write_scene(tmp_path / "a", body)).geometry
+    assert geometry.transmitted.tolist() == pytest.approx(list(cases.values()))
+
+
 def test_light_through_a_curtain_reaches_the_room(tmp_path: Path) -> None:
     # A closed room whose only light is a lamp behind a curtain that divides it.
     cloth = (
