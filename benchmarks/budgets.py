@@ -12,10 +12,13 @@ budget. Then the methods take turns. Elapsed seconds count on a quiet machine; i
 processor seconds divided by the number of processors do.
 
 Writes `data/budgets.json`, `images/budgets.png` and a sheet of pictures, `images/budgets.jpg`.
+Every home and size is kept in `build/bench/budgets` as soon as it is measured, and is not measured
+again by the same code with the same networks on the same machine: a run that was cut off goes on.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections import defaultdict
@@ -42,7 +45,7 @@ from benchmarks.cycles import (
     blender_python,
     views_by_light,
 )
-from benchmarks.results import OtherLoad, processor
+from benchmarks.results import OtherLoad, measured_on, processor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Clock, Spent, spend, spread
 from model.data.encoding import MAX_SAMPLES
@@ -63,7 +66,7 @@ from pipeline.render.scene import RenderScene, open_scene
 from pipeline.tonemap import exposure_of, to_bytes, tonemap
 from pipeline.views import View
 from scenes.arrays import Float32Array
-from scenes.files import atomic_file, write_json
+from scenes.files import atomic_file, digest_bytes, digest_file, write_json
 
 NAME = "ours in every time budget"
 # Most samples of the methods that take samples.
@@ -117,38 +120,60 @@ def budget_rows(
     processors = len(os.sched_getaffinity(0))
     torch.set_num_threads(processors)
     setting = Setting(bench.unseen_params, networks, clock(), processors)
-    load, started = OtherLoad(), time.monotonic()
-    views: list[list[ClayView]] = []
-    version = ""
+    kept = bench.tools / "budgets" / _signature(bench, setting, weights)
+    kept.mkdir(parents=True, exist_ok=True)
+    homes: list[list[Measured]] = []
     for name in list(bench.unseen)[: bench.sizes.budget_homes]:
-        home = Home(bench, setting, name)
-        views.append([])
-        with blender(interpreter, home.folder) as other:
-            version = other.version
-            for size, spp in bench.sizes.budget_references.items():
+        homes.append([])
+        for one in _measured(bench, setting, name, interpreter, kept):
+            homes[-1].append(one)
+            yield one.agreement(name)
+    yield from _rows(_written(bench, setting, homes, docs))
+
+
+def _signature(bench: Bench, setting: Setting, weights: Path) -> str:
+    """Return a name for all that figures depend on: machine, code, sizes, clock and networks."""
+    files = {name: digest_file(weights / f"{name}.safetensors") for name in setting.networks}
+    about = [measured_on(bench.sizes.label), repr(bench.sizes), setting.clock, files]
+    return digest_bytes(json.dumps(about, sort_keys=True).encode())[:16]
+
+
+def _measured(
+    bench: Bench, setting: Setting, name: str, interpreter: Path, kept: Path
+) -> Iterator[Measured]:
+    """Yield what is measured of a home at each size: kept files first, the others anew."""
+    sizes = bench.sizes.budget_references
+    files = {size: kept / f"{name}-{size[0]}x{size[1]}.npz" for size in sizes}
+    if all(file.is_file() for file in files.values()):
+        yield from (Measured.load(file) for file in files.values())
+        return
+    home = Home(bench, setting, name)
+    with blender(interpreter, home.folder) as other:
+        for size, spp in sizes.items():
+            if not files[size].is_file():
+                load, started = OtherLoad(), time.monotonic()
                 view = ClayView(home, other, size, spp)
-                yield view.agreement()
                 view.measure(bench.sizes.budgets, bench.sizes.repeats)
-                views[-1].append(view)
-    others = load.processors(time.monotonic() - started)
-    about = {"blender": version, "others_busy": round(others, 2)}
-    yield from _rows(_written(bench, setting, views, about, docs))
+                others = load.processors(time.monotonic() - started)
+                view.measured(other.version, others).save(files[size])
+            yield Measured.load(files[size])
 
 
 def _written(
     bench: Bench,
     setting: Setting,
-    views: Sequence[Sequence[ClayView]],
-    about: dict[str, Any],
+    views: Sequence[Sequence[Measured]],
     docs: Path,
 ) -> list[dict[str, Any]]:
-    """Write the files of the measured views, by home and size; return the cells."""
+    """Write the files of what was measured, by home and size; return the cells."""
     budgets = bench.sizes.budgets
     points = means([[point for view in home for point in view.points] for home in views])
     found = cells(points, budgets)
     sizes = list(zip(*views, strict=True))  # of all homes each
+    each_view = [view for home in views for view in home]
     record = {
-        **about,
+        "blender": each_view[0].blender,
+        "others_busy": round(max(view.others for view in each_view), 2),
         "sizes": bench.sizes.label,
         "homes": len(views),
         "clock": setting.clock,
@@ -167,7 +192,7 @@ def _written(
     write_json(docs / "data" / "budgets.json", record)
     words = f"{len(views)} homes as clay, a view of each; numbers: samples a pixel"
     large = "{}x{}".format(*bench.sizes.large)
-    sheet = next(view for view in views[0] if view.size == large).sheet()
+    sheet = next(view for view in views[0] if view.size == large).sheet
     labels = tuple(label for label, _ in sheet)
     pictures = contact_sheet([to_bytes(image) for _, image in sheet], 2, labels)
     for file, data in (
@@ -177,6 +202,47 @@ def _written(
         with atomic_file(docs / "images" / file) as partial_file:
             partial_file.write_bytes(data)
     return found
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was measured of a view of a home at one image size."""
+
+    size: str  # WIDTHxHEIGHT
+    spp: int  # of the long renders
+    between: float  # FLIP of the two long renders
+    apart: float  # largest difference of their means, relative
+    points: tuple[Point, ...]
+    sheet: tuple[tuple[str, Float32Array], ...]  # labels and pictures, display values
+    blender: str
+    others: float  # processors that other programs used
+
+    def agreement(self, home: str) -> Row:
+        """Return the row that compares the two long renders."""
+        return Row(
+            f"Cycles' mean / ours - 1, {home}, {self.size}",
+            "largest difference of the means of the two denoised long renders, over three bands",
+            spread([self.apart]),
+            goal=at_most(AGREE),
+        )
+
+    def save(self, path: Path) -> None:
+        """Write to an .npz file."""
+        about = asdict(replace(self, sheet=()))
+        about["labels"] = [label for label, _ in self.sheet]
+        pictures = {f"picture-{n}": image for n, (_, image) in enumerate(self.sheet)}
+        with atomic_file(path) as partial_file, partial_file.open("wb") as file:
+            np.savez(file, about=np.array(json.dumps(about)), **pictures)
+
+    @classmethod
+    def load(cls, path: Path) -> Measured:
+        """Read a file that `save` wrote."""
+        with np.load(path, allow_pickle=False) as file:
+            about = json.loads(str(file["about"]))
+            labels = about.pop("labels")
+            about["sheet"] = tuple((label, file[f"picture-{n}"]) for n, label in enumerate(labels))
+        about["points"] = tuple(Point(**point) for point in about["points"])
+        return cls(**about)
 
 
 def clock() -> Clock:
@@ -275,15 +341,6 @@ class ClayView:
         self.quality: dict[tuple[str, int], tuple[float, float]] = {}
         self.kept: dict[tuple[str, int], Float32Array] = {}
 
-    def agreement(self) -> Row:
-        """Return the row that compares the two long renders."""
-        return Row(
-            f"Cycles' mean / ours - 1, {self.home.name}, {self.size}",
-            "largest difference of the means of the two denoised long renders, over three bands",
-            spread([self.apart]),
-            goal=at_most(AGREE),
-        )
-
     def measure(self, budgets: Sequence[float], turns: int) -> None:
         """Time and score all methods, with the samples that fit into the budgets."""
         jobs = self._jobs(budgets)
@@ -296,13 +353,18 @@ class ClayView:
                 if turn == 0 or self.spent[job][0] < _LONG:
                     self._turn(job, turn)
 
-    @property
-    def points(self) -> list[Point]:
-        """Medians of the turns, and the quality of the first."""
-        return [
+    def measured(self, version: str, others: float) -> Measured:
+        """Return medians of the turns, the quality of the first, and the sheet of the large size.
+
+        `version` is Blender's, `others` the processors that other programs used meanwhile.
+        """
+        points = (
             Point(self.size, method, spp, median(seconds), *self.quality[method, spp])
             for (method, spp), seconds in self.spent.items()
-        ]
+        )
+        sheet = tuple(self.sheet()) if self.kept else ()
+        known = (self.size, self.spp, self.between, self.apart)
+        return Measured(*known, tuple(points), sheet, version, others)
 
     def sheet(self) -> list[tuple[str, Float32Array]]:
         """Reference and best picture of each group in `_SHEET` seconds: labels, display values."""

@@ -22,7 +22,7 @@ import pytest
 from benchmarks import cycles, farm, sets
 from benchmarks.bench import SMALL, Bench, Reference
 from benchmarks.budget_results import Point, cells, means
-from benchmarks.budgets import fitting
+from benchmarks.budgets import Measured, fitting
 from benchmarks.clay import _bare, windows_of
 from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_step
 from benchmarks.results import Results, page_of
@@ -308,6 +308,24 @@ def test_clay_has_no_panes_and_no_light_but_the_sky() -> None:
     clay = _bare(home, "clay", set())
     assert [portal.panes for portal in clay.portals] == [0]
     assert [light.kind for light in clay.lights] == ["environment"]
+
+
+def test_what_a_cut_off_run_has_measured_is_read_again(tmp_path: Path) -> None:
+    points = (Point("8x6", "hybrid", 4, 0.5, 0.1, 0.9), Point("8x6", "cycles", 2, 0.4, 0.2, 0.8))
+    pictures = [np.full((6, 8, 3), value, dtype=np.float32) for value in (0.25, 0.5)]
+    sheet = tuple(zip(("reference", "ours: hybrid 4, FLIP 0.100"), pictures, strict=True))
+    for one in (
+        Measured("8x6", 256, 0.01, 0.002, points, sheet, "5.1", 0.03),
+        Measured("4x3", 256, 0.01, 0.002, points[:1], (), "5.1", 0.0),
+    ):
+        file = tmp_path / "new" / f"{one.size}.npz"
+        file.parent.mkdir(exist_ok=True)
+        one.save(file)
+        found = Measured.load(file)
+        assert replace(found, sheet=()) == replace(one, sheet=())
+        assert [label for label, _ in found.sheet] == [label for label, _ in one.sheet]
+        for (_, read), (_, written) in zip(found.sheet, one.sheet, strict=True):
+            np.testing.assert_array_equal(read, written)
 
 
 def test_a_budget_gets_the_samples_that_fit() -> None:
