@@ -206,7 +206,7 @@ def _written(
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured of a view of a home at one image size."""
+    """Times and qualities of a view of a home at one image size."""
 
     size: str  # WIDTHxHEIGHT
     spp: int  # of the long renders

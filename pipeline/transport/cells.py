@@ -43,7 +43,7 @@ class Cells:
 
     @property
     def is_fine(self) -> BoolArray:
-        """Which cells (C + 1,) are of the two smallest sizes; the last one is none."""
+        """Mask of the cells (C + 1,) of the two smallest sizes; the last one is none."""
         return np.append(self.keys >> np.uint32(3 * _BITS + 3) < 2, False)
 
     @classmethod
