@@ -31,7 +31,7 @@ RAYS = 8  # from each surfel
 BOUNCES = 8
 _BRIGHT = 4  # times the mean of what surfels reflect of direct light: near a lamp
 _BRANCHES = 4  # paths that go on from each camera ray
-_BOUNDS = 3  # of each such path: as many surfels
+_VERTICES = 3  # surfels along each such path
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,8 @@ def surfels_of(arrays: tuple[Any, ...]) -> Surfels:
     """Return the surfels that `light_surfels` made, in NumPy arrays."""
     points, normals, measure, albedo, direct, sampled, *met = to_numpy(*arrays)
 
-    sound = np.isfinite(albedo).all(axis=-1) & np.isfinite(direct).all(axis=-1)
+    values = (albedo, direct, sampled, met[-1])
+    sound = np.logical_and.reduce([np.isfinite(each).all(axis=-1) for each in values])
     lost = int((~sound.reshape(-1, RAYS)).any(axis=1).sum())
 
     def mean(light: Float32Array) -> Float32Array:
@@ -136,7 +137,7 @@ def surfels_of(arrays: tuple[Any, ...]) -> Surfels:
 
 def grid_size(surfels: int, width: int, height: int) -> tuple[int, int]:
     """Return columns and rows of the camera rays that give about this number of surfels."""
-    rays = max(1, min(surfels, max_surfels()) // (_BOUNDS * _BRANCHES))
+    rays = max(1, min(surfels, max_surfels()) // (_VERTICES * _BRANCHES))
     columns = max(1, round((rays * width / height) ** 0.5))
     return columns, max(1, rays // columns)
 
@@ -165,7 +166,7 @@ def trace_surfels(
     si, _ = first_surface(scene, tables, ray, mi.Bool(True))
     origins, directions, measures = [], [], []
     measure = dr.select(si.is_valid(), mi.Float(1), 0)
-    for bounce in range(_BOUNDS):
+    for bounce in range(_VERTICES):
         normal = tables.lit_side(sampler, si, facing_normal(si, ray.d), measure > 0)
         point = surface_point(si.p, normal)
         random, square = sampler.next_1d(), sampler.next_2d()

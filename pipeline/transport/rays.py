@@ -15,7 +15,7 @@ import mitsuba as mi
 from pipeline.render.drjit_arrays import registry_id, registry_table
 from pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry
 
-_WHOLE = 1 << 16
+_WHOLE = 1 << 16  # unit of `ShapeTables.transmitted`
 _MIRRORS = 2  # that a camera ray may meet one after the other
 
 
