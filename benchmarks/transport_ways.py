@@ -24,7 +24,7 @@ from model.evaluation.metrics import measure
 from pipeline.frames import frame_path, read_frame
 from pipeline.params import ToneParams, TransportParams
 from pipeline.passes.groundtruth import rooms_box
-from pipeline.passes.transport import samples_for
+from pipeline.passes.transport import gathered, samples_for
 from pipeline.pathtrace.guiding import (
     _lit_by_lamps,
     _lit_surface_irradiance,
@@ -36,10 +36,9 @@ from pipeline.pathtrace.light_sampling import PlannedLights
 from pipeline.render.drjit_arrays import column, vector
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.tonemap import exposure_of, tonemap
-from pipeline.transport.cells import LightTable
 from pipeline.transport.launches import TransportLauncher
 from pipeline.transport.pixels import Samples
-from pipeline.transport.radiosity import Surfels, grid_size, solve
+from pipeline.transport.radiosity import Surfels, grid_size
 from pipeline.views import View, load_cameras
 from scenes.arrays import AnyArray, Float32Array
 from scenes.contract import load_scene
@@ -75,9 +74,9 @@ class Bench:
     ) -> dict[str, Float32Array]:
         """Images of the method as it is, with these parameters."""
         found = surfels or self.surfels(params.surfels)
-        cache = LightTable(*solve(found, self.view.eye, params.bounces))
         samples = Samples.of(params.samples or samples_for(self.view.width * self.view.height))
-        return self.launcher.pixels(self.lights, cache, self.view, samples, SEED)
+        inputs = self.lights, self.view, found, samples, params.bounces
+        return gathered(self.launcher, *inputs, SEED)
 
     def picture(self, indirect: Float32Array, **other: Float32Array) -> Float32Array:
         images = {**self.images, **other}
@@ -194,11 +193,11 @@ def ways(bench: Bench) -> Iterator[tuple[str, Callable[[], Float32Array]]]:
         f"{_PANORAMA} surfels of a panorama, rays, final gathering",
         lambda: bench.picture(bench.gathered(usual, bench.panorama()[0])["indirect"]),
     )
-    for count in (256, 1024, 4000):
+    for count in (256, 1024, 4000, 8000):
         yield f"{count} surfels that the view sees, rays, final gathering", own(surfels=count)
     for bounces in (0, 1, 2):
-        yield f"8000 surfels, {bounces + 1} bounces", own(bounces=bounces)
-    yield "**8000 surfels, 9 bounces**", own()
+        yield f"16000 surfels, {bounces + 1} bounces", own(bounces=bounces)
+    yield "**16000 surfels, 9 bounces**", own()
     yield (
         "the same without gloss",
         lambda: bench.picture(bench.images["indirect"], specular=nothing),

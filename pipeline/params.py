@@ -271,7 +271,7 @@ class TransportParams:
     """Light transport without paths, if `channels` names `transport`."""
 
     samples: int = field(default=0, metadata=within(0, 64))  # per pixel; 0: by the image's size
-    surfels: int = field(default=8000, metadata=within(8, 8000))
+    surfels: int = field(default=16000, metadata=within(8, 32000))
     bounces: int = field(default=8, metadata=within(0, 64))  # of light between surfels
 
     def verify(self, where: str) -> None:

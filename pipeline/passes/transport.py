@@ -22,17 +22,18 @@ from pipeline.pathtrace import integrator
 from pipeline.pathtrace.guiding import plan_guiding
 from pipeline.pathtrace.light_pilot import plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights
+from pipeline.render.drjit_arrays import to_numpy
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.scene import RenderScene
 from pipeline.transport.cells import LightTable
 from pipeline.transport.launches import TransportLauncher
-from pipeline.transport.pixels import LOST, Samples
-from pipeline.transport.radiosity import grid_size, solve
+from pipeline.transport.pixels import LOST, LightSamples, Samples
+from pipeline.transport.radiosity import Rays, Surfels, cells_of, grid_size, solve
 from pipeline.views import View
 from scenes.arrays import Float32Array
 from scenes.errors import InputError
 
-REVISION = 8
+REVISION = 9
 _LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
 # Samples by size of the image: up to so many pixels, so many samples each.
 _SAMPLES = ((40_000, 16), (100_000, 8))
@@ -109,9 +110,8 @@ def transport_of(
     lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
     size = grid_size(params.surfels, view.width, view.height)
     surfels = launcher.surfels(lights, view, size, seed)
-    cache = LightTable(*solve(surfels, view.eye, params.bounces))
     samples = Samples.of(params.samples or samples_for(view.width * view.height))
-    images = launcher.pixels(lights, cache, view, samples, seed)
+    images = gathered(launcher, lights, view, surfels, samples, params.bounces, seed)
     lost = np.max([images[name] for name in LOST], axis=0)
     return Transport(
         images["direct"],
@@ -123,6 +123,25 @@ def transport_of(
         nan_surfels=surfels.lost,
         lost_pixels=int((lost >= 1).sum()),
     )
+
+
+def gathered(
+    launcher: TransportLauncher,
+    lights: PlannedLights,
+    view: View,
+    surfels: Surfels,
+    samples: Samples,
+    bounces: int,
+    seed: int,
+) -> dict[str, Float32Array]:
+    """Return the images of `pipeline.transport.pixels` by the light of these surfels."""
+    cells = cells_of(surfels, view.eye)
+    cache = LightTable(cells)
+    light = launcher.light(lights, cache, view, samples, seed)
+    entry, share, once = to_numpy(*LightSamples(*light)[-3:])
+    rays = Rays.of(entry, share, once, cells)
+    cache.fill(*solve(surfels, cells, rays, bounces))
+    return launcher.pixels(lights, cache, view, samples, seed, light)
 
 
 def samples_for(pixels: int) -> int:

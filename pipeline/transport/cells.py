@@ -22,7 +22,7 @@ LEVELS = 4  # of cubes of 0.25, 1, 4 and 16 metres
 _GROWTH = 4
 _BITS = 9  # of a cube's number along an axis; what lies outside belongs to the outermost cubes
 _MOST = (1 << _BITS) - 1
-_SIZE_BITS = 15  # a kernel's table holds less than 2^15 cells
+_SIZE_BITS = 17  # a kernel's table holds less than 2^17 cells
 _UNUSED = 0xFFFFFFFF
 
 
@@ -94,15 +94,20 @@ class LightTable:
     large: Any  # mi.UInt32, likewise: 1 where `radiosity` is without direct light
     origin: list[Any]  # mi.Float
 
-    def __init__(self, cells: Cells, irradiance: Float32Array, radiosity: Float32Array) -> None:
+    def __init__(self, cells: Cells) -> None:
         keys = np.full(1 << _SIZE_BITS, _UNUSED, dtype=np.uint32)
         keys[: len(cells.keys)] = cells.keys
         self.keys = column(mi.UInt32, keys)
-        self.irradiance, self.radiosity = _table(irradiance), _table(radiosity)
+        dark = np.zeros((len(cells.keys) + 1, 3), dtype=np.float32)
+        self.fill(dark, dark)
         large = np.ones((1 << _SIZE_BITS) + 1, dtype=np.uint32)
         large[: len(cells.keys)] = ~cells.is_fine[:-1]
         self.large = column(mi.UInt32, large)
         self.origin = [dr.opaque(mi.Float, float(side)) for side in cells.origin]
+
+    def fill(self, irradiance: Float32Array, radiosity: Float32Array) -> None:
+        """Set the light of the cells, (C + 1, 3) each; before, they are dark."""
+        self.irradiance, self.radiosity = _table(irradiance), _table(radiosity)
 
     def find(self, position: Any, shift: Any, normal: Any, active: Any) -> Any:
         """Return the entry of surface points, `mi.UInt32`.

@@ -33,7 +33,6 @@ class Gathered:
     """Light at surface points; radiance of a white diffuse surface, `mi.Color3f`."""
 
     direct: Any  # mi.Color3f, of one emitter sample and of emission along the direction
-    sampled: Any  # mi.Color3f, of the emitter sample alone
     weight: Any  # mi.Float: the surface met counts with its diffuse radiance times this
     si: Any  # what the direction meets
     direction: Any  # mi.Vector3f
@@ -64,8 +63,7 @@ def gather(
         direction = dr.select(guided, guidance.direction(random, square), direction)
         pdf = guidance.mixed_density(pdf, ds.d)
     mis = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
-    sampled = arriving * towards
-    direct = sampled * mis
+    direct = arriving * (towards * mis)
 
     along = dr.maximum(dr.dot(direction, normal), 0) * dr.inv_pi
     pdf = along
@@ -76,7 +74,7 @@ def gather(
         scene, tables, lights, point, direction, weight > 0, dr.full(mi.Bool, True)
     )
     direct += emitted * (weight * power_heuristic(pdf, density))
-    return Gathered(direct, sampled, weight, si, direction, cosine)
+    return Gathered(direct, weight, si, direction, cosine)
 
 
 def reflected(
@@ -89,7 +87,8 @@ def reflected(
 ) -> Any:
     """Return the direct light that the surfaces met reflect, times the weight, `mi.Color3f`.
 
-    By one emitter sample on each. Gloss counts as in `_GLOSS`, in all directions alike.
+    By one emitter sample and one cosine-distributed direction on each, combined as in `gather`.
+    They reflect their `rough_albedo`.
     """
     si = found.si
     normal = tables.lit_side(sampler, si, facing_normal(si, found.direction), active)
@@ -97,10 +96,20 @@ def reflected(
     ds, light = lights.sample(scene, point, sampler.next_2d(), active)
     arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
     towards = dr.maximum(dr.dot(ds.d, normal), 0) * dr.inv_pi
-    own = si.bsdf()
+    arriving *= towards * dr.select(ds.delta, 1, power_heuristic(ds.pdf, towards))
+    cosine = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    pdf = mi.warp.square_to_cosine_hemisphere_pdf(cosine)
+    direction = point.sh_frame.to_world(cosine)
+    _, emitted, density = met(scene, tables, lights, point, direction, active, mi.Bool(True))
+    arriving += emitted * power_heuristic(pdf, density)
+    albedo = rough_albedo(tables, si, active)
+    return dr.select(active, arriving * albedo * found.weight, 0)
+
+
+def rough_albedo(tables: ShapeTables, si: Any, active: Any) -> Any:
+    """Return the albedo of surfaces as if gloss reflected `_GLOSS` of all light, `mi.Color3f`."""
     colour = tables.reflectance_at(si, active)
-    colour = colour + dr.select(active & is_glossy(own), _GLOSS, 0) * (1 - colour)
-    return dr.select(active, arriving * colour * (towards * found.weight), 0)
+    return colour + dr.select(active & is_glossy(si.bsdf()), _GLOSS, 0) * (1 - colour)
 
 
 def met(

@@ -19,7 +19,7 @@ from pipeline.render.bsdf_tables import partner_table
 from pipeline.render.drjit_arrays import column, to_numpy
 from pipeline.render.scene import RenderScene
 from pipeline.transport.cells import LightTable
-from pipeline.transport.pixels import IMAGES, Samples, gather_pixels
+from pipeline.transport.pixels import IMAGES, Samples, gather_pixels, light_samples
 from pipeline.transport.radiosity import (
     Surfels,
     light_surfels,
@@ -62,35 +62,47 @@ class TransportLauncher:
         launch = self._recorded(light_surfels, dr.width(rays[-1]))
         return surfels_of(launch(self._scene, self._tables, self._lobes, lights, rays, number))
 
-    def pixels(
+    def light(
         self, lights: PlannedLights, cache: LightTable, view: View, samples: Samples, seed: int
+    ) -> tuple[Any, ...]:
+        """Trace the `LightSamples` of an image; of `cache`, only the places of cells count."""
+        launch = self._recorded(light_samples, (view.width, view.height, samples))
+        number = dr.opaque(mi.UInt32, derive32(seed, "light"))
+        return tuple(launch(*self._inputs(lights, cache, view, samples), number))
+
+    def pixels(
+        self,
+        lights: PlannedLights,
+        cache: LightTable,
+        view: View,
+        samples: Samples,
+        seed: int,
+        light: tuple[Any, ...],
     ) -> dict[str, Float32Array]:
-        """Return the images of `IMAGES`, float32 (H, W, bands).
+        """Return the images of `IMAGES`, float32 (H, W, bands); `light` is from `light`.
 
         `direct`, `indirect` and `specular` are smoothed, and no longer weighted.
         """
         size = (view.width, view.height)
-        camera = _camera(view, size)
-        seed = dr.opaque(mi.UInt32, derive32(seed, "pixels"))
-        bands = self._recorded(gather_pixels, (*size, samples))(
-            self._scene,
-            self._tables,
-            lights,
-            self._lobes,
-            cache,
-            camera,
-            size,
-            self._panes,
-            samples,
-            seed,
-        )
+        inputs = self._inputs(lights, cache, view, samples)
+        number = dr.opaque(mi.UInt32, derive32(seed, "pixels"))
+        bands = self._recorded(gather_pixels, (*size, samples))(*inputs, number, light)
         dr.eval(bands)
-        smoothed = self._recorded(_smoothed, size)(bands, camera[0], size, samples)
+        eye = column(mi.Float, view.eye)
+        smoothed = self._recorded(_smoothed, size)(bands, eye, size, samples)
         found = _named(list(to_numpy(*bands)), view)
         clean = to_numpy(*smoothed)
         for name, image in zip(_SMOOTHED, clean, strict=True):
             found[name] = image.reshape(view.height, view.width, 3)
         return found
+
+    def _inputs(
+        self, lights: PlannedLights, cache: LightTable, view: View, samples: Samples
+    ) -> tuple[Any, ...]:
+        """Return the inputs of the kernels of pixels, up to their seed."""
+        size = (view.width, view.height)
+        scene = self._scene, self._tables, lights, self._lobes, cache
+        return *scene, _camera(view, size), size, self._panes, samples
 
     def _recorded(self, kernel: Callable[..., Any], key: Any) -> Any:
         """Return the recorded launches of a kernel."""

@@ -1,11 +1,13 @@
 """Final gathering: the light at what each pixel sees, averaged over its samples.
 
 Three kernels, each with camera rays of its own, because they need unlike numbers of them. Surfaces
-give textures and edges and cost least. Light takes an emitter sample and one gathered direction.
-Gloss, where the material has any, takes an emitter sample and one direction of its own sampling; it
-costs most and adds least. Gloss sees the diffuse light of what that direction meets, and so does
-what a window pane reflects. A perfect mirror shows what a camera ray meets behind it. Values that
-are not finite become 0 and are counted.
+give textures and edges and cost least. Light takes an emitter sample and one gathered direction,
+and another emitter sample on the surface that this meets, from which cells learn what they reflect
+(`pipeline.transport.radiosity`) before pixels look them up. Gloss, where the material has any,
+takes an emitter sample and one direction of its own sampling; it costs most and adds least. Gloss
+sees the diffuse light of what that direction meets, and so does what a window pane reflects. A
+perfect mirror shows what a camera ray meets behind it. Values that are not finite become 0 and are
+counted.
 """
 
 from __future__ import annotations
@@ -67,21 +69,31 @@ LOST = ("lost_surfaces", "lost_light", "lost_gloss")
 
 
 _LEAST_WEIGHT = 0.005  # of light on a black surface
-_FEWER = {64: 16, 16: 8, 8: 4, 4: 2}  # grids of nearly equal sides, as stratified samples need
+_GLOSS = {64: 8, 32: 8, 16: 4, 8: 2, 4: 2}  # samples of gloss, by those of the rest
 
 
 class Samples(NamedTuple):
-    """Samples per pixel of each kernel."""
+    """Samples per pixel: of surfaces and light, and of gloss."""
 
-    surfaces: int
     light: int
     gloss: int
 
     @classmethod
     def of(cls, spp: int) -> Samples:
         """Return the samples for images with this many camera rays a pixel."""
-        light = _FEWER.get(spp, spp)
-        return cls(spp, light, _FEWER.get(light, light))
+        return cls(spp, _GLOSS.get(spp, spp))
+
+
+class LightSamples(NamedTuple):
+    """Samples of light, one for each camera ray."""
+
+    direct: Any  # mi.Color3f, on the surface seen: radiance of a white diffuse one
+    weight: Any  # mi.Color3f: its reflectance and a little more
+    lit: Any  # mi.Float: 1 where a surface is seen
+    lost: Any  # mi.Float: 1 where a value is not finite: all are 0
+    entry: Any  # mi.UInt32, in the table of cells: of the surface that the gathered direction meets
+    share: Any  # mi.Float: that surface counts with its radiance times this
+    once: Any  # mi.Color3f: direct light that it reflects, times `share`
 
 
 class Kernel(NamedTuple):
@@ -100,8 +112,12 @@ class Kernel(NamedTuple):
     size: tuple[int, int]
     panes: Panes | None
 
-    def means(self, image: Any, spp: int, seed: Any) -> list[Any]:
-        """Return the bands of a kernel's images, means over `spp` samples, (H * W,) each."""
+    def rays(self, spp: int, seed: Any) -> tuple[Any, Any, Any, Any, Any]:
+        """Trace camera rays.
+
+        Returns the sampler, what they see and from where, what is left of their light there, and
+        `Panes.mirror` or None.
+        """
         width, height = self.size
         sampler = sampler_of(spp, width * height, seed)
         pixel = dr.arange(mi.UInt32, width * height * spp) // spp
@@ -113,17 +129,7 @@ class Kernel(NamedTuple):
         if self.panes is not None:
             pane = self.panes.mirror(self.scene, ray, mi.Bool(True))
             left = left * dr.select(pane[0], 1 - pane[1], 1)
-        images = image(self, sampler, si, onward, left)
-        if "panes" in images:
-            images["panes"] = self.reflected(pane, sampler)
-        bands = [band for bands in images.values() for band in bands]
-        finite = dr.full(mi.Bool, True, width * height * spp)
-        for band in bands:
-            finite &= dr.isfinite(band)
-        bands = [dr.select(dr.isfinite(band), band, 0) for band in bands]
-        bands.append(dr.select(finite, mi.Float(0), 1))
-        dr.eval(bands)  # in one kernel: a sum over blocks evaluates what it is given by itself
-        return [dr.block_sum(band, spp) / spp for band in bands]
+        return sampler, si, onward, left, pane
 
     def reflected(self, pane: tuple[Any, Any, Any] | None, sampler: Any) -> Any:
         """Return the radiance that panes reflect, `mi.Color3f`; `pane` is from `Panes.mirror`."""
@@ -134,6 +140,26 @@ class Kernel(NamedTuple):
         radiance = mi.Color3f(si.emitter(self.scene, met).eval(si, met))
         radiance += lit_texture(self.tables, self.cache, si, ray.d, sampler, met)
         return dr.select(met, share * radiance, 0)
+
+
+def light_samples(
+    scene: Any,
+    tables: ShapeTables,
+    lights: PlannedLights,
+    lobes: Any,
+    cache: LightTable,
+    camera: tuple[Any, Any],
+    size: tuple[int, int],
+    panes: Panes | None,
+    samples: Samples,
+    seed: Any,
+) -> tuple[Any, ...]:
+    """Trace the `LightSamples` of an image; inputs as in `Kernel`. Of `cache`, light is unused."""
+    kernel = Kernel(scene, tables, lights, lobes, cache, camera, size, panes)
+    sampler, si, ray, _, _ = kernel.rays(samples.light, seed)
+    found = tuple(_light(kernel, sampler, si, ray))
+    dr.eval(found)
+    return found
 
 
 def gather_pixels(
@@ -147,16 +173,37 @@ def gather_pixels(
     panes: Panes | None,
     samples: Samples,
     seed: Any,
+    light: tuple[Any, ...],
 ) -> list[Any]:
-    """Return the bands of `IMAGES`, `mi.Float` (H * W,) each; inputs as in `Kernel`."""
+    """Return the bands of `IMAGES`, `mi.Float` (H * W,) each; inputs as in `Kernel`.
+
+    `light` is from `light_samples`, with the same samples.
+    """
     kernel = Kernel(scene, tables, lights, lobes, cache, camera, size, panes)
-    return [
-        band
-        for number, (image, spp) in enumerate(
-            zip((_surfaces, _light, _gloss), samples, strict=True)
-        )
-        for band in kernel.means(image, spp, seed + number)
-    ]
+    sampler, si, onward, left, pane = kernel.rays(samples.light, seed + 1)
+    surfaces = _surfaces(kernel, sampler, si, onward, left)
+    surfaces["panes"] = kernel.reflected(pane, sampler)
+    bands = means(surfaces, samples.light)
+    bands += means(_light_images(cache, LightSamples(*light)), samples.light)
+    sampler, si, onward, left, _ = kernel.rays(samples.gloss, seed + 2)
+    return bands + means(_gloss(kernel, sampler, si, onward, left), samples.gloss)
+
+
+def means(images: Image, spp: int) -> list[Any]:
+    """Return the bands of images, means over `spp` samples of each pixel, (H * W,) each.
+
+    Values that are not finite count as 0. The last band is added: 1 where there are some, or the
+    mean of a last image of that name.
+    """
+    lost = images.pop("lost_light", [mi.Float(0)])[0]
+    bands = [band for image in images.values() for band in image]
+    finite = mi.Bool(True)
+    for band in bands:
+        finite &= dr.isfinite(band)
+    bands = [dr.select(dr.isfinite(band), band, 0) for band in bands]
+    bands.append(dr.select(finite, lost, 1))
+    dr.eval(bands)  # in one kernel: a sum over blocks evaluates what it is given by itself
+    return [dr.block_sum(band, spp) / spp for band in bands]
 
 
 def _surfaces(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
@@ -169,33 +216,52 @@ def _surfaces(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Ima
         "albedo": left * diffuse_albedo(kernel.tables, kernel.lobes, si, towards, seen),
         "normal": dr.select(seen, normal, 0),
         "position": dr.select(seen, mi.Vector3f(si.p), 0),
-        "panes": mi.Color3f(0),  # by `Kernel.means`
+        "panes": mi.Color3f(0),  # by `gather_pixels`
         "seen": [dr.select(seen, mi.Float(1), 0)],
     }
 
 
-def _light(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
+def _light(kernel: Kernel, sampler: Any, si: Any, ray: Any) -> LightSamples:
     seen = si.is_valid()
     scene, tables, lights, cache = kernel.scene, kernel.tables, kernel.lights, kernel.cache
     normal = tables.lit_side(sampler, si, facing_normal(si, ray.d), seen)
     found = gather(scene, tables, lights, sampler, si.p, normal, seen)
     reflecting = (found.weight > 0) & found.si.is_valid()
     entry = look_up(cache, found.si, found.direction, sampler, reflecting)
-    radiosity = dr.gather(mi.Color3f, cache.radiosity, entry, reflecting)
-    indirect = dr.select(reflecting, radiosity * found.weight, 0)
-    large = reflecting & (dr.gather(mi.UInt32, cache.large, entry, reflecting) > 0)
-    indirect += reflected(scene, tables, lights, sampler, found, large)
+    once = reflected(scene, tables, lights, sampler, found, reflecting)
     # Where a white curtain hides half of a dark wall in the sun, mean reflectance times mean light
     # would be too bright: light counts as much as it is reflected.
     weight = dr.select(seen, tables.reflectance_at(si, seen) + _LEAST_WEIGHT, 0)
-    luminance = [mi.luminance(each) for each in (found.direct, indirect)]
+    share = dr.select(reflecting, found.weight, 0)
+    finite = dr.isfinite(share)
+    for each in (found.direct, weight, once):
+        finite &= dr.all(dr.isfinite(each))
+    return LightSamples(
+        direct=dr.select(finite, found.direct, 0),
+        weight=dr.select(finite, weight, 0),
+        lit=dr.select(seen & finite, mi.Float(1), 0),
+        lost=dr.select(finite, mi.Float(0), 1),
+        entry=entry,
+        share=dr.select(finite, share, 0),
+        once=dr.select(finite, once, 0),
+    )
+
+
+def _light_images(cache: LightTable, light: LightSamples) -> Image:
+    reflecting = light.share > 0
+    radiosity = dr.gather(mi.Color3f, cache.radiosity, light.entry, reflecting)
+    indirect = dr.select(reflecting, radiosity * light.share, 0)
+    large = reflecting & (dr.gather(mi.UInt32, cache.large, light.entry, reflecting) > 0)
+    indirect += dr.select(large, light.once, 0)
+    luminance = [mi.luminance(each) for each in (light.direct, indirect)]
     return {
-        "direct": weight * found.direct,
-        "indirect": weight * indirect,
-        "weight": weight,
-        "lit": [dr.select(seen, mi.Float(1), 0)],
+        "direct": light.weight * light.direct,
+        "indirect": light.weight * indirect,
+        "weight": light.weight,
+        "lit": [light.lit],
         "light_means": luminance,
         "light_squares": [dr.square(each) for each in luminance],
+        "lost_light": [light.lost],
     }
 
 

@@ -22,14 +22,20 @@ import numpy as np
 from pipeline.pathtrace.light_sampling import PlannedLights
 from pipeline.render.drjit_arrays import to_numpy
 from pipeline.transport.cells import Cells, max_surfels
-from pipeline.transport.gather import diffuse_albedo, gather, reflect, reflected, sampler_of
+from pipeline.transport.gather import (
+    diffuse_albedo,
+    gather,
+    reflect,
+    reflected,
+    rough_albedo,
+    sampler_of,
+)
 from pipeline.transport.rays import ShapeTables, facing_normal, first_surface, surface_point
 from scenes.arrays import AnyArray, Float32Array, Int64Array
-from scenes.color import luminance
 
 RAYS = 8  # from each surfel
 BOUNCES = 8
-_BRIGHT = 4  # times the mean of what surfels reflect of direct light: near a lamp
+_DARK = 1e-3  # albedo that is not scaled
 _BRANCHES = 4  # paths that go on from each camera ray
 _VERTICES = 3  # surfels along each such path
 
@@ -42,38 +48,62 @@ class Surfels:
     normals: Float32Array  # (M, 3)
     measure: Float32Array  # (M,): how much of what the view sees each stands for; 0: no surface
     albedo: Float32Array  # (M, 3): by all lobes, towards the ray that found the surfel
+    rough_albedo: Float32Array  # (M, 3): as `met_light` has it
     direct: Float32Array  # (M, 3)
-    sampled: Float32Array  # (M, 3): `direct` as emitter samples alone find it
     met_points: Float32Array  # (M * RAYS, 3)
     met_normals: Float32Array  # (M * RAYS, 3)
     weights: Float32Array  # (M * RAYS,): of the rays, 0 if nothing is met
-    met_light: Float32Array  # (M * RAYS, 3): direct light that what is met reflects, weighted
+    met_light: Float32Array  # (M * RAYS, 3): direct light, weighted, times what is met's albedo
     lost: int = 0  # surfels with light or albedo that is not finite, which counts as 0
 
 
+@dataclass(frozen=True)
+class Rays:
+    """Rays and what they find: samples of what cells reflect."""
+
+    cells: Int64Array  # (N,): the cell that each meets
+    weights: Float32Array  # (N,): how much each counts, 0 if nothing is met
+    light: Float32Array  # (N, 3): direct light that what is met reflects, times the weight
+
+    @classmethod
+    def of(cls, entry: AnyArray, share: Float32Array, once: Float32Array, cells: Cells) -> Rays:
+        """Return the rays of pixels; see `pipeline.transport.pixels.LightSamples`."""
+        return cls(np.minimum(entry, len(cells.keys)).astype(np.int64), share, once)
+
+
+def cells_of(surfels: Surfels, centre: AnyArray) -> Cells:
+    """Return the cells of the surfels in a grid around `centre` (3,)."""
+    valid = surfels.measure > 0
+    return Cells.of(surfels.points[valid], surfels.normals[valid], surfels.measure[valid], centre)
+
+
 def solve(
-    surfels: Surfels, centre: AnyArray, bounces: int = BOUNCES
-) -> tuple[Cells, Float32Array, Float32Array]:
-    """Return the cells of the surfels, the light on each, and what each reflects, linear RGB.
+    surfels: Surfels, cells: Cells, pixels: Rays, bounces: int = BOUNCES
+) -> tuple[Float32Array, Float32Array]:
+    """Return the light on each cell of the surfels, and what each reflects, linear RGB.
 
-    Light is (C + 1, 3); the last row is for what lies in no cell. `bounces` is how often light is
-    reflected before; direct light counts as well. The mean of a cell's reflected light, not of its
-    reflectance and its light apart, keeps energy where bright surfaces are brightly lit: a lamp's
-    bowl before a wall.
+    Both are (C + 1, 3); the last row is for what lies in no cell. `pixels` are the rays by which
+    pixels gather light. `bounces` is how often light is reflected before; direct light counts as
+    well. The mean of a cell's reflected light, not of its reflectance and its light apart, keeps
+    energy where bright surfaces are brightly lit: a lamp's bowl before a wall.
 
-    Large cells do not reflect direct light: what is far from all surfels, such as a house in the
-    sun, is not lit as they are. There it is sampled on the very surface that a ray meets.
+    Cells reflect direct light as the rays that meet them find it: for pixels by their own rays
+    alone, so that in the mean over the image it is what these find; for surfels by all rays. Large
+    cells do not reflect direct light: what is far from all surfels, such as a house in the sun, is
+    not lit as they are. There it is sampled on the very surface that a ray meets.
     """
     count = len(surfels.points)
     valid = surfels.measure > 0
-    cells = Cells.of(surfels.points[valid], surfels.normals[valid], surfels.measure[valid], centre)
     found = cells.find(surfels.met_points, surfels.met_normals)
     weights, albedo = surfels.weights[:, None], surfels.albedo[valid]
     direct = cells.means(albedo * surfels.direct[valid])
-    sampled = cells.means(albedo * surfels.sampled[valid])
-    direct = _pooled(direct, sampled, surfels, found)
-    direct[~cells.is_fine] = 0
-    arriving = np.where(cells.is_fine[found, None], direct[found] * weights, surfels.met_light)
+    measure = np.repeat(surfels.measure, RAYS)
+    rays = Rays(found, measure * surfels.weights, measure[:, None] * surfels.met_light)
+    rough = cells.means(surfels.rough_albedo[valid])
+    scale = np.where(rough > _DARK, cells.means(albedo) / np.maximum(rough, _DARK), 1)
+    seen = _pooled(direct, scale, cells, pixels)
+    met = _pooled(direct, scale, cells, pixels, rays)
+    arriving = np.where(cells.is_fine[found, None], met[found] * weights, surfels.met_light)
     once = arriving.reshape(count, -1, 3).mean(axis=1, dtype=np.float32)
     indirect = once if bounces else np.zeros_like(once)
     for _ in range(bounces - 1):
@@ -81,36 +111,31 @@ def solve(
         indirect = once + arriving.reshape(count, -1, 3).mean(axis=1, dtype=np.float32)
     light = (surfels.direct + indirect)[valid]
     both = cells.means(np.concatenate([light, albedo * indirect[valid]], axis=1))
-    return cells, both[:, :3], both[:, 3:] + direct
+    return both[:, :3], both[:, 3:] + seen
 
 
-def _pooled(
-    direct: Float32Array, sampled: Float32Array, surfels: Surfels, found: Int64Array
-) -> Float32Array:
-    """Return what cells reflect of direct light, (C + 1, 3), of the bright ones by more samples.
+def _pooled(direct: Float32Array, scale: Float32Array, cells: Cells, *rays: Rays) -> Float32Array:
+    """Return what cells reflect of direct light, (C + 1, 3): the mean over the rays that meet them.
 
-    `direct` are means over each cell's surfels, `sampled` those of `Surfels.sampled`, `found` the
-    cell that each ray meets. Near a lamp light changes within a cell by orders of magnitude, and
-    the mean of a few surfels would decide on the level of a whole picture. So there it is the mean
-    over what all rays meet, which are more, scaled for light that emitter samples miss, as behind
-    glass. Where they miss more than half, it stays.
+    `direct` are means over each cell's surfels, which count where no ray comes, `scale` is their
+    albedo over the rough one of the rays. Large cells are 0.
     """
-    level, part = luminance(direct), luminance(sampled)
-    measure = np.repeat(surfels.measure, RAYS)
-    rays = np.bincount(found, measure * surfels.weights, len(level))
-    bright = (level > _BRIGHT * level[-1]) & (part > level / 2) & (rays > 0)
-    light = (surfels.met_light * measure[:, None]).T
-    bands = np.stack([np.bincount(found, band, len(level)) for band in light], axis=1)
-    scale = level[bright] / part[bright] / rays[bright]
-    direct[bright] = bands[bright] * scale[:, None]
-    return direct
+    hit = np.concatenate([each.cells for each in rays])
+    found = np.concatenate([each.light for each in rays])
+    weights = np.bincount(hit, np.concatenate([each.weights for each in rays]), len(direct))
+    light = np.stack([np.bincount(hit, band, len(direct)) for band in found.T], axis=1)
+    met = weights > 0
+    pooled = direct.copy()
+    pooled[met] = light[met] * scale[met] / weights[met, None]
+    pooled[~cells.is_fine] = 0
+    return pooled
 
 
 def surfels_of(arrays: tuple[Any, ...]) -> Surfels:
     """Return the surfels that `light_surfels` made, in NumPy arrays."""
-    points, normals, measure, albedo, direct, sampled, *met = to_numpy(*arrays)
+    points, normals, measure, rough, albedo, direct, *met = to_numpy(*arrays)
 
-    values = (albedo, direct, sampled, met[-1])
+    values = (albedo, direct, met[-1])
     sound = np.logical_and.reduce([np.isfinite(each).all(axis=-1) for each in values])
     lost = int((~sound.reshape(-1, RAYS)).any(axis=1).sum())
 
@@ -119,14 +144,14 @@ def surfels_of(arrays: tuple[Any, ...]) -> Surfels:
         return rows.mean(axis=1, dtype=np.float32)
 
     # Where a ray meets nothing, position and normal are not defined.
-    met_points, met_normals, weights, met_light = (np.nan_to_num(each) for each in met)
+    met_points, met_normals, weights, met_light = map(np.nan_to_num, met)
     return Surfels(
         points,
         normals,
         measure,
         mean(albedo),
+        np.nan_to_num(rough),
         mean(direct),
-        mean(sampled),
         met_points,
         met_normals,
         weights,
@@ -235,20 +260,21 @@ def light_surfels(
     place = dr.select(active, mi.Point3f(si.p), 0)
     towards = dr.select(active, normal, mi.Vector3f(0, 0, 1))
     met = dr.select(active, mi.Float(1), 0)
+    rough = rough_albedo(tables, si, active)
     arrays = (
         diffuse_albedo(tables, lobes, si, found.cosine, active) + gloss,
         dr.select(active, found.direct, 0),
-        dr.select(active, found.sampled, 0),
         dr.select(hit, mi.Point3f(found.si.p), 0),
         dr.select(hit, facing_normal(found.si, found.direction), mi.Vector3f(0, 0, 1)),
         dr.select(hit, found.weight, 0),
         reflected(scene, tables, lights, sampler, found, hit),
     )
-    dr.eval(arrays, place, towards, met)
+    dr.eval(arrays, place, towards, met, rough)
     return (
         dr.gather(mi.Point3f, place, first),
         dr.gather(mi.Vector3f, towards, first),
         measure * dr.gather(mi.Float, met, first),
+        dr.gather(mi.Color3f, rough, first),
         *arrays,
     )
 

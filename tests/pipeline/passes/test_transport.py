@@ -21,10 +21,10 @@ from pipeline.passes.denoise import guides
 from pipeline.passes.groundtruth import render_both
 from pipeline.passes.transport import Transport, render_transport, transport_of
 from pipeline.render.scene import open_scene
+from pipeline.transport import pixels
 from pipeline.transport.guides import fast_guides
-from pipeline.transport.pixels import Kernel
-from pipeline.transport.radiosity import RAYS, Surfels, solve
-from pipeline.transport.rays import ShapeTables
+from pipeline.transport.pixels import means
+from pipeline.transport.radiosity import RAYS, Rays, Surfels, cells_of, solve
 from pipeline.transport.smoothing import smooth, spread_fireflies
 from pipeline.views import View
 from scenes.errors import InputError
@@ -102,18 +102,23 @@ def test_bright_surfaces_in_bright_light_keep_their_energy_among_dark_ones() -> 
         normals=np.array([[0, 0, 1]] * 2, dtype=np.float32),
         measure=np.ones(2, dtype=np.float32),
         albedo=rows(0.9, 0.1),
+        rough_albedo=rows(0.9, 0.1),
         direct=rows(8.0, 0.0),
-        sampled=rows(8.0, 0.0),
         met_points=empty,
         met_normals=empty,
         weights=empty[:, 0],
         met_light=empty,
     )
-    cells, irradiance, radiosity = solve(surfels, np.zeros(3))
+    cells = cells_of(surfels, np.zeros(3))
+    irradiance, radiosity = solve(surfels, cells, no_rays())
     assert irradiance == pytest.approx(4.0)
     assert radiosity[cells.is_fine] == pytest.approx(0.9 * 8 / 2)
     # Far from all surfels a ray samples the direct light that it meets reflected.
     assert radiosity[~cells.is_fine] == pytest.approx(0)
+
+
+def no_rays() -> Rays:
+    return Rays(np.zeros(0, dtype=np.int64), np.float32([]), np.zeros((0, 3), dtype=np.float32))
 
 
 def test_light_near_a_lamp_comes_from_what_rays_meet_and_not_from_a_few_surfels() -> None:
@@ -135,21 +140,30 @@ def test_light_near_a_lamp_comes_from_what_rays_meet_and_not_from_a_few_surfels(
         normals=normals,
         measure=np.ones(42, dtype=np.float32),
         albedo=np.full((42, 3), 0.5, dtype=np.float32),
+        rough_albedo=np.full((42, 3), 0.4, dtype=np.float32),  # without gloss
         direct=direct,
-        sampled=0.8 * direct,  # the rest of the light is behind glass
         met_points=met_points,
         met_normals=np.tile(normals[:1], (42 * RAYS, 1)),
         weights=weights,
         met_light=met_light,
     )
-    cells, irradiance, radiosity = solve(surfels, np.zeros(3), bounces=1)
+    cells = cells_of(surfels, np.zeros(3))
     lamp, wall = cells.find(np.float32([[0.1, 0.1, 0], [3.1, 0.1, 0]]), normals[:2])
-    assert irradiance[lamp] == pytest.approx(500.5 + 0.05, rel=1e-3)
-    # What the four surfels that look at the lamp meet, corrected by 1 / 0.8, is what it reflects.
-    assert radiosity[lamp] == pytest.approx(0.5 / 0.8 + 0.5 * 0.05, rel=1e-3)
-    got = 0.1 + (4 * 0.5 / 0.8 + 36 * 0.05) / 40
+    irradiance, radiosity = solve(surfels, cells, no_rays(), bounces=1)
+    assert irradiance[lamp] == pytest.approx(500.5 + 1.25 * 0.05, rel=1e-3)
+    # Pixels without rays see what surfels themselves have; surfels, what all of their rays meet.
+    assert radiosity[lamp] == pytest.approx(0.5 * (500.5 + 1.25 * 0.05), rel=1e-3)
+    # Those find it without gloss, which adds a quarter.
+    once = 1.25 * 0.05
+    got = 0.1 + (4 * 1.25 * 0.5 + 36 * once) / 40
     assert irradiance[wall] == pytest.approx(got, rel=1e-3)
-    assert radiosity[wall] == pytest.approx(0.5 * got, rel=1e-3)
+    # Of two rays of pixels there one meets more light, the other counts half.
+    light = np.float32([[0.9], [0.3]]).repeat(3, axis=1)
+    of_pixels = Rays(np.array([lamp, lamp]), np.float32([1, 0.5]), light)
+    irradiance, radiosity = solve(surfels, cells, of_pixels, bounces=1)
+    assert radiosity[lamp] == pytest.approx(1.25 * 1.2 / 1.5 + 0.5 * once, rel=1e-3)
+    mean = 1.25 * (4 * RAYS * 0.5 + 1.2) / (4 * RAYS + 1.5)
+    assert irradiance[wall] == pytest.approx(0.1 + (4 * mean + 36 * once) / 40, rel=1e-3)
 
 
 def test_energy_is_neither_made_nor_lost_in_a_room_with_a_lamp(tmp_path: Path) -> None:
@@ -417,24 +431,36 @@ def test_a_lone_bright_pixel_shares_its_energy_with_its_neighbours() -> None:
     assert np.sqrt(np.array(uncertain).reshape(7, 9)[2, 3]) == pytest.approx(9, rel=0.05)
 
 
-def test_samples_that_are_not_finite_are_counted(tmp_path: Path) -> None:
-    scene = open_scene(write_scene(tmp_path / "a", room_walls(diffuse(0.5))[0]))
-    eye, matrix = mi.Float([0, -1, 1.5]), mi.Float([1, 0, -8, 0, 0, 8, 0, -1, 6])
-    tables = ShapeTables(scene.geometry)
-    kernel = Kernel(scene.geometry.scene, tables, None, None, None, (eye, matrix), (16, 12), None)
-
-    def faulty(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> dict[str, Any]:
-        half = dr.arange(mi.UInt32, 16 * 12 * 4) % 4 < 2
-        left_half = (dr.arange(mi.UInt32, 16 * 12 * 4) // 4) % 16 < 8
-        other = dr.full(mi.Float, 2, 16 * 12 * 4)
-        return {"value": [dr.select(half & left_half, mi.Float(math.nan), 1), other]}
-
-    value, other, lost = (
-        np.array(band).reshape(12, 16) for band in kernel.means(faulty, 4, mi.UInt32(1))
-    )
+def test_samples_that_are_not_finite_are_counted() -> None:
+    number = dr.arange(mi.UInt32, 16 * 12 * 4)
+    faulty = (number % 4 < 2) & ((number // 4) % 16 < 8)
+    two = dr.full(mi.Float, 2, 16 * 12 * 4)
+    images = {"value": [dr.select(faulty, mi.Float(math.nan), 1), two]}
+    value, other, lost = (np.array(band).reshape(12, 16) for band in means(images, 4))
     assert (value[:, :8] == 0.5).all() and (value[:, 8:] == 1).all()
     assert (other == 2).all()
     assert (lost[:, :8] == 0.5).all() and (lost[:, 8:] == 0).all()
+
+
+def test_light_that_is_not_finite_on_what_rays_meet_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    body = room_walls(diffuse(0.5))[0] + ball("lamp", (0.3, -0.2, 1.6), 0.1, glow(50.0))
+    view = make_view((1.2, -1.2, 1.5), (-1, 1, -0.2), size=(16, 12))
+    whole = computed(tmp_path / "a", body, view)
+    reflected = pixels.reflected
+
+    def faulty(*inputs: Any) -> Any:
+        once = reflected(*inputs)
+        left = (dr.arange(mi.UInt32, dr.width(once)) // 16) % 16 < 8
+        return dr.select(left, mi.Color3f(math.inf), once)
+
+    monkeypatch.setattr(pixels, "reflected", faulty)
+    found = computed(tmp_path / "b", body, view)
+    assert found.nan_pixels == found.lost_pixels == 16 * 12 / 2
+    assert np.isfinite(found.color).all()
+    ratio = found.indirect[:, 8:].mean() / whole.indirect[:, 8:].mean()
+    assert ratio == pytest.approx(1, rel=0.1)
 
 
 def test_channels_are_those_of_the_table_and_of_any_light(tmp_path: Path) -> None:
