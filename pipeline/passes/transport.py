@@ -1,10 +1,10 @@
 """Light transport of a view: direct and indirect light on what each pixel sees, and the picture.
 
-Computed, not traced: direct light by shadow rays to all lamps, through windows and to the sun,
-indirect light by radiosity among surfels around the view (`pipeline.transport`). No path goes on
-from surface to surface. Left out: where mirrors, metals and glass throw light (between surfaces it
-is exchanged as if all reflected diffusely, as much as they do), and light behind rough glass.
-Cloth that transmits light diffusely is lit from both sides.
+Direct light by shadow rays to all lamps, through windows and to the sun, light of one reflection by
+the same on what the pixels' rays meet, all further reflections by radiosity among surfels around
+the view (`pipeline.transport`). Left out: where mirrors, metals and glass throw light (between
+surfaces it is exchanged as if all reflected diffusely, as much as they do), and light behind rough
+glass. Cloth that transmits light diffusely is lit from both sides.
 """
 
 from __future__ import annotations

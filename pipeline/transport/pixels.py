@@ -67,7 +67,6 @@ IMAGES = {
 }
 LOST = ("lost_surfaces", "lost_light", "lost_gloss")
 
-
 _LEAST_WEIGHT = 0.005  # of light on a black surface
 _GLOSS = {64: 8, 32: 8, 16: 4, 8: 2, 4: 2}  # samples of gloss, by those of the rest
 
@@ -184,24 +183,24 @@ def gather_pixels(
     surfaces = _surfaces(kernel, sampler, si, onward, left)
     surfaces["panes"] = kernel.reflected(pane, sampler)
     bands = means(surfaces, samples.light)
-    bands += means(_light_images(cache, LightSamples(*light)), samples.light)
+    found = LightSamples(*light)
+    bands += means(_light_images(cache, found), samples.light, found.lost)
     sampler, si, onward, left, _ = kernel.rays(samples.gloss, seed + 2)
     return bands + means(_gloss(kernel, sampler, si, onward, left), samples.gloss)
 
 
-def means(images: Image, spp: int) -> list[Any]:
+def means(images: Image, spp: int, lost: Any = 0.0) -> list[Any]:
     """Return the bands of images, means over `spp` samples of each pixel, (H * W,) each.
 
-    Values that are not finite count as 0. The last band is added: 1 where there are some, or the
-    mean of a last image of that name.
+    Values that are not finite count as 0. A last band is the part of samples with such values, or
+    the mean of `lost`.
     """
-    lost = images.pop("lost_light", [mi.Float(0)])[0]
     bands = [band for image in images.values() for band in image]
     finite = mi.Bool(True)
     for band in bands:
         finite &= dr.isfinite(band)
     bands = [dr.select(dr.isfinite(band), band, 0) for band in bands]
-    bands.append(dr.select(finite, lost, 1))
+    bands.append(dr.select(finite, mi.Float(lost), 1))
     dr.eval(bands)  # in one kernel: a sum over blocks evaluates what it is given by itself
     return [dr.block_sum(band, spp) / spp for band in bands]
 
@@ -261,7 +260,6 @@ def _light_images(cache: LightTable, light: LightSamples) -> Image:
         "lit": [light.lit],
         "light_means": luminance,
         "light_squares": [dr.square(each) for each in luminance],
-        "lost_light": [light.lost],
     }
 
 
