@@ -42,9 +42,8 @@ class Adam:
 class Method:
     """A network and its training. All networks take inputs of `model.data.encoding.encode`.
 
-    A method with `adam` and `own_loss` has the optimiser and the loss of its paper, and `own_loss`
-    describes this loss in the model card. Other methods have the part-perceptual loss, and the
-    learning rate and decay of the parameters.
+    `own_loss` describes a loss other than the part-perceptual one in the model card. A method with
+    `adam` has the optimiser of its paper, others the learning rate and decay of the parameters.
     """
 
     kind: str  # of the network's `Architecture`; methods of one kind share `build`
@@ -96,7 +95,8 @@ METHODS: dict[str, Method] = {
         uses_panorama=False,
         uses_transport=True,
         predicts_radiance=True,
-        revision=2,
+        revision=3,
+        own_loss=ExposedLoss.description,
     ),
     "hybrid": Method(
         "hybrid",
@@ -106,7 +106,8 @@ METHODS: dict[str, Method] = {
         uses_transport=True,
         uses_noisy_samples=True,
         predicts_radiance=True,
-        revision=2,
+        revision=3,
+        own_loss=ExposedLoss.description,
     ),
     "unet": Method("unet", unet.build),
     "end_to_end": Method("end_to_end", end_to_end.EndToEnd),

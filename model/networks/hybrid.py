@@ -1,15 +1,15 @@
 """PBR-Net hybrid: a few path-traced samples a pixel, denoised, then corrected by a network.
 
-Intel's denoiser was trained on far more images than any training here. The network therefore
-starts from the denoised image and learns to correct it. It knows what the denoiser does not: light
-transport (`pipeline.passes.transport`), which has no noise but errors of its own, the difference of
-two halves of the samples, and their number: one set of weights serves for 1 to 8.
+Two pictures of the view err independently: the denoised image, by noise that the denoiser takes for
+light, and light transport (`pipeline.passes.transport`), which has no noise but leaves things out.
+The network starts from their mean, which is nearer to the truth than either. It also knows the
+difference of two halves of the samples, and their number: one set of weights serves for 1 to 8.
 
-For each pixel and band it predicts how far the picture moves towards light transport and towards
-the raw samples, and the logarithm of a factor. All are 0 at first: then the output is the denoised
-image. Its inputs are logarithms of light without reflectance (Zhang et al., *Beyond a Gaussian
-denoiser*, 2017, learn residuals likewise), relative to one level for the view. It does not use the
-panorama or samples of neighbouring views.
+For each pixel and band it predicts the share of light transport in the mixture, how far the picture
+moves towards the raw samples, and the logarithm of a factor. At first the share is a half and the
+others are 0: the output is the plain mean. Its inputs are logarithms of light without reflectance
+(Zhang et al., *Beyond a Gaussian denoiser*, 2017, learn residuals likewise), relative to one level
+for the view. It does not use the panorama or samples of neighbouring views.
 """
 
 from __future__ import annotations
@@ -52,6 +52,6 @@ class HybridNet(nn.Module):
         geometry = torch.cat([geometry_of(inputs), samples], dim=1)
         found = self.bands(geometry, torch.stack(signals, dim=2))
         factor = bounded(found[:, :, 0], MAX_LOG_FACTOR).exp()
-        towards, back = (torch.tanh(found[:, :, k]) for k in (1, 2))
-        mixed = denoised + towards * (color - denoised) + back * (noisy - denoised)
+        share, back = (1 + torch.tanh(found[:, :, 1])) / 2, torch.tanh(found[:, :, 2])
+        mixed = denoised + share * (color - denoised) + back * (noisy - denoised)
         return factor * mixed.clamp(min=0)

@@ -19,12 +19,14 @@ from torch import nn
 
 from model.data.display import tonemap_exposed
 from model.data.encoding import Tensors
+from model.networks.flip import Flip
 
 Criterion = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 Target = Literal["shading", "color"]
 
-# Weight of the logarithmic loss, and the value added to exposed radiance before the logarithm.
-LOG_WEIGHT, LOSS_LOG_OFFSET = 25.0, 0.05
+# Weights of FLIP and of the logarithmic loss, and what is added to exposed radiance before the
+# logarithm.
+FLIP_WEIGHT, LOG_WEIGHT, LOSS_LOG_OFFSET = 100.0, 25.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -102,11 +104,18 @@ class PairedLoss(SingleLoss):
 
 
 class ExposedLoss(SingleLoss):
-    """Loss of predicted radiance: the criterion on the displayed colour, and L1 on logarithms.
+    """Loss of predicted radiance: FLIP of the displayed colour, and L1 on logarithms.
 
-    The criterion measures the displayed image. Its gradient vanishes where the display is white or
-    nearly black; there the logarithms still measure the error.
+    FLIP's gradient vanishes where the display is white or nearly black; there the logarithms still
+    measure the error.
     """
+
+    description = f"{FLIP_WEIGHT:g} FLIP + {LOG_WEIGHT:g} L1 of logarithms"
+
+    def __init__(self, setting: Setting) -> None:
+        super().__init__(setting)
+        device = next(setting.network.parameters()).device
+        self.criterion = Flip().to(device)
 
     def loss(self, batch: Batch) -> torch.Tensor:
         """The sum of both terms, a scalar with gradient."""
@@ -114,7 +123,7 @@ class ExposedLoss(SingleLoss):
         scale, white = batch.radiance["exposure"].split(1, dim=1)
         with self.autocast():
             color = scale * self.network(batch.inputs)
-            loss = self.criterion(tonemap_exposed(color, white), batch.truth)
+            loss = FLIP_WEIGHT * self.criterion(tonemap_exposed(color, white), batch.truth)
         truth = scale * batch.radiance["color"]
         logs = [(image + LOSS_LOG_OFFSET).log() for image in (color, truth)]
         return loss + LOG_WEIGHT * (logs[0] - logs[1]).abs().mean()

@@ -7,9 +7,10 @@ exchange of light, light behind rough glass, places between its samples, loss of
 
 For each pixel and band the network predicts logarithms of three factors, of direct light, of
 indirect light and of the rest of the picture (gloss, lamps, sky), and the share of the light that
-gloss adds. All are 0 at first: then the output is the picture of light transport. Light enters the
-network without reflectance and relative to one level for the view, so that all lamps k times as
-bright give a picture k times as bright.
+gloss adds, of light far above the view's level less: on metal in the sun a small error of the share
+would else be brighter than the metal. All are 0 at first: then the output is the picture of light
+transport. Light enters the network without reflectance and relative to one level for the view, so
+that all lamps k times as bright give a picture k times as bright.
 """
 
 from __future__ import annotations
@@ -50,5 +51,5 @@ class PlusNet(nn.Module):
         more = [torch.expm1(bounded(found[:, :, k], MAX_LOG_FACTOR)) for k in range(3)]
         gloss = bounded(found[:, :, 3], MAX_GLOSS)
         added = more[0] * direct + more[1] * indirect
-        light = direct + indirect + added
+        light = level * (1 + (direct + indirect + added).clamp(min=0) / level).log()
         return (color + reflectance * added + more[2] * rest + gloss * light).clamp(min=0)

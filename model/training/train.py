@@ -273,11 +273,12 @@ def _settings(params: TrainParams, method: Method) -> dict[str, Any]:
     """Parameters that determine the weights; the method's own replace the shared ones."""
     excluded = ("checkpoint_steps", "device", "baselines", *METHODS)
     settings = {name: value for name, value in plain(params).items() if name not in excluded}
+    if method.own_loss:
+        settings["loss"] = method.own_loss
     if method.adam is not None:
         settings |= {
             "learning_rate": method.adam.rate,
             "decay": method.adam.decay,
-            "loss": method.own_loss,
             "betas": plain(method.adam.betas),
         }
     return settings

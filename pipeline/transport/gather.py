@@ -25,7 +25,7 @@ from pipeline.transport.rays import (
     surface_point,
 )
 
-_GLOSS = 0.05  # part of what the base colour absorbs that gloss reflects
+_GLOSS_ALBEDO = 0.05  # part of what the base colour absorbs that gloss reflects
 
 
 @dataclass
@@ -107,9 +107,9 @@ def reflected(
 
 
 def rough_albedo(tables: ShapeTables, si: Any, active: Any) -> Any:
-    """Return the albedo of surfaces as if gloss reflected `_GLOSS` of all light, `mi.Color3f`."""
+    """Return the albedo of surfaces with `_GLOSS_ALBEDO` in place of their gloss, `mi.Color3f`."""
     colour = tables.reflectance_at(si, active)
-    return colour + dr.select(active & is_glossy(si.bsdf()), _GLOSS, 0) * (1 - colour)
+    return colour + dr.select(active & is_glossy(si.bsdf()), _GLOSS_ALBEDO, 0) * (1 - colour)
 
 
 def met(

@@ -68,7 +68,7 @@ class TransportLauncher:
         """Trace the `LightSamples` of an image; of `cache`, only the places of cells count."""
         launch = self._recorded(light_samples, (view.width, view.height, samples))
         number = dr.opaque(mi.UInt32, derive32(seed, "light"))
-        return tuple(launch(*self._inputs(lights, cache, view, samples), number))
+        return tuple(launch(self._inputs(lights, cache, view), samples, number))
 
     def pixels(
         self,
@@ -84,9 +84,9 @@ class TransportLauncher:
         `direct`, `indirect` and `specular` are smoothed, and no longer weighted.
         """
         size = (view.width, view.height)
-        inputs = self._inputs(lights, cache, view, samples)
         number = dr.opaque(mi.UInt32, derive32(seed, "pixels"))
-        bands = self._recorded(gather_pixels, (*size, samples))(*inputs, number, light)
+        launch = self._recorded(gather_pixels, (*size, samples))
+        bands = launch(self._inputs(lights, cache, view), samples, number, light)
         dr.eval(bands)
         eye = column(mi.Float, view.eye)
         smoothed = self._recorded(_smoothed, size)(bands, eye, size, samples)
@@ -96,13 +96,11 @@ class TransportLauncher:
             found[name] = image.reshape(view.height, view.width, 3)
         return found
 
-    def _inputs(
-        self, lights: PlannedLights, cache: LightTable, view: View, samples: Samples
-    ) -> tuple[Any, ...]:
-        """Return the inputs of the kernels of pixels, up to their seed."""
+    def _inputs(self, lights: PlannedLights, cache: LightTable, view: View) -> tuple[Any, ...]:
+        """Return the fields of `pipeline.transport.pixels.Kernel`."""
         size = (view.width, view.height)
         scene = self._scene, self._tables, lights, self._lobes, cache
-        return *scene, _camera(view, size), size, self._panes, samples
+        return *scene, _camera(view, size), size, self._panes
 
     def _recorded(self, kernel: Callable[..., Any], key: Any) -> Any:
         """Return the recorded launches of a kernel."""

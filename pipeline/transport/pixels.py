@@ -68,7 +68,7 @@ IMAGES = {
 LOST = ("lost_surfaces", "lost_light", "lost_gloss")
 
 _LEAST_WEIGHT = 0.005  # of light on a black surface
-_GLOSS = {64: 8, 32: 8, 16: 4, 8: 2, 4: 2}  # samples of gloss, by those of the rest
+_GLOSS_SAMPLES = {64: 8, 32: 8, 16: 4, 8: 2, 4: 2}  # by those of the rest
 
 
 class Samples(NamedTuple):
@@ -80,7 +80,7 @@ class Samples(NamedTuple):
     @classmethod
     def of(cls, spp: int) -> Samples:
         """Return the samples for images with this many camera rays a pixel."""
-        return cls(spp, _GLOSS.get(spp, spp))
+        return cls(spp, _GLOSS_SAMPLES.get(spp, spp))
 
 
 class LightSamples(NamedTuple):
@@ -141,20 +141,13 @@ class Kernel(NamedTuple):
         return dr.select(met, share * radiance, 0)
 
 
-def light_samples(
-    scene: Any,
-    tables: ShapeTables,
-    lights: PlannedLights,
-    lobes: Any,
-    cache: LightTable,
-    camera: tuple[Any, Any],
-    size: tuple[int, int],
-    panes: Panes | None,
-    samples: Samples,
-    seed: Any,
-) -> tuple[Any, ...]:
-    """Trace the `LightSamples` of an image; inputs as in `Kernel`. Of `cache`, light is unused."""
-    kernel = Kernel(scene, tables, lights, lobes, cache, camera, size, panes)
+def light_samples(inputs: tuple[Any, ...], samples: Samples, seed: Any) -> tuple[Any, ...]:
+    """Trace the `LightSamples` of an image.
+
+    `inputs` are the fields of `Kernel`: a frozen function takes plain tuples. Of `cache`, light is
+    unused.
+    """
+    kernel = Kernel(*inputs)
     sampler, si, ray, _, _ = kernel.rays(samples.light, seed)
     found = tuple(_light(kernel, sampler, si, ray))
     dr.eval(found)
@@ -162,29 +155,19 @@ def light_samples(
 
 
 def gather_pixels(
-    scene: Any,
-    tables: ShapeTables,
-    lights: PlannedLights,
-    lobes: Any,
-    cache: LightTable,
-    camera: tuple[Any, Any],
-    size: tuple[int, int],
-    panes: Panes | None,
-    samples: Samples,
-    seed: Any,
-    light: tuple[Any, ...],
+    inputs: tuple[Any, ...], samples: Samples, seed: Any, light: tuple[Any, ...]
 ) -> list[Any]:
-    """Return the bands of `IMAGES`, `mi.Float` (H * W,) each; inputs as in `Kernel`.
+    """Return the bands of `IMAGES`, `mi.Float` (H * W,) each.
 
-    `light` is from `light_samples`, with the same samples.
+    `inputs` as for `light_samples`; `light` is what that returned, with the same samples.
     """
-    kernel = Kernel(scene, tables, lights, lobes, cache, camera, size, panes)
+    kernel = Kernel(*inputs)
     sampler, si, onward, left, pane = kernel.rays(samples.light, seed + 1)
     surfaces = _surfaces(kernel, sampler, si, onward, left)
     surfaces["panes"] = kernel.reflected(pane, sampler)
     bands = means(surfaces, samples.light)
     found = LightSamples(*light)
-    bands += means(_light_images(cache, found), samples.light, found.lost)
+    bands += means(_light_images(kernel.cache, found), samples.light, found.lost)
     sampler, si, onward, left, _ = kernel.rays(samples.gloss, seed + 2)
     return bands + means(_gloss(kernel, sampler, si, onward, left), samples.gloss)
 

@@ -1,4 +1,4 @@
-"""The hybrid: it starts from the denoiser, keeps the light's unit, and learns to correct it."""
+"""The hybrid: a mean at first, it keeps the light's unit, and learns to correct it."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from model.data.reader import NOISY_IMAGES, TRANSPORT_IMAGES, Dataset, Example, 
 from model.evaluation.evaluate import evaluate
 from model.evaluation.inference import load_networks
 from model.methods import METHODS
+from model.networks.flip import Flip
 from model.networks.hybrid import MAX_LOG_FACTOR, HybridNet
 from model.networks.objective import Batch, ExposedLoss, Setting
 from model.networks.pbrnet import Architecture
@@ -88,9 +89,17 @@ def color_of(network: HybridNet, example: Example) -> np.ndarray:
 
 @pytest.mark.parametrize("levels", [1, 2, 4])
 @pytest.mark.parametrize("size", [(40, 30), (37, 23), (5, 3)])
-def test_it_starts_from_what_the_denoiser_made(levels: int, size: tuple[int, int]) -> None:
+def test_it_starts_from_the_mean_of_transport_and_denoiser(
+    levels: int, size: tuple[int, int]
+) -> None:
     example = example_of(np.random.default_rng(0), *size)
-    assert np.array_equal(color_of(untrained(levels=levels), example), example.denoised_color)
+    np.testing.assert_allclose(
+        color_of(untrained(levels=levels), example), mean_of(example), rtol=1e-6
+    )
+
+
+def mean_of(example: Example) -> AnyArray:
+    return (example.transport_color + example.denoised_color) / 2
 
 
 def example_of(rng: np.random.Generator, width: int, height: int) -> Example:
@@ -127,13 +136,18 @@ def test_it_changes_light_by_a_bounded_factor(view: Example) -> None:
     assert 1 / bound < factor.min() < 0.1 and 10 < factor.max() < bound
 
 
-def test_it_may_turn_to_transport_or_back_to_the_samples(view: Example) -> None:
+@pytest.mark.parametrize(
+    ("share", "back", "wanted"),
+    [(20, 0, "transport_color"), (-20, 0, "denoised_color"), (-20, 20, "noisy_color")],
+)
+def test_it_may_turn_to_any_of_its_pictures(
+    view: Example, share: float, back: float, wanted: str
+) -> None:
     network = untrained()
-    for output, wanted in ((1, view.transport_color), (2, view.noisy_color)):
-        with torch.no_grad():
-            network.bands.unet.out.bias.zero_()
-            network.bands.unet.out.bias[4 * output : 4 * output + 4] = 20.0
-        np.testing.assert_allclose(color_of(network, view), wanted, rtol=1e-4, atol=1e-5)
+    with torch.no_grad():
+        network.bands.unet.out.bias[4:8] = share
+        network.bands.unet.out.bias[8:12] = back
+    np.testing.assert_allclose(color_of(network, view), getattr(view, wanted), rtol=1e-4, atol=1e-5)
 
 
 def test_one_set_of_weights_knows_how_many_samples_it_has(view: Example) -> None:
@@ -183,17 +197,14 @@ def test_what_the_loss_sees_is_what_is_displayed() -> None:
 
 
 def exposed_loss(network: HybridNet, example: Example, inputs: dict[str, Any]) -> torch.Tensor:
-    def l1(found: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-        return 255 * (found - truth).abs().mean()
-
     objective = ExposedLoss(
-        Setting(network, l1, None, 8, lambda: torch.autocast("cpu", enabled=False))
+        Setting(network, Flip(), None, 8, lambda: torch.autocast("cpu", enabled=False))
     )
     truth = targets([example], "shared")["color"]
     return objective.loss(Batch(inputs, truth, radiances([example], "shared")))
 
 
-def test_it_learns_what_the_denoiser_does_wrong(view: Example) -> None:
+def test_it_learns_what_the_mean_does_wrong(view: Example) -> None:
     network = untrained(width=12, levels=3, spread=0.01)
     inputs = encoded(view)
     optimiser = torch.optim.Adam(network.parameters(), 3e-3)
@@ -203,14 +214,13 @@ def test_it_learns_what_the_denoiser_does_wrong(view: Example) -> None:
         found = tonemap(color_of(network, view), view.exposure_shading)
         return float(np.abs(found - truth).mean())
 
-    assert view.denoised_color is not None
-    denoised = float(np.abs(tonemap(view.denoised_color, view.exposure_shading) - truth).mean())
-    assert error() == pytest.approx(denoised, rel=0.2)
+    first = float(np.abs(tonemap(mean_of(view), view.exposure_shading) - truth).mean())
+    assert error() == pytest.approx(first, rel=0.2)
     for _ in range(120):
         optimiser.zero_grad()
         exposed_loss(network, view, inputs).backward()  # type: ignore[no-untyped-call]
         optimiser.step()
-    assert error() < 0.3 * denoised
+    assert error() < 0.3 * first
 
 
 def test_samples_are_read_where_asked_for_and_turn_with_the_view(tmp_path: Path) -> None:
