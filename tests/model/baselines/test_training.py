@@ -119,7 +119,7 @@ def test_all_are_trained_and_measured(tmp_path: Path) -> None:
         card = train_network(name, PARAMS, folders)
         settings = card.training
         assert card.architecture.kind == METHODS[name].kind
-        assert isinstance(settings["loss"], str) == name.endswith("_own"), name
+        assert isinstance(settings["loss"], str) == bool(METHODS[name].own_loss), name
         assert settings["learning_rate"] == (
             METHODS[name].adam.rate if METHODS[name].adam else 1e-3  # type: ignore[union-attr]
         )

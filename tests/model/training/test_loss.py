@@ -146,7 +146,7 @@ def test_vgg19_is_read_from_a_named_file(vgg_file: Path, tmp_path: Path) -> None
     assert [tuple(m.shape[1:]) for m in maps] == [(64, 32, 32), (128, 16, 16), (256, 8, 8)]
 
 
-@pytest.mark.slow
+@pytest.mark.check
 def test_vgg19_is_found_in_torchs_cache(
     vgg_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -139,6 +139,7 @@ def test_a_damaged_copy_is_found_and_sent_again(fresh: Path, local: Path, tmp_pa
     assert all(whole[name] == pixels for name, pixels in _results(fresh).items())
 
 
+@pytest.mark.check
 def test_sharing_and_other_workers_side_by_side(fresh: Path, local: Path, tmp_path: Path) -> None:
     shutil.copytree(local / "cameras", fresh / "cameras")
     with (
