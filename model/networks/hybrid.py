@@ -2,8 +2,8 @@
 
 Two pictures of the view err independently: the denoised image, by noise that the denoiser takes for
 light, and light transport (`pipeline.passes.transport`), which has no noise but leaves things out.
-The network starts from their mean, which is nearer to the truth than either. It also knows the
-difference of two halves of the samples, and their number: one set of weights serves for 1 to 8.
+The network starts from their mean, from 2 samples on nearer to the truth than either. It also knows
+the difference of two halves of the samples, and their number: one set of weights serves for 1 to 8.
 
 For each pixel and band it predicts the share of light transport in the mixture, how far the picture
 moves towards the raw samples, and the logarithm of a factor. At first the share is a half and the
