@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Collection, Iterator
+from functools import lru_cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -25,15 +26,10 @@ def imported_files(path: Path, root: Path = ROOT) -> Iterator[Path]:
 
     A package that is imported as a whole is its `__init__.py`.
     """
-    for node in ast.walk(ast.parse(path.read_bytes())):
-        names: list[str] = []
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            inside = [f"{node.module}.{alias.name}" for alias in node.names]
-            found = [name for name in inside if _file(name, root)]
-            names = found if len(found) == len(inside) else [node.module, *found]
-        for name in names:
+    for module, names in _imports(path.read_bytes()):
+        inside = [f"{module}.{name}" for name in names]
+        found = [name for name in inside if _file(name, root)]
+        for name in found if inside and len(found) == len(inside) else [module, *found]:
             file = _file(name, root)
             if file:
                 yield file
@@ -55,6 +51,22 @@ def import_closure(
             found.add(path)
             pending += imported_files(path, root)
     return sorted(found)
+
+
+@lru_cache(maxsize=1024)
+def _imports(source: bytes) -> list[tuple[str, list[str]]]:
+    """Return the modules that a source text imports, each with the names taken from it."""
+    found = []
+    pending: list[ast.AST] = [ast.parse(source)]
+    while pending:  # statements only: most nodes are expressions, which import nothing
+        node = pending.pop()
+        for block in ("body", "orelse", "finalbody", "handlers", "cases"):
+            pending += getattr(node, block, ())
+        if isinstance(node, ast.Import):
+            found += [(alias.name, list[str]()) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.append((node.module, [alias.name for alias in node.names]))
+    return found
 
 
 def _file(name: str, root: Path) -> Path | None:

@@ -147,7 +147,9 @@ def leaky_room(seed: int) -> tuple[list[Quad], int]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize(
+    "seed", [seed if seed < 5 else pytest.param(seed, marks=pytest.mark.check) for seed in range(8)]
+)
 def test_rooms_with_gaps_are_dark_but_for_their_windows(tmp_path: Path, seed: int) -> None:
     quads, windows = leaky_room(seed)
     scene = built(tmp_path, quads)

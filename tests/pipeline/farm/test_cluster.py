@@ -143,7 +143,7 @@ def test_outcomes_that_die_with_their_worker_are_made_again(
     assert all((o.value, o.error) == (key, "") for key, o in outcomes.items())
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.check)])
 def test_workers_are_replaced_after_so_many_scenes(workers: int, tmp_path: Path) -> None:
     """Nothing is done twice for it, not even where there is nobody else meanwhile."""
     log = {f"k{index}": {"log": str(tmp_path)} for index in range(30)}  # six scenes
