@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from scenes.procedural.furnishing.furnisher import Furnisher
 from scenes.procedural.furniture.cloth import sampled
@@ -24,6 +25,8 @@ _CLOTHES: dict[str, tuple[Cut, float, float]] = {
     "scarf": ("sheet", 0.3, 1.5),
 }
 _BACK = 0.05  # metres below the top of a chair's back within which its middle is looked for
+_RIDGE = 0.01  # metres below the top of a back from where a garment's highest part counts
+_RESTS = 0.03  # metres, of cloth that lies on a back: half of the highest part is as near to it
 _NARROWEST = 0.22  # metres, of a throw
 _TRIES = 1
 _MOST = 3  # pieces of cloth left in a room
@@ -43,9 +46,8 @@ def drape_cloth(furnisher: Furnisher) -> None:
         owners = {item.id for item in furnisher.space.items}
         for _ in range(_TRIES):
             made = drape(furnisher, carrier.piece, used)
-            on_back = drape is _over_back
-            if made is None or (on_back and made.bounds[1, 2] < carrier.piece.bounds[1, 2]):
-                continue  # it slid down
+            if made is None or (drape is _over_back and not _hangs(made, carrier.piece)):
+                continue
             kind = made.name.replace(" ", "_")
             if furnisher.space.try_place(
                 kind, made, carrier.pose, zone=False, touching=(carrier.id,), allow=owners
@@ -83,6 +85,19 @@ def _over_back(
         within=slices(behind, low, 0.015),
         gap=0.008,
     )
+
+
+def _hangs(cloth: FurniturePiece, chair: FurniturePiece) -> bool:
+    """Return whether a garment lies on the top of a chair's back; if not, it slid down behind."""
+    top = float(chair.bounds[1, 2])
+    faces = np.concatenate([part.vertices[part.faces] for part in cloth.parts])
+    middles = faces.sum(axis=1) / 3
+    ridge = middles[middles[:, 2] > top - _RIDGE]
+    if cloth.bounds[1, 2] < top or len(ridge) == 0:
+        return False
+    points = np.concatenate([sampled(part.vertices[part.faces]) for part in chair.parts])
+    distance, _ = cKDTree(points).query(ridge)
+    return bool(np.median(distance) < _RESTS)
 
 
 def _over_arm(furnisher: Furnisher, piece: FurniturePiece, used: set[str]) -> FurniturePiece | None:

@@ -29,6 +29,7 @@ from scenes.procedural.piece import FurniturePiece, Material
 
 Cut = Literal["sheet", "shirt", "trousers"]
 _DEEPEST = 0.0025  # metres that a cloth may reach into what it lies on
+_TORN = 0.1  # metres, length of an edge in cloth that was pulled through something
 _FINE_STEPS = 25
 
 
@@ -224,7 +225,7 @@ def over(
     """Return a cloth that lies over a piece of furniture, in the frame of that piece.
 
     `at` is where its middle is dropped; `within` are further bodies. It is
-    kept `gap` metres away. None if it ended up in it.
+    kept `gap` metres away. None if it ended up in it, or torn.
     """
     triangles = np.concatenate([part.vertices[part.faces] for part in carrier.parts])
     half = 0.5 * float(np.hypot(*size))
@@ -235,11 +236,17 @@ def over(
     bodies = [*within, plane(2, thickness + 0.02), surface(samples, thickness + gap)]
     mesh = dropped(rng, bodies, size, at, turn=turn, tight=tight, thickness=thickness, cut=cut)
     mended = cleared(mesh, samples, _DEEPEST)
-    if mended is None or pierces(triangles[near], mended):
+    if mended is None or _longest(mended) > _TORN or pierces(triangles[near], mended):
         return None
     b = Builder(name, category, "free")
     b.add(material, mended, name="cloth")
     return b.piece()
+
+
+def _longest(mesh: BodyMesh) -> float:
+    corners = mesh.vertices[mesh.faces]
+    edges = np.roll(corners, -1, axis=1) - corners
+    return float(np.sqrt((edges**2).sum(axis=-1).max()))
 
 
 def slices(points: Float64Array, low: float, gap: float, high: float = 0.06) -> list[Push]:

@@ -45,6 +45,7 @@ _ACROSS, _DOWN = 0.029, 0.096  # metres between points
 _STEPS = 45
 _TIE = 1.3  # metres from the rod down to a tie
 _TIED = (0.075, 0.05)  # half widths of what is tied
+_CORD = 0.07  # metres above and below its middle that a tie keeps from a sill
 _TIED_X = 0.07  # metres from the outer edge to the middle of the tie
 
 
@@ -55,12 +56,14 @@ def curtains(
     height: float = 2.3,
     hem: float = 0.015,
     shape: float = 0.0,
+    sill: float = 0.0,
 ) -> FurniturePiece:
     """A pair of open curtains on a rod with rings or in a rail, some of them tied back.
 
-    `width` of the window, `height` of the rod and `hem` of the cloth above the floor, metres. The
-    origin is on the floor below the centre of the window (`mount_height` 0). `shape` chooses one
-    of `SHAPES` simulations of the folds, which all windows of a home may share.
+    `width` of the window, heights of the rod, of the cloth's `hem` and of the window's `sill` above
+    the floor, metres. The origin is on the floor below the centre of the window (`mount_height` 0).
+    `shape` chooses one of `SHAPES` simulations of the folds, which all windows of a home may share.
+    Where a tie would run into the sill there is none.
     """
     b = Builder("curtains", "curtain", "on_wall")
     wide = min(max(0.25 * width, 0.26), 0.6) * float(rng.uniform(0.85, 1.2))
@@ -72,7 +75,8 @@ def curtains(
     stretch = min(max(wide / bunch, 0.87), 1.15)
     gap = _RAIL + 0.001 if railed else _RING_LOW + 0.001  # metres from the height to the cloth
     drop = height - gap - hem
-    ties = bool(tied < 0.25 and hem < 0.1 and drop > _TIE + 0.6)
+    clear = abs(height - gap - _TIE - sill) > _CORD
+    ties = bool(tied < 0.25 and hem < 0.1 and drop > _TIE + 0.6 and clear)
     made = panels(int(shape), size, style.curtain.translucent, ties)
     for place, hooks, side in zip(made.places, made.hooks, (-1.0, 1.0), strict=True):
         cloth = _cut(refined(place), drop)

@@ -29,7 +29,9 @@ def furnish_windows(furnisher: Furnisher) -> None:
             short = radiator is not None and furnisher.chance(_SHORT)
             hem = window.z0 - _BELOW_SILL if short else _ABOVE_FLOOR
             shape = round(1000 * window.z1 + 10 * furnisher.plan.height) % SHAPES  # of the home
-            curtains = furnisher.make("curtains", width=width, height=height, hem=hem, shape=shape)
+            curtains = furnisher.make(
+                "curtains", width=width, height=height, hem=hem, shape=shape, sill=window.z0
+            )
             # Curtains hang in front of the window.
             with furnisher.space.openings_unblocked():
                 furnisher.space.hang("curtains", curtains, edge, width / 2, 0.0)
