@@ -19,7 +19,6 @@ import pytest
 import yaml
 
 from tests.fixtures.paths import ROOT
-from tests.fixtures.stages import write_room
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -27,12 +26,7 @@ NETWORK = {"epochs": 1, "steps_per_epoch": 2, "width": 4, "levels": 2}
 CAN = {**NETWORK, "levels": 3}
 CHANGES: dict[str, dict[str, Any]] = {
     "image": {"width": 64, "height": 48},
-    "scenes": {
-        "homes": 1,
-        "rooms_max": 1,
-        "texture_size": 64,
-        "imports": ["rooms/alpha/scene.xml", "rooms/beta/scene.xml"],
-    },
+    "scenes": {"homes": 3, "rooms_max": 1, "texture_size": 64},
     "cameras": {"views_per_room": 2, "views_per_scene": 2, "candidates": 12, "grid": 0.5},
     "illumination": {"width": 64, "supersampling": 2, "light_samples": 16, "shadow_rays": 2},
     "groundtruth": {"spp": 4, "block_spp": 2, "max_depth": 4},
@@ -78,8 +72,6 @@ def _project(folder: Path) -> Path:
     for package in ("scenes", "pipeline", "model"):
         ignore = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / package, folder / package, ignore=ignore)
-    for name, depth in (("alpha", 3.0), ("beta", 3.2)):
-        write_room(folder / "rooms" / name, size=(4.0, depth, 2.6))
     shutil.copy(ROOT / "dvc.yaml", folder)
     shutil.copy(ROOT / "params" / "quick.yaml", folder / "params.yaml")
     _change(folder, CHANGES)
@@ -121,7 +113,7 @@ def test_one_cpu_makes_everything(finished: Path) -> None:
     rejected = (finished / "data" / "dataset" / "rejected.csv").read_text().splitlines()
     cameras = (finished / "data" / "cameras").glob("*.json")
     sampled = sum(len(json.loads(path.read_text())["views"]) for path in cameras)
-    assert views + len(rejected) - 1 == sampled >= 3
+    assert views + len(rejected) - 1 == sampled >= 4
     figures = json.loads((finished / "metrics" / "evaluation.json").read_text())
     assert {"pbrnet", "product", "unet", "ceiling"} <= figures["methods"].keys()
     assert "data:image/" in (finished / "report" / "index.html").read_text()
