@@ -54,18 +54,18 @@ def import_closure(
 
 
 @lru_cache(maxsize=1024)
-def _imports(source: bytes) -> list[tuple[str, list[str]]]:
+def _imports(source: bytes) -> list[tuple[str, tuple[str, ...]]]:
     """Return the modules that a source text imports, each with the names taken from it."""
-    found = []
+    found: list[tuple[str, tuple[str, ...]]] = []
     pending: list[ast.AST] = [ast.parse(source)]
     while pending:  # statements only: most nodes are expressions, which import nothing
         node = pending.pop()
         for block in ("body", "orelse", "finalbody", "handlers", "cases"):
             pending += getattr(node, block, ())
         if isinstance(node, ast.Import):
-            found += [(alias.name, list[str]()) for alias in node.names]
+            found += [(alias.name, ()) for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
-            found.append((node.module, [alias.name for alias in node.names]))
+            found.append((node.module, tuple(alias.name for alias in node.names)))
     return found
 
 

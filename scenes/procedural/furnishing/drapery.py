@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import cKDTree
 
+from scenes.arrays import Float64Array
 from scenes.procedural.furnishing.furnisher import Furnisher
 from scenes.procedural.furniture.cloth import sampled
 from scenes.procedural.furniture.drapes import Cut, over, slices
@@ -46,7 +47,7 @@ def drape_cloth(furnisher: Furnisher) -> None:
         owners = {item.id for item in furnisher.space.items}
         for _ in range(_TRIES):
             made = drape(furnisher, carrier.piece, used)
-            if made is None or (drape is _over_back and not _hangs(made, carrier.piece)):
+            if made is None:
                 continue
             kind = made.name.replace(" ", "_")
             if furnisher.space.try_place(
@@ -59,7 +60,7 @@ def drape_cloth(furnisher: Furnisher) -> None:
 def _over_back(
     furnisher: Furnisher, piece: FurniturePiece, used: set[str]
 ) -> FurniturePiece | None:
-    """A garment over the back of a chair."""
+    """A garment over the back of a chair; None, too, if it slid down behind."""
     rng = furnisher.rng
     points = np.concatenate([sampled(part.vertices[part.faces]) for part in piece.parts])
     top = float(points[:, 2].max())
@@ -72,7 +73,7 @@ def _over_back(
     cut, width, length = _CLOTHES[name]
     at = (float(rng.normal(0, 0.02)), middle + float(rng.normal(0, 0.02)), top + 0.02)
     turn = float(rng.normal(0 if cut != "shirt" or rng.random() < 0.5 else 180, 6))
-    return over(
+    made = over(
         rng,
         piece,
         name,
@@ -85,17 +86,17 @@ def _over_back(
         within=slices(behind, low, 0.015),
         gap=0.008,
     )
+    return made if made is not None and _lies_on(made, points) else None
 
 
-def _hangs(cloth: FurniturePiece, chair: FurniturePiece) -> bool:
-    """Return whether a garment lies on the top of a chair's back; if not, it slid down behind."""
-    top = float(chair.bounds[1, 2])
+def _lies_on(cloth: FurniturePiece, points: Float64Array) -> bool:
+    """Return whether the highest part of a cloth lies on the top of a chair, points (N, 3)."""
+    top = float(points[:, 2].max())
     faces = np.concatenate([part.vertices[part.faces] for part in cloth.parts])
     middles = faces.sum(axis=1) / 3
     ridge = middles[middles[:, 2] > top - _RIDGE]
     if cloth.bounds[1, 2] < top or len(ridge) == 0:
         return False
-    points = np.concatenate([sampled(part.vertices[part.faces]) for part in chair.parts])
     distance, _ = cKDTree(points).query(ridge)
     return bool(np.median(distance) < _RESTS)
 

@@ -45,8 +45,8 @@ _ACROSS, _DOWN = 0.029, 0.096  # metres between points
 _STEPS = 45
 _TIE = 1.3  # metres from the rod down to a tie
 _TIED = (0.075, 0.05)  # half widths of what is tied
-_CORD = 0.07  # metres above and below its middle that a tie keeps from a sill
 _TIED_X = 0.07  # metres from the outer edge to the middle of the tie
+_TIED_Z = 0.07  # metres above and below the middle of a tie without a sill
 
 
 def curtains(
@@ -75,7 +75,7 @@ def curtains(
     stretch = min(max(wide / bunch, 0.87), 1.15)
     gap = _RAIL + 0.001 if railed else _RING_LOW + 0.001  # metres from the height to the cloth
     drop = height - gap - hem
-    clear = abs(height - gap - _TIE - sill) > _CORD
+    clear = abs(height - gap - _TIE - sill) > _TIED_Z
     ties = bool(tied < 0.25 and hem < 0.1 and drop > _TIE + 0.6 and clear)
     made = panels(int(shape), size, style.curtain.translucent, ties)
     for place, hooks, side in zip(made.places, made.hooks, (-1.0, 1.0), strict=True):

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from scenes.procedural.furnishing.drapery import _lies_on
+from scenes.procedural.furniture import drapes
+from scenes.procedural.furniture.build import Builder
 from scenes.procedural.furniture.cloth import (
     Weave,
     block,
     cleared,
     pierces,
     plump,
+    sampled,
     settle,
     solid,
     started,
@@ -19,7 +23,9 @@ from scenes.procedural.furniture.cloth import (
 )
 from scenes.procedural.furniture.drapes import dropped, hooked, hung
 from scenes.procedural.furniture.geometry import BodyMesh, box, grid
-from scenes.procedural.furniture.textiles import SHAPES, panels
+from scenes.procedural.furniture.style import make_style
+from scenes.procedural.furniture.textiles import SHAPES, curtains, panels
+from scenes.procedural.piece import FurniturePiece, Material
 from scenes.seeds import generator
 from tests.scenes.procedural.test_furniture import is_closed, volume
 
@@ -118,3 +124,47 @@ def test_curtains_keep_their_length_and_fall_in_folds(sheer: bool, tied: bool) -
         again = panels(shape, shape % 3, sheer, tied)
         assert [place.tobytes() for place in again.places] == shapes[-2:]
     assert len(set(shapes)) == 2 * SHAPES
+
+
+def _of(*meshes: BodyMesh) -> FurniturePiece:
+    b = Builder("thing", "clothing", "free")
+    b.add(Material("paint", (0.5, 0.5, 0.5)), *meshes)
+    return b.piece()
+
+
+@pytest.mark.parametrize(("behind", "lies"), [(0.0, True), (0.06, False)])
+def test_a_garment_that_slid_down_behind_a_chair_is_noticed(behind: float, lies: bool) -> None:
+    back = box((0.4, 0.03, 0.9))
+    tent = box((0.4, 0.03, 0.5), (0, behind, 0.415))  # 1.5 cm higher than the back
+    assert _lies_on(_of(tent), sampled(back.vertices[back.faces])) is lies
+
+
+@pytest.mark.parametrize("torn", [False, True])
+def test_torn_cloth_is_left_out(torn: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    carrier = _of(box((0.6, 0.6, 0.4)))
+
+    def pulled(*words: object, **options: object) -> BodyMesh:
+        mesh = dropped(*words, **options)  # type: ignore[arg-type]
+        if torn:
+            mesh.vertices[int(np.argmax(mesh.vertices[:, 0]))] += (0.3, 0, 0)
+        return mesh
+
+    monkeypatch.setattr(drapes, "dropped", pulled)
+    made = drapes.over(
+        generator(0, "cloth"), carrier, "throw", "textile", Material("textile", (0.5, 0.5, 0.5)),
+        (0.4, 0.4), (0, 0, 0.45),
+    )  # fmt: skip
+    assert (made is None) is torn
+
+
+def test_curtains_are_not_tied_back_at_the_sill() -> None:
+    style = make_style(generator(0, "style"))
+
+    def ties(seed: int, sill: float) -> int:
+        made = curtains(generator(seed, "curtains"), style, height=2.3, sill=sill)
+        return sum(part.name.startswith("tie") for part in made.parts)
+
+    tied = [seed for seed in range(12) if ties(seed, 0.0)]
+    assert tied
+    assert [seed for seed in range(12) if ties(seed, 0.6)] == tied
+    assert not [seed for seed in tied if ties(seed, 0.96)]
