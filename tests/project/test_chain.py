@@ -123,16 +123,25 @@ def test_one_cpu_makes_everything(finished: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "stages"),
     [
-        ({"train": {"composition": {"epochs": 2}}}, ["train_composition"]),
-        (
-            {"train": {"learning_rate": 1e-5}},
-            ["train_shading", "train_composition", "train_baselines@unet"],
+        pytest.param(
+            {"train": {"composition": {"epochs": 2}}},
+            ["train_composition"],
+            id="epochs",
+            marks=pytest.mark.check,
         ),
-        ({"groundtruth": {"spp": 6}}, ["groundtruth", "dataset"]),
-        ({"train": {"unet": {"epochs": 2}}}, ["train_baselines@unet"]),
-        ({"train": {"baselines": []}}, ["evaluate"]),
+        pytest.param(
+            {"train": {"learning_rate": 1e-5, "baselines": []}},
+            ["train_shading", "train_composition", "evaluate"],
+            id="learning rate, no baselines",
+        ),
+        pytest.param({"groundtruth": {"spp": 6}}, ["groundtruth", "dataset"], id="samples"),
+        pytest.param(
+            {"train": {"unet": {"epochs": 2}}},
+            ["train_baselines@unet"],
+            id="epochs of a baseline",
+            marks=pytest.mark.check,
+        ),
     ],
-    ids=lambda value: "" if isinstance(value, list) else str(value),
 )
 def test_only_stages_that_depend_on_a_change_run_again(
     changeable: Path, changes: dict[str, dict[str, Any]], stages: list[str]

@@ -101,7 +101,7 @@ def test_without_the_packages_it_says_how_to_get_them(
 @pytest.mark.parametrize(
     ("method", "panorama"),
     [
-        ("pbrnet", "normal"),
+        pytest.param("pbrnet", "normal", marks=pytest.mark.check),
         pytest.param("pbrnet", "resize", marks=pytest.mark.check),
         ("plus", "normal"),
         pytest.param("hybrid", "normal", marks=pytest.mark.check),

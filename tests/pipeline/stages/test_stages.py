@@ -469,8 +469,9 @@ def test_variants_of_a_home_stand_beside_it_and_share_its_plan(tmp_path: Path) -
         run_scenes(data, replace(PARAMS, scenes=wanted))
         return sorted(path.name for path in (data / "scenes").iterdir())
 
-    assert made(variants=3) == ["home-0000", "home-0000-v1", "home-0000-v2"]
-    scenes = [load_scene(data / "scenes" / name) for name in made(variants=3)]
+    names = made(variants=3)
+    assert names == ["home-0000", "home-0000-v1", "home-0000-v2"]
+    scenes = [load_scene(data / "scenes" / name) for name in names]
     assert [scene.lighting for scene in scenes] == ["day", "evening", "night"]
     assert len({scene.plan for scene in scenes}) == 1
     home = (data / "scenes" / "home-0000" / "scene.json").stat().st_mtime_ns

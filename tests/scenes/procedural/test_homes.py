@@ -51,7 +51,7 @@ from scenes.seeds import generator
 from tests.fixtures.geometry import hits, is_sunk
 
 SMALL = SceneParams(texture_size=64)
-SEEDS = (0, 1, 2, 3, 4, 7)  # rooms of all types, stairs, niches
+SEEDS = (8, 5, 14, 7)  # rooms of all types; beams, niches, stairs
 FORTY = range(200, 240)  # more seeds, of which every run makes a sample
 HANGING = ("textile", "clothing", "towel", "curtain", "cushion")
 ON_HOOKS = ("utensil_rail", "key_board")  # carriers of what hangs
@@ -220,7 +220,7 @@ def test_mitsuba_loads_homes_without_a_warning(homes: list[Home]) -> None:
     collector = Collector()
     mi.logger().add_appender(collector)
     try:
-        for home in homes[:4]:
+        for home in homes:
             mi.load_file(str(home.scene.xml), optimize=False, parallel=False)
     finally:
         mi.logger().remove_appender(collector)
@@ -232,7 +232,7 @@ def test_the_plain_mitsuba_command_renders_a_home(homes: list[Home], tmp_path: P
     if not command.is_file():
         pytest.skip("the mitsuba command is not installed beside this Python")
     folder = tmp_path / "home"
-    shutil.copytree(homes[4].folder, folder)
+    shutil.copytree(homes[3].folder, folder)
     text = (folder / "scene.xml").read_text()
     text = text.replace('name="sample_count" value="64"', 'name="sample_count" value="1"')
     text = text.replace('"width" value="480"', '"width" value="32"')
@@ -823,7 +823,7 @@ def test_mitsuba_shows_the_top_row_of_an_image_at_v_0() -> None:
 
 @pytest.mark.slow
 def test_many_seeds_find_a_plan_and_furniture() -> None:
-    for seed in (100, 104, 108):
+    for seed in (100, 104):
         _furnishes(seed)
 
 
@@ -842,9 +842,7 @@ def _furnishes(seed: int) -> None:
 
 @pytest.mark.slow
 def test_a_sample_of_forty_homes_is_made(tmp_path: Path) -> None:
-    sample = generator(0, "sample of homes").choice(FORTY, 2, replace=False)
-    for seed in sample.tolist():
-        _makes_a_home(tmp_path, seed)
+    _makes_a_home(tmp_path, int(generator(0, "sample of homes").choice(FORTY)))
 
 
 @pytest.mark.slow
