@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import mean
@@ -46,7 +45,7 @@ _LINES = {
 
 @dataclass(frozen=True)
 class Point:
-    """Time and quality of one method at one image size, of one view or the mean of several."""
+    """Time and quality of one method at one image size, of a view of one home."""
 
     size: str  # WIDTHxHEIGHT
     method: str  # of `TITLES`
@@ -56,39 +55,54 @@ class Point:
     ssim: float
 
 
-def means(views: Sequence[Sequence[Point]]) -> list[Point]:
-    """Return means over the views, of the sizes, methods and samples that all of them have."""
-    found: dict[tuple[str, str, int], list[Point]] = defaultdict(list)
-    for point in (point for view in views for point in view):
-        found[point.size, point.method, point.spp].append(point)
-    return [
-        Point(
-            *key, *(mean(getattr(p, name) for p in points) for name in ("seconds", "flip", "ssim"))
-        )
-        for key, points in found.items()
-        if len(points) == len(views)
-    ]
+@dataclass(frozen=True)
+class Best:
+    """The best pictures of a method in some time, one of each home; means over the homes."""
+
+    method: str
+    spp: tuple[int, ...]  # of each home; 0: without samples
+    seconds: float
+    flip: float
+    ssim: float
 
 
-def cells(points: Sequence[Point], budgets: Sequence[float]) -> list[dict[str, Any]]:
-    """Return the best picture of each group by image size and budget; None where none is in time.
+def best_within(homes: Sequence[Sequence[Point]], method: str, seconds: float) -> Best | None:
+    """Return the pictures of the lowest FLIP in this time, or None where a home has none.
+
+    `homes` are the points of each home at one image size. Each home may have another number of
+    samples, because as many fit as its rooms allow.
+    """
+    found: list[Point] = []
+    for points in homes:
+        inside = [one for one in points if one.method == method and one.seconds <= seconds]
+        if not inside:
+            return None
+        found.append(min(inside, key=lambda one: one.flip))
+    means = (mean(getattr(one, name) for one in found) for name in ("seconds", "flip", "ssim"))
+    return Best(method, tuple(one.spp for one in found), *means)
+
+
+def by_size(homes: Sequence[Sequence[Point]]) -> dict[str, list[list[Point]]]:
+    """Return the points of each home by image size."""
+    sizes = dict.fromkeys(point.size for points in homes for point in points)
+    return {
+        size: [[one for one in points if one.size == size] for points in homes] for size in sizes
+    }
+
+
+def cells(homes: Sequence[Sequence[Point]], budgets: Sequence[float]) -> list[dict[str, Any]]:
+    """Return the best of each group by image size and budget; None where none is in time.
 
     `first` is the group of the lowest FLIP; None where no picture is in time.
     """
     rows: list[dict[str, Any]] = []
-    for size in dict.fromkeys(point.size for point in points):
+    for size, points in by_size(homes).items():
         for budget in budgets:
             row: dict[str, Any] = {"size": size, "budget": budget, "first": None}
             lowest = float("inf")
             for group, methods in GROUPS.items():
-                inside = [
-                    point
-                    for point in points
-                    if point.size == size
-                    and point.method in methods
-                    and point.seconds <= WITHIN * budget
-                ]
-                best = min(inside, key=lambda point: point.flip, default=None)
+                found = (best_within(points, method, WITHIN * budget) for method in methods)
+                best = min(filter(None, found), key=lambda one: one.flip, default=None)
                 row[group] = best
                 if best is not None and best.flip < lowest:
                     lowest, row["first"] = best.flip, group
@@ -96,34 +110,29 @@ def cells(points: Sequence[Point], budgets: Sequence[float]) -> list[dict[str, A
     return rows
 
 
-def budget_plot(points: Sequence[Point], budgets: Sequence[float], words: str) -> bytes:
-    """Return a PNG with a panel for each image size: FLIP over seconds, both logarithmic."""
-    sizes = list(dict.fromkeys(point.size for point in points))
+def budget_plot(homes: Sequence[Sequence[Point]], budgets: Sequence[float], words: str) -> bytes:
+    """Return a PNG with a panel for each image size: lowest FLIP in so many seconds.
+
+    Both axes are logarithmic; a line begins where the method has a picture of each home.
+    """
+    sizes = by_size(homes)
     figure = Figure(figsize=(max(4.6 * len(sizes), 9.2), 5.2), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(sizes), sharey=True, squeeze=False)[0]
-    for axes, size in zip(panels, sizes, strict=True):
+    last = WITHIN * max(budgets)
+    for axes, (size, points) in zip(panels, sizes.items(), strict=True):
         for method, (colour, dashes, mark) in _LINES.items():
-            line = [point for point in points if (point.size, point.method) == (size, method)]
-            line.sort(key=lambda point: point.spp)
-            axes.plot(
-                [point.seconds for point in line],
-                [point.flip for point in line],
+            line = _steps(points, method, last)
+            axes.step(
+                [*(seconds for seconds, _ in line), *([last] if line else [])],
+                [*(flip for _, flip in line), *(flip for _, flip in line[-1:])],
                 dashes,
+                where="post",
                 color=colour,
                 marker=mark,
+                markevery=range(len(line)),
                 label=TITLES[method],
             )
-            for point in line:
-                if point.spp:
-                    axes.annotate(
-                        str(point.spp),
-                        (point.seconds, point.flip),
-                        (3, 4),
-                        textcoords="offset points",
-                        fontsize=7,
-                        color=colour,
-                    )
         for budget in budgets:
             axes.axvline(budget, color="#dddddd", zorder=0)
         axes.set_xscale("log")
@@ -134,7 +143,7 @@ def budget_plot(points: Sequence[Point], budgets: Sequence[float], words: str) -
             set_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.tick_params(which="both", labelsize=8)
         axes.set_title(size, fontsize=11)
-        axes.set_xlabel("seconds for a further picture")
+        axes.set_xlabel("seconds that a further picture may take")
         axes.grid(True, which="both", axis="y", alpha=0.25)
     panels[0].set_ylabel("ꟻLIP: lower is nearer to the reference")
     handles, labels = panels[0].get_legend_handles_labels()
@@ -143,3 +152,14 @@ def budget_plot(points: Sequence[Point], budgets: Sequence[float], words: str) -
     stream = io.BytesIO()
     figure.savefig(stream, format="png", metadata={"Software": None})
     return stream.getvalue()
+
+
+def _steps(homes: Sequence[Sequence[Point]], method: str, last: float) -> list[tuple[float, float]]:
+    """Return seconds, at most `last`, from which on a method has a lower FLIP, and that FLIP."""
+    times = sorted(one.seconds for points in homes for one in points if one.method == method)
+    steps: list[tuple[float, float]] = []
+    for seconds in times:
+        found = best_within(homes, method, seconds)
+        if found and seconds <= last and (not steps or found.flip < steps[-1][1]):
+            steps.append((seconds, found.flip))
+    return steps

@@ -33,7 +33,7 @@ import numpy as np
 import torch
 
 from benchmarks.bench import ROOT, Bench, Reference, resized
-from benchmarks.budget_results import GROUPS, Point, budget_plot, cells, means
+from benchmarks.budget_results import GROUPS, Point, budget_plot, cells
 from benchmarks.clay import write_clay
 from benchmarks.cycles import (
     AGREE,
@@ -167,8 +167,8 @@ def _written(
 ) -> list[dict[str, Any]]:
     """Write the files of what was measured, by home and size; return the cells."""
     budgets = bench.sizes.budgets
-    points = means([[point for view in home for point in view.points] for home in views])
-    found = cells(points, budgets)
+    homes = [[point for view in home for point in view.points] for home in views]
+    found = cells(homes, budgets)
     sizes = list(zip(*views, strict=True))  # of all homes each
     each_view = [view for home in views for view in home]
     record = {
@@ -183,20 +183,20 @@ def _written(
         "reference_spp": {each[0].size: each[0].spp for each in sizes},
         "halves_flip": {each[0].size: mean(view.between for view in each) for each in sizes},
         "halves_apart": max(view.apart for each in sizes for view in each),
-        "points": [asdict(point) for point in points],
+        "points": [[asdict(point) for point in points] for points in homes],
         "cells": [
             {**row, **{group: row[group] and asdict(row[group]) for group in GROUPS}}
             for row in found
         ],
     }
     write_json(docs / "data" / "budgets.json", record)
-    words = f"{len(views)} homes as clay, a view of each; numbers: samples a pixel"
+    words = f"Lowest FLIP in so much time; mean of {len(views)} homes as clay, a view of each"
     large = "{}x{}".format(*bench.sizes.large)
     sheet = next(view for view in views[0] if view.size == large).sheet
     labels = tuple(label for label, _ in sheet)
     pictures = contact_sheet([to_bytes(image) for _, image in sheet], 2, labels)
     for file, data in (
-        ("budgets.png", budget_plot(points, budgets, words)),
+        ("budgets.png", budget_plot(homes, budgets, words)),
         ("budgets.jpg", jpeg_bytes(pictures)),
     ):
         with atomic_file(docs / "images" / file) as partial_file:
@@ -377,7 +377,8 @@ class ClayView:
             ]
             if jobs:
                 best = min(jobs, key=lambda job: self.quality[job][0])
-                words = f"{group}: {best[0]} {best[1] or ''}, FLIP {self.quality[best][0]:.3f}"
+                name = f"{best[0]} {best[1]}" if best[1] else best[0]
+                words = f"{group}: {name}, FLIP {self.quality[best][0]:.3f}"
                 shown.append((words, self.kept[best]))
         return shown
 
@@ -443,14 +444,15 @@ def _cycles(other: Blender) -> dict[str, Way]:
 
 
 def _rows(found: Sequence[dict[str, Any]]) -> Iterator[Row]:
-    """Yield in how many budgets ours is the best, and by how much in each image size."""
+    """Yield in how many budgets ours is the best, and by how much at each image size."""
+    tried = [row for row in found if row["first"]]
     yield Row(
         NAME,
-        f"budgets of {len(found)} (image sizes x seconds) in which the lowest FLIP is ours, in the "
-        "mean over the homes; where no picture is in time none is first",
-        spread([sum(row["first"] == "ours" for row in found)]),
-        unit=f"of {len(found)}",
-        goal=at_least(len(found)),
+        f"budgets, of {len(found)} (image sizes x seconds), in which the lowest FLIP is ours, as a "
+        "mean over the homes; where no renderer has a picture of each home in time none counts",
+        spread([sum(row["first"] == "ours" for row in tried)]),
+        unit=f"of {len(tried)}",
+        goal=at_least(len(tried)),
     )
     for size in dict.fromkeys(row["size"] for row in found):
         ratios = [

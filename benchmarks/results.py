@@ -7,6 +7,7 @@ the code that it was measured with, and the page states them where they differ b
 
 from __future__ import annotations
 
+import contextlib
 import os
 import platform
 from collections.abc import Sequence
@@ -205,7 +206,10 @@ def figure(value: float, unit: str) -> str:
 
 
 class OtherLoad:
-    """Processor time that other programs use from the creation of this object on."""
+    """Processor time that other programs use from the creation of this object on.
+
+    Not this process, its children and their children, ended or not.
+    """
 
     def __init__(self) -> None:
         self.busy, self.own = self._read()
@@ -221,4 +225,8 @@ class OtherLoad:
         busy = sum(
             getattr(times, name, 0.0) for name in ("user", "nice", "system", "irq", "softirq")
         )
-        return busy, now().cpu
+        running = 0.0
+        for child in psutil.Process().children(recursive=True):
+            with contextlib.suppress(psutil.Error):  # ended meanwhile
+                running += sum(child.cpu_times()[:4])
+        return busy, now().cpu + running

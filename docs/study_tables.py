@@ -152,10 +152,15 @@ def clay_budget_table(found: dict[str, Any]) -> Rows:
                 continue
             flip = f"{point['flip']:.3f}"
             flip = f"**{flip}**" if group == cell["first"] else flip
-            samples = f" {point['spp']}" if point["spp"] else ""
+            samples = f" {_range(point['spp'])}" if any(point["spp"]) else ""
             row.append(f"{flip}, {point['ssim']:.3f} (`{point['method']}{samples}`)")
         table.append(row)
     return table
+
+
+def _range(numbers: list[int]) -> str:
+    few, many = min(numbers), max(numbers)
+    return f"{few}" if few == many else f"{few} to {many}"
 
 
 def clay_budget_words(found: dict[str, Any]) -> str:
@@ -182,13 +187,17 @@ def _not_first(cells: list[dict[str, Any]]) -> str:
     ours = [cell for cell in cells if cell["first"] == "ours"]
     lost = [cell for cell in cells if cell["first"] not in ("ours", None)]
     nobody = [cell for cell in cells if cell["first"] is None]
-    text = f"**Ours is first in {len(ours)} of {len(cells)} budgets.**"
+    tried = len(cells) - len(nobody)
+    text = f"**Ours is first in {len(ours)} of the {tried} budgets in which there is a picture.**"
     if lost:
         words = (f"{cell['size']} in {cell['budget']:g} s ({cell['first']})" for cell in lost)
         text += f" It is not in: {', '.join(words)}."
+    budgets: dict[str, list[str]] = {}
+    for cell in nobody:
+        budgets.setdefault(cell["size"], []).append(f"{cell['budget']:g}")
     if nobody:
-        words = (f"{cell['size']} in {cell['budget']:g} s" for cell in nobody)
-        text += f" No picture is in time: {', '.join(words)}."
+        words = (f"{size} in {', '.join(times)} s" for size, times in budgets.items())
+        text += f" No renderer has a picture of each home in time: {'; '.join(words)}."
     return text
 
 

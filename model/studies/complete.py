@@ -30,7 +30,7 @@ from scenes.image_files import open_image
 STUDIES_FOLDER = Path("metrics/studies")
 RECORD = STUDIES_FOLDER / "all.json"
 FLICKER_SCENES = 6
-SHEET_METHODS = ("plus", "pbrnet", "unet", "hybrid", "radiosity", "denoised")
+SHEET_METHODS = ("radiosity", "plus", "hybrid", "denoised", "pbrnet", "unet")
 QUALITY, WIDEST = 88, 1600  # of the JPEG plots, pixels
 _RUN = "import sys; from pipeline.cli import main; sys.exit(main(sys.argv[1:]))"
 

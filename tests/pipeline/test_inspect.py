@@ -61,9 +61,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("name", "kind", "words"),
     [
         ("scenes/home-0000", "scene", ["2 rooms", "sofa", "20.0", "CC0-1.0", "total lumens"]),
-        pytest.param(
-            "scenes/home-0000/scene.json", "scene", ["2 rooms"], marks=pytest.mark.check
-        ),
+        pytest.param("scenes/home-0000/scene.json", "scene", ["2 rooms"], marks=pytest.mark.check),
         ("scenes/home-0000/scene.xml", "scene", ["2 rooms"]),
         ("cameras/home-0000.json", "cameras", ["3 views", "too few objects  20", "sofa, lamp"]),
         ("color/home-0000/000.exr", "frame", ["kind color", "noise", "0.125", "float32", "63.4"]),

@@ -8,24 +8,25 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import astuple, replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from benchmarks import cycles, farm, sets
 from benchmarks.bench import SMALL, Bench, Reference
-from benchmarks.budget_results import Point, cells, means
+from benchmarks.budget_results import Point, cells
 from benchmarks.budgets import Measured, fitting
 from benchmarks.clay import _bare, windows_of
 from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_step
-from benchmarks.results import Results, page_of
+from benchmarks.results import OtherLoad, Results, page_of
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.run import measure
 from benchmarks.shards import (
@@ -51,6 +52,18 @@ from tests.fixtures.model import box_rows, write_shard
 from tests.fixtures.paths import ROOT
 
 pytestmark = pytest.mark.usefixtures("variant")
+
+
+def test_a_running_child_is_no_other_program() -> None:
+    with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as child:
+        try:
+            load, spent = OtherLoad(), psutil.Process(child.pid)
+            started = spent.cpu_times().user
+            while (used := spent.cpu_times().user - started) < 0.3:
+                pass
+            assert OtherLoad().own - load.own > 0.9 * used
+        finally:
+            child.kill()
 
 
 class FakeClock:
@@ -342,13 +355,28 @@ def test_the_best_picture_in_time_is_found_in_each_budget() -> None:
         Point("4x3", "cycles_fast", 8, 0.5, 0.11, 0.9),
         Point("4x3", "mitsuba_denoised", 64, 0.9, 0.05, 0.9),
     ]
-    rows = cells(points, (0.05, 0.2, 0.5, 1))
+    rows = cells([points], (0.05, 0.2, 0.5, 1))
     assert [row["first"] for row in rows] == [None, "ours", "ours", "path"]
-    assert rows[1]["cycles"] is None and rows[2]["cycles"].spp == 8
+    assert rows[1]["cycles"] is None and rows[2]["cycles"].spp == (8,)
     assert rows[2]["ours"].method == "hybrid"  # 0.52 s are 0.5 s within the clock's noise
-    half = [replace(point, seconds=3 * point.seconds, flip=0.0) for point in points[:2]]
-    (first, second) = means([points, half])
-    assert (first.seconds, first.flip) == pytest.approx((0.2, 0.1)) and second.method == "hybrid"
+
+
+def test_a_picture_of_each_home_counts_with_the_samples_that_fit_there() -> None:
+    quick = [
+        Point("4x3", "planned_denoised", 8, 0.4, 0.20, 0.9),
+        Point("4x3", "planned_denoised", 16, 0.9, 0.10, 0.9),
+        Point("4x3", "cycles", 4, 0.1, 0.05, 0.9),
+    ]
+    slow = [
+        Point("4x3", "planned_denoised", 4, 0.8, 0.28, 0.8),
+        Point("4x3", "cycles", 4, 0.7, 0.35, 0.8),
+    ]
+    rows = cells([quick, slow], (0.2, 0.5, 0.7, 1))
+    assert [row["first"] for row in rows] == [None, None, "cycles", "ours"]
+    theirs, ours = rows[2]["cycles"], rows[3]["ours"]
+    assert (theirs.spp, ours.spp) == ((4, 4), (16, 4))
+    assert astuple(theirs)[2:] == pytest.approx((0.4, 0.20, 0.85))
+    assert astuple(ours)[2:] == pytest.approx((0.85, 0.19, 0.85))
 
 
 def test_shards_and_frames_are_read_to_the_same_images(tmp_path: Path) -> None:
