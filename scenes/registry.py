@@ -26,6 +26,7 @@ Importer = Callable[[Path, Path, str, Any, OpenedFiles], Scene]
 # Suffix -> options of the source that reads such files.
 SOURCES = {suffix: options for options in ALL_SOURCES for suffix in options.suffixes}
 
+_LFS = b"version https://git-lfs.github.com/"  # start of a pointer
 _BLENDER = "open it in Blender and export it as .glb"
 _CAD = "open it in FreeCAD and export it as .ifc or .glb"
 _SCAN = "a scan is no scene of surfaces: make a mesh of it first, and save that as .glb"
@@ -107,6 +108,9 @@ def import_scene(
             f"{path}: unknown kind of scene {path.suffix!r}; known: {', '.join(sorted(SOURCES))}, "
             "or a folder with scene.json"
         )
+    with path.open("rb") as file:
+        if file.read(len(_LFS)) == _LFS:
+            raise InputError(f"{path}: a pointer of Git LFS, not the file; run git lfs pull")
     known = option_names(path.suffix)
     for name in options:
         if name not in known:

@@ -27,8 +27,10 @@ def model_root(opened: OpenedFiles) -> Path | None:
     return parent if is_package else None
 
 
-def missing_meshes(names: Sequence[str]) -> str:
+def missing_meshes(names: Sequence[str], nothing_left: bool = False) -> str:
     """The error for mesh files, by name, that a scene needs and that are not there."""
+    if nothing_left:
+        return f"all meshes are missing, {names[0]!r:.200} first of {len(names):,}; add the files"
     if len(names) == 1:
         return (
             f"the mesh {names[0]!r:.200} is missing; add the file, or leave the shape out with "

@@ -55,9 +55,9 @@ class ShapeReader:
             )
         for node in shown:
             self._add(node, np.eye(4), 0, None)
-        if self._missing and not self.skip_missing:
+        if self._missing and not (self.skip_missing and self.shapes):
             first = next(iter(self._missing.values()))
-            raise first.error(missing_meshes(list(self._missing)))
+            raise first.error(missing_meshes(list(self._missing), self.skip_missing))
         return self.shapes
 
     def _expanded_count(self, node: Node, depth: int, sizes: dict[int, int]) -> int:

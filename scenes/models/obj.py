@@ -1,10 +1,12 @@
 """Reader of Wavefront OBJ files with MTL materials: one shape for each object and material.
 
-OBJ defines neither a unit of length nor an up axis; +Y is usual.
+OBJ defines neither a unit of length nor an up axis; +Y is usual. SketchUp states its unit in a
+comment.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,14 @@ from scenes.importing.sandbox import Sandbox
 from scenes.importing.shape import MAX_SHAPES, Shape
 from scenes.models.model import Emission, Model
 
+_UNIT = re.compile(r"^File units = (\w+)\s*$", re.MULTILINE)
+_METRES = {
+    "inches": 0.0254,
+    "feet": 0.3048,
+    "millimeters": 0.001,
+    "centimeters": 0.01,
+    "meters": 1.0,
+}
 _CREASE = 44.0  # degrees; smaller angles between faces are smooth in files without normals
 
 
@@ -37,7 +47,9 @@ def read_model(
         raise InputError(f"{path}: the file has more than the limit of {MAX_SHAPES:,} parts")
     library = MtlLibrary(path, sandbox, textures, changes)
     library.load(found.libraries)
-    model, names = Model(kind="obj"), Names()
+    stated = _UNIT.search(found.header)
+    unit = _METRES.get(stated[1].lower()) if stated else None
+    model, names = Model(kind="obj", unit=unit), Names()
     part_of_run = np.array([parts.index((run.owner, run.material)) for run in found.runs])
     for part, faces in distinct_rows(part_of_run[found.run_of_face]):
         owner, material_name = parts[part]

@@ -55,10 +55,13 @@ class ShapeReader:
                     f"{one.shape.place}: the scene has more than the limit of "
                     f"{MAX_SCENE_TRIANGLES:,} triangles"
                 )
-        if self._missing and not self.skip_missing:
+        shapes: list[Shape] = []
+        if self.skip_missing or not self._missing:
+            shapes = [shape for one in placed if (shape := self._shape(one)) is not None]
+        if self._missing and not shapes:
             first = next(iter(self._missing.values()))
-            raise first.error(missing_meshes(list(self._missing)))
-        return [shape for one in placed if (shape := self._shape(one)) is not None]
+            raise first.error(missing_meshes(list(self._missing), self.skip_missing))
+        return shapes
 
     def _shape(self, placed: PlacedShape) -> Shape | None:
         entity = placed.shape

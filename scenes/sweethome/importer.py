@@ -22,7 +22,7 @@ from scenes.formats.archive import MAX_XML, HomeArchive
 from scenes.formats.java_objects import MAX_BYTES
 from scenes.formats.model_parts import UnreadableModel
 from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import simplified, union
+from scenes.geometry.regions import buffered, simplified, union
 from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
 from scenes.importing.light.plan import note_filled, note_without_light
@@ -61,6 +61,8 @@ from scenes.sweethome.views import Camera, default_camera, stored_cameras
 from scenes.sweethome.writer import write_scene
 
 _KNEE = 0.5  # metres from a floor or ceiling into its room
+_REST = 0.1  # of a room's floor, below which its ceiling is a rest
+_SLIVER = 0.05  # metres: half the width of a rest of floor or ceiling that makes no room
 _RESERVED_STEMS = (
     "wall",
     "floor",
@@ -318,6 +320,10 @@ def _rooms(levels: list[_Level]) -> tuple[list[Room], list[BaseGeometry]]:
         for space in level.spaces:
             outline = floor_outline(space, solid)
             if not space.is_indoors or outline is None:
+                continue
+            if any(buffered(part, -_SLIVER).is_empty for part in (outline, space.ceiling)):
+                continue
+            if space.ceiling.area < _REST * space.floor.area:  # under another room's ceiling
                 continue
             outline = simplified(outline, 1e-3)
             corners = np.asarray(shapely.geometry.polygon.orient(outline).exterior.coords)[:-1]

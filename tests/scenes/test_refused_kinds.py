@@ -25,6 +25,15 @@ def test_a_known_kind_is_refused_with_a_way_around(tmp_path: Path, name: str, me
         import_scene(tmp_path / name, tmp_path / "out")
 
 
+@pytest.mark.parametrize("suffix", [".glb", ".obj", ".sh3d", ".xml"])
+def test_a_pointer_of_git_lfs_says_how_to_get_the_file(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    digest = "0" * 64
+    path.write_text(f"version https://git-lfs.github.com/spec/v1\noid sha256:{digest}\nsize 9\n")
+    with pytest.raises(InputError, match=r"Git LFS.*git lfs pull"):
+        import_scene(path, tmp_path / "out")
+
+
 def test_every_way_around_leads_to_a_kind_that_is_read() -> None:
     for suffix, (_, remedy) in REFUSED.items():
         assert suffix == suffix.lower()

@@ -974,6 +974,9 @@ def test_missing_meshes_are_counted(tmp_path: Path) -> None:
     path = write(tmp_path / "in", SENSOR_0_6 + room() + shapes)
     with pytest.raises(InputError, match=r"3 meshes are missing, 'a\.obj' first"):
         import_scene(path, tmp_path / "out")
+    alone = write(tmp_path / "alone", SENSOR_0_6 + shapes)
+    with pytest.raises(InputError, match=r"all meshes are missing, 'a\.obj' first of 3"):
+        import_scene(alone, tmp_path / "out", skip_missing=True)
 
 
 @pytest.mark.slow

@@ -385,6 +385,21 @@ def test_units_and_axis_are_those_that_were_given(
     assert chair.bbox_min[2] == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.parametrize(("unit", "metres"), [("inches", 0.0254), ("meters", 1.0)])
+def test_sketchup_states_its_unit_in_a_comment(tmp_path: Path, unit: str, metres: float) -> None:
+    """A box of 2.6 m is a room in any unit; of other candidates none is clearly better."""
+    sides = [np.round(side / metres, 3) for side in (5.0, 2.6, 4.0)]
+    corners = [(x, y, z) for x in (0, sides[0]) for y in (0, sides[1]) for z in (0, sides[2])]
+    text = f"# Exported from SketchUp\n# File units = {unit}\n\n"
+    text += "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
+    text += "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
+    (tmp_path / "a.obj").write_text(text)
+    scene = import_scene(tmp_path / "a.obj", tmp_path / "out")
+    (room,) = scene.rooms
+    assert room.ceiling_z - room.floor_z == pytest.approx(2.6, abs=0.01)
+    assert scene.source["placement"]["scale"] == metres
+
+
 def test_a_chair_of_many_triangles_comes_in_quickly(tmp_path: Path) -> None:
     made = Builder()
     side = 224  # 2 x 223^2: about 100,000 triangles

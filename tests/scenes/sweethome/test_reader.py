@@ -302,6 +302,23 @@ def test_later_rooms_cover_earlier_ones() -> None:
     assert second.floor.area == pytest.approx(6.0)
 
 
+def test_what_a_later_room_leaves_of_one_is_no_room(tmp_path: Path) -> None:
+    walls = draw.box_walls(0, 0, 420, 320)
+    body = walls + draw.room(10, 10, 400, 300, name="Below") + draw.room(10, 10, 400, 299)
+    scene = bring(tmp_path, draw.home(body))
+    assert [room.name for room in scene.rooms if room.name == "Below"] == []
+    assert len(scene.rooms) == 1
+
+
+def test_floor_and_ceiling_drawn_apart_are_one_room(tmp_path: Path) -> None:
+    """The ceiling covers the room with the floor, but for a strip of 20 cm."""
+    walls = draw.box_walls(0, 0, 420, 320)
+    floor = draw.room(10, 10, 400, 300, name="Floor")
+    ceiling = draw.room(10, 10, 400, 280, name="Ceiling", floorVisible="false")
+    scene = bring(tmp_path, draw.home(walls + floor + ceiling))
+    assert [room.name for room in scene.rooms] == ["Ceiling"]
+
+
 def test_walls_make_a_room_where_none_is_drawn(tmp_path: Path) -> None:
     xml = draw.home(draw.box_walls(0, 0, 420, 320) + draw.window(x=200, y=0))
     scene = bring(tmp_path, xml)
