@@ -9,6 +9,7 @@ To add a format, write a module with a `ModelReader` and add its line to `option
 from __future__ import annotations
 
 import math
+import re
 import tempfile
 from copy import deepcopy
 from dataclasses import replace
@@ -50,6 +51,7 @@ from scenes.reconstruction.rooms import FoundRoom
 from scenes.reconstruction.scale_clues import unit_name
 from scenes.source_options import load
 
+_WORD = re.compile("[a-z]+")
 _TOUCH_DISTANCE = 0.02  # metres
 # Categories of which shapes that touch are one object, such as a table's top and legs.
 _MERGED_CATEGORIES = (
@@ -318,6 +320,7 @@ def _objects(
     groups: dict[str, list[Shape]] = {}
     kinds: dict[str, tuple[str, str, bool]] = {}  # category, name, is structure
     shape_counts = _shape_counts(node_paths)
+    collections = _collections(node_paths, shapes)
     whole = category_of(single_name)
     index = RoomIndex(rooms)
     for shape in shapes:
@@ -327,7 +330,9 @@ def _objects(
         if structure:
             key, kind = shape.id, (structure, shape.name, True)
         else:
-            key, category, name = _owning_node(names, shape, shape_counts, len(node_paths))
+            key, category, name = _owning_node(
+                names, shape, shape_counts, collections, len(node_paths)
+            )
             if part and (whole != "other" or category == "other"):
                 key, category, name = "/", whole, single_name
             if category == "other" and shape.id in emitting:
@@ -389,21 +394,65 @@ def _shape_counts(node_paths: dict[str, tuple[str, ...]]) -> dict[tuple[str, ...
 
 
 def _owning_node(
-    names: tuple[str, ...], shape: Shape, shape_counts: dict[tuple[str, ...], int], total: int
+    names: tuple[str, ...],
+    shape: Shape,
+    shape_counts: dict[tuple[str, ...], int],
+    collections: frozenset[tuple[str, ...]],
+    total: int,
 ) -> tuple[str, str, str]:
     """Key, category and name of the node that a shape belongs to.
 
-    The outermost node whose name tells a category and that does not contain all `total` shapes,
-    else the innermost node.
+    The outermost node whose name tells a category, that does not contain all `total` shapes and is
+    none of the `collections`, else the innermost node.
     """
     for depth in range(1, len(names) + 1):
         label = names[depth - 1].partition(":")[2]
         category = category_of(label)
+        if names[:depth] in collections:
+            continue
         if category != "other" and (shape_counts[names[:depth]] < total or depth == len(names)):
             return "/".join(names[:depth]), category, label
     label = names[-1].partition(":")[2] if names else shape.name
     key = "/".join(names) if names else shape.id
     return key, category_of(shape.name, shape.surface.name), label or shape.name
+
+
+def _collections(
+    node_paths: dict[str, tuple[str, ...]], shapes: list[Shape]
+) -> frozenset[tuple[str, ...]]:
+    """Nodes that hold several things of the kind that their names tell: `Chairs` of `Chair0` ...
+
+    The things have the node's name, without further words, and stand apart: parts of one thing, by
+    material for instance, may be called so, too, but share its place.
+    """
+    members: dict[tuple[str, ...], dict[tuple[str, ...], list[Shape]]] = {}
+    for shape in shapes:
+        names = node_paths.get(shape.id, ())
+        for depth in range(1, len(names)):
+            if _is_one_of(names[depth], names[depth - 1]):
+                members.setdefault(names[:depth], {}).setdefault(names[: depth + 1], []).append(
+                    shape
+                )
+    found = set()
+    for node, things in members.items():
+        bounds = np.array([bounds_of(each) for each in things.values()])
+        low, high = bounds[:, 0], bounds[:, 1]
+        meets = ((low[:, None] <= high) & (high[:, None] >= low)).all(axis=2).sum(axis=1) > 1
+        if len(bounds) > 1 and meets.mean() < 0.5:
+            found.add(node)
+    return frozenset(found)
+
+
+def _is_one_of(label: str, group: str) -> bool:
+    """Test whether nodes' names tell one category, and the first has no word beyond the second."""
+    words, known = (
+        {word.removesuffix("s") for word in _WORD.findall(one.partition(":")[2].lower())}
+        for one in (label, group)
+    )
+    category = category_of(label.partition(":")[2])
+    return (
+        category != "other" and words <= known and category == category_of(group.partition(":")[2])
+    )
 
 
 def _with_unused_id(shape: Shape, taken: set[str]) -> Shape:

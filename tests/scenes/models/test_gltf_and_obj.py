@@ -424,6 +424,34 @@ def test_a_chair_of_many_triangles_comes_in_quickly(tmp_path: Path) -> None:
     assert len(stored.faces) == pytest.approx(2 * 223**2, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("names", "apart", "expected"),
+    [
+        # A scan's group of chairs, which stand apart.
+        (("Chair0", "Chair1", "Chair2"), 1.0, 3),
+        # Parts of one chair by material, which share its place.
+        (("Chair0", "Chair1", "Chair2"), 0.1, 1),
+        # Parts that say which they are.
+        (("chair leg 0", "chair leg 1", "chair back"), 1.0, 1),
+    ],
+)
+def test_a_group_of_things_is_told_from_a_thing_of_parts(
+    tmp_path: Path, names: tuple[str, ...], apart: float, expected: int
+) -> None:
+    made = Builder()
+    corners = np.array([[x, y, z] for x in (0, 5) for y in (0, 2.7) for z in (0, 4)], dtype=float)
+    faces = [0, 3, 1, 0, 2, 3, 4, 7, 6, 4, 5, 7, 0, 5, 4, 0, 1, 5, 2, 7, 3, 2, 6, 7, 0, 6, 2, 0,
+             4, 6, 1, 7, 5, 1, 3, 7]  # fmt: skip
+    made.node(mesh=made.mesh(corners, faces), name="shell")
+    parts = []
+    for number, name in enumerate(names):
+        a_box(made, 0.1, name, root=False, translation=[0.5 + apart * number, 0, 1.5])
+        parts.append(len(made.json["nodes"]) - 1)
+    made.node(name="Chair_grp", children=parts)
+    scene = imported(made, tmp_path)
+    assert sum(thing.category == "chair" for thing in scene.objects) == expected
+
+
 def test_a_building_keeps_its_own_rooms(tmp_path: Path) -> None:
     made = Builder()
     corners = np.array([[x, y, z] for x in (0, 5) for y in (0, 2.7) for z in (0, 4)], dtype=float)
