@@ -48,7 +48,8 @@ def true_error(image: np.ndarray, reference: np.ndarray) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "kind", ["lit", pytest.param("dark", marks=pytest.mark.check), "fireflies"]
+    "kind",
+    ["lit", *(pytest.param(kind, marks=pytest.mark.check) for kind in ("dark", "fireflies"))],
 )
 def test_the_estimate_is_the_error_against_a_reference(kind: str, tmp_path: Path) -> None:
     scene = room(tmp_path, ROOMS[kind])

@@ -65,6 +65,7 @@ def test_fallen_cloth_lies_on_the_floor_in_folds_and_keeps_its_size() -> None:
     assert np.ptp(flat[..., 0]) < 0.58  # gathered, not spread
 
 
+@pytest.mark.check
 def test_littered_homes_have_more_things_and_none_is_in_most_rooms(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
