@@ -115,7 +115,7 @@ def budget_parts(readme: bool) -> str:
         return "Not measured for this version yet: `make bench ONLY=budgets`."
     found = json.loads(BUDGETS.read_text())
     folder = "docs/images" if readme else "images"
-    plot = f"![FLIP over seconds for a further picture, at three sizes]({folder}/budgets.png)"
+    plot = f"![Lowest FLIP in so many seconds, at three sizes]({folder}/budgets.png)"
     words = clay_budget_words(found)
     if readme:
         return f"{plot}\n\n{words}"

@@ -87,6 +87,14 @@ def imported(folder: Path, body: str, head: str = HEAD_V4, **options: object) ->
     return import_scene(write(folder / "in", body, head), folder / "out", **options)
 
 
+def test_meshes_that_are_all_missing_are_named_though_they_may_be(tmp_path: Path) -> None:
+    mesh = 'Shape "plymesh" "string filename" "{}.ply"\n'
+    with pytest.raises(InputError, match=r"all meshes are missing, 'a\.ply' first of 2"):
+        imported(tmp_path, mesh.format("a") + mesh.format("b"), skip_missing=True)
+    scene = imported(tmp_path, room() + LAMP + mesh.format("a"), skip_missing=True)
+    assert any("missing mesh" in change and "a.ply" in change for change in scene.changes)
+
+
 def test_a_room_comes_in_upright_with_its_lamp_and_its_camera(tmp_path: Path) -> None:
     scene = imported(tmp_path, room() + LAMP)
     (found,) = scene.rooms
