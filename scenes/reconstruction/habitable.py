@@ -5,7 +5,8 @@ Input: closed spaces found in triangles. Output: those that a person can be in.
 - A space inside a piece of furniture is none.
 - A solid, modelled by its surface, shows only the backs of its triangles from inside. If other
   spaces show fronts, it is none.
-- A small closed space with nothing in it and no way out, beside others, is a box.
+- A small closed space with nothing in it and no way out is a box if there are others, or if the
+  scene is much larger.
 
 World: metres, Z up.
 """
@@ -37,6 +38,7 @@ _INSIDE = 0.12  # metres off floor, walls and ceiling where something counts as 
 _LEAST_CONTENTS = 0.005  # share of the rays
 _LEAST_WAY_OUT = 0.02  # share of the rays; a shaft has gaps, a room has windows and doors
 _LEAST_AREA = 3.0  # square metres of a closed space with nothing in it
+_ELSEWHERE = 4.0  # times a single space's extent on the plan, from which a scene is much larger
 _AROUND = 0.1  # metres by which a space may be larger than the furniture that it lies in
 
 Bounds = tuple[Float64Array, Float64Array]  # lowest and highest corner (3,)
@@ -70,11 +72,11 @@ def habitable(
     outside = [
         space for space in spaces if not any(_lies_in(space, bounds) for bounds in furniture)
     ]
-    if len(outside) < 2:
-        return outside
+    if len(outside) == 1 and not _is_small_part(outside[0], corners):
+        return outside  # a room may be all that a file holds, with triangles that face either way
     normals = face_areas(corners)[1]
     looks = [_look(space, rays, normals) for space in outside]
-    oriented = any(look.fronts >= _LEAST_FRONTS for look in looks)
+    oriented = len(outside) == 1 or any(look.fronts >= _LEAST_FRONTS for look in looks)
     return [
         space
         for space, look in zip(outside, looks, strict=True)
@@ -101,6 +103,14 @@ def _lies_in(space: FoundRoom, bounds: Bounds) -> bool:
         low[0] <= west and low[1] <= south and high[0] >= east and high[1] >= north
         and low[2] <= space.floor_z and high[2] >= space.ceiling_z
     )  # fmt: skip
+
+
+def _is_small_part(space: FoundRoom, corners: Float64Array) -> bool:
+    """Return whether the scene covers much more of the plan than a space does."""
+    west, south, east, north = space.floor.bounds
+    points = corners[..., :2].reshape(-1, 2)
+    width, depth = points.max(axis=0) - points.min(axis=0)
+    return bool(width * depth > _ELSEWHERE * (east - west) * (north - south))
 
 
 def _origins(space: FoundRoom) -> Float64Array:

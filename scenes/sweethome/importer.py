@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 import shapely
-from shapely.geometry import Point
+from shapely.geometry import Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from scenes.arrays import Float64Array
@@ -22,7 +22,7 @@ from scenes.formats.archive import MAX_XML, HomeArchive
 from scenes.formats.java_objects import MAX_BYTES
 from scenes.formats.model_parts import UnreadableModel
 from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import buffered, simplified, union
+from scenes.geometry.regions import buffered, deepest_point, simplified, union
 from scenes.importing.categories import category_of_piece, room_type
 from scenes.importing.changes import Changes
 from scenes.importing.light.plan import note_filled, note_without_light
@@ -63,6 +63,7 @@ from scenes.sweethome.writer import write_scene
 _KNEE = 0.5  # metres from a floor or ceiling into its room
 _REST = 0.1  # of a room's floor, below which its ceiling is a rest
 _SLIVER = 0.05  # metres: half the width of a rest of floor or ceiling that makes no room
+_LEAST_HEIGHT = 1.5  # metres of a room at its highest; a crawl space is lower
 _RESERVED_STEMS = (
     "wall",
     "floor",
@@ -109,7 +110,7 @@ def import_sweethome(
         if not any(level.walls or level.storey.pieces for level in levels):
             raise InputError(f"{path}: the home is empty: no walls and no furniture")
         building = _building_items(levels, changes)
-        rooms, regions = _rooms(levels)
+        rooms, regions = _rooms(levels, changes)
         indoors = _Indoors(rooms, regions)
         models = Models(archive, changes)
         credits = Credits(home, archive, path.stem, options.licence, options.author)
@@ -311,25 +312,28 @@ def _placed_model(
     return placed
 
 
-def _rooms(levels: list[_Level]) -> tuple[list[Room], list[BaseGeometry]]:
-    """Return the indoor rooms and their regions on the plan."""
+def _rooms(levels: list[_Level], changes: Changes) -> tuple[list[Room], list[BaseGeometry]]:
+    """Return the indoor rooms and their regions on the plan; `changes` says why others are none."""
     rooms: list[Room] = []
     regions: list[BaseGeometry] = []
     for level in levels:
         solid = union([world_region(one.outline.region) for one in level.walls])
         for space in level.spaces:
             outline = floor_outline(space, solid)
-            if not space.is_indoors or outline is None:
-                continue
-            if any(buffered(part, -_SLIVER).is_empty for part in (outline, space.ceiling)):
-                continue
-            if space.ceiling.area < _REST * space.floor.area:  # under another room's ceiling
+            reason = _why_no_room(space, outline)
+            if outline is None or reason:
+                changes.note(reason, space.shape.name or space.shape.id)
                 continue
             outline = simplified(outline, 1e-3)
             corners = np.asarray(shapely.geometry.polygon.orient(outline).exterior.coords)[:-1]
             floor = 0.01 * level.storey.elevation
-            ceiling = float(np.mean(level.heights.over(space.ceiling, corners)))
-            if ceiling <= floor + 0.5:
+            places = np.vstack([corners, deepest_point(outline)])
+            heights = level.heights.over(space.ceiling, places)
+            if heights.max() < floor + _LEAST_HEIGHT:
+                changes.note(
+                    f"rooms lower than {_LEAST_HEIGHT} m have no views: {{}}",
+                    space.shape.name or space.shape.id,
+                )
                 continue
             rooms.append(
                 Room(
@@ -338,12 +342,25 @@ def _rooms(levels: list[_Level]) -> tuple[list[Room], list[BaseGeometry]]:
                     type="other",
                     floor=tuple((round(float(x), 5), round(float(y), 5)) for x, y in corners),
                     floor_z=round(floor, 5),
-                    ceiling_z=round(ceiling, 5),
+                    ceiling_z=round(float(np.mean(heights[:-1])), 5),
                     has_light=False,
                 )
             )
             regions.append(union([space.floor, space.ceiling]))
     return rooms, regions
+
+
+def _why_no_room(space: Space, outline: Polygon | None) -> str:
+    """Return the sentence that says why a space is no room for views; empty if it is one."""
+    if not space.shape.ceiling_visible:
+        return "rooms without a ceiling are outdoors and have no views: {}"
+    if space.ceiling.is_empty or space.ceiling.area < _REST * space.floor.area:
+        return "rooms below the ceiling of another have no views of their own: {}"
+    if outline is None or any(
+        buffered(part, -_SLIVER).is_empty for part in (outline, space.ceiling)
+    ):
+        return f"rooms narrower than {2 * _SLIVER} m have no views: {{}}"
+    return ""
 
 
 class _Indoors:

@@ -308,6 +308,7 @@ def test_what_a_later_room_leaves_of_one_is_no_room(tmp_path: Path) -> None:
     scene = bring(tmp_path, draw.home(body))
     assert [room.name for room in scene.rooms if room.name == "Below"] == []
     assert len(scene.rooms) == 1
+    assert "rooms narrower than 0.1 m have no views: Below" in scene.changes
 
 
 def test_floor_and_ceiling_drawn_apart_are_one_room(tmp_path: Path) -> None:
@@ -317,6 +318,26 @@ def test_floor_and_ceiling_drawn_apart_are_one_room(tmp_path: Path) -> None:
     ceiling = draw.room(10, 10, 400, 280, name="Ceiling", floorVisible="false")
     scene = bring(tmp_path, draw.home(walls + floor + ceiling))
     assert [room.name for room in scene.rooms] == ["Ceiling"]
+    assert "rooms below the ceiling of another have no views of their own: Floor" in scene.changes
+
+
+def test_a_crawl_space_and_a_terrace_are_no_rooms_and_are_named(tmp_path: Path) -> None:
+    """A garret whose ceiling slopes from 2.2 m down to 0.6 m is a room."""
+    walls = draw.box_walls(0, 0, 420, 320, height="120")
+    crawl = draw.room(10, 10, 400, 300, name="Crawl space")
+    terrace = draw.room(500, 10, 300, 300, name="Terrace", ceilingVisible="false")
+    ring = [(0, 1000), (420, 1000), (420, 1320), (0, 1320), (0, 1000)]
+    heights = [(220, 220), (220, 60), (60, 60), (60, 220)]
+    roofed = "".join(
+        draw.wall(f"roofed-{number}", ring[number], ring[number + 1], height=start, heightAtEnd=end,
+                  wallAtStart=f"roofed-{(number - 1) % 4}", wallAtEnd=f"roofed-{(number + 1) % 4}")
+        for number, (start, end) in enumerate(heights)
+    )  # fmt: skip
+    garret = draw.room(10, 1010, 400, 300, name="Garret")
+    scene = bring(tmp_path, draw.home(walls + crawl + terrace + roofed + garret))
+    assert [room.name for room in scene.rooms] == ["Garret"]
+    assert "rooms lower than 1.5 m have no views: Crawl space" in scene.changes
+    assert "rooms without a ceiling are outdoors and have no views: Terrace" in scene.changes
 
 
 def test_walls_make_a_room_where_none_is_drawn(tmp_path: Path) -> None:
