@@ -30,6 +30,7 @@ from scenes.importing.assembly import Camera, Draft, assemble, transformed_camer
 from scenes.importing.categories import category_of
 from scenes.importing.changes import Changes
 from scenes.importing.credits import find_credit
+from scenes.importing.doubled_faces import with_doubled_faces_apart
 from scenes.importing.light.daylight import daylight
 from scenes.importing.materials.textures import TextureStore, UnreadableImage
 from scenes.importing.objects import room_of, structure_category
@@ -157,6 +158,7 @@ def _draft(
         room_shapes = [_with_unused_id(shape, taken) for shape in added]
     emitters = [_punctual_emitter(light, frame) for light in model.lights]
     shapes = with_named_glass([shape.transformed(frame) for shape in model.shapes], changes)
+    shapes = with_doubled_faces_apart(shapes, model.emissions.keys(), changes)
     node_paths, unknown = model.node_paths, frozenset[str]()
     if not is_single:
         if placement.interior is not None:

@@ -51,6 +51,21 @@ def test_a_unit_that_cannot_be_is_overruled_and_said(tmp_path: Path) -> None:
     assert any("read as centimetres, though the file states 1 m" in each for each in scene.changes)
 
 
+def test_a_wall_painted_on_both_sides_has_the_inner_colour_inside(tmp_path: Path) -> None:
+    """As SketchUp writes it: each face twice, in opposite windings, with two materials."""
+    white = files.PLAIN.replace("1 0.5 0.25 1", "1 1 1 1")
+    text = files.dae(
+        nodes=f"<node name='one'>{files.instance()}{files.instance('inner', 'white-id')}</node>",
+        geometries=files.box(ROOM) + files.box(ROOM, "inner", inwards=True),
+        materials=files.effect("red", files.PLAIN) + files.effect("white", white),
+    )
+    scene = imported(tmp_path, text)
+    assert any("painted differently on their two sides" in change for change in scene.changes)
+    west, south = np.min(scene.rooms[0].floor, axis=0)
+    seen = look_down(scene, [(west + x, south + y) for x in (0.5, 2.5, 4.5) for y in (0.5, 3.0)])
+    np.testing.assert_allclose(seen, 1.0, atol=0.01)
+
+
 def test_colour_gloss_and_glass(tmp_path: Path) -> None:
     shading = files.PLAIN + (
         "<specular><color>0.5 0.5 0.5 1</color></specular><shininess><float>30</float></shininess>"
