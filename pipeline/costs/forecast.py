@@ -84,7 +84,8 @@ def joined(ledgers: Sequence[pa.Table]) -> pa.Table:
     for number, ledger in enumerate(ledgers):
         place = ledger.schema.get_field_index("scene_id")
         names = [f"{number}/{name}" for name in ledger["scene_id"].to_pylist()]
-        apart.append(ledger.set_column(place, ledger.schema.field(place), pa.array(names)))
+        column = pa.array(names, pa.string())
+        apart.append(ledger.set_column(place, ledger.schema.field(place), column))
     return pa.concat_tables(apart)
 
 

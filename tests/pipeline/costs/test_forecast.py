@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from pipeline.cli import cli
-from pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, samples_of
+from pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, joined, samples_of
 from pipeline.costs.ledger import Ledger, read_ledger
 from pipeline.params import GroundTruthParams, ImageParams, NoisyParams, Params
 from scenes.errors import InputError
@@ -137,8 +137,9 @@ def test_the_command_says_core_hours(tmp_path: Path) -> None:
 
 
 def test_without_measured_views_there_is_no_estimate(tmp_path: Path) -> None:
+    empty = joined([read_ledger(tmp_path), read_ledger(tmp_path)])
     with pytest.raises(InputError, match="no ground truth yet"):
-        fit_costs(read_ledger(tmp_path))
+        fit_costs(empty)
     measured(tmp_path, 2, ((160, 120, 16),))
     assert all(np.isnan(error.worst) for error in fit_costs(read_ledger(tmp_path))[1].values())
     assert "too few scenes" in asked(tmp_path, "--check")
