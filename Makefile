@@ -54,7 +54,8 @@ lint: env
 	$(BIN)/mypy
 
 check: env
-	@time { set -x; $(BIN)/python -m pytest -q -m check --junitxml build/check.xml; }
+	@time { set -x; $(BIN)/python -m pytest -q -m check --numprocesses $(PROCESSES) --dist load \
+		--junitxml build/check.xml; }
 
 bench: env
 	$(BIN)/python -m benchmarks.run $(addprefix --only ,$(ONLY))

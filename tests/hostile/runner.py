@@ -267,9 +267,9 @@ def _judged(done: _Running, code: int, usage: Any) -> Outcome:
     new = sorted(set(_tree(root)) - set(text("listing").splitlines()))
     faults += [f"outside: made {name}" for name in new]
     lines = [line for line in errors.splitlines() if line.strip()]
-    message = lines[-1] if lines else ""
-    if len(lines) > 1 and message.startswith("This is a fault of pbrnet"):
-        message = lines[-2]
+    # Processes that a command leaves behind may write after it.
+    named = [line for line in lines if line.startswith(("Error", "Usage"))]
+    message = (named or lines or [""])[-1]
     return Outcome(
         done.family.name,
         done.number,
