@@ -1,8 +1,9 @@
-"""Faces that a file holds twice in one place, with different materials.
+"""Faces that a file holds twice in one place.
 
 Programs that paint the two sides of a face apart, such as SketchUp, write it once for each side, in
-opposite windings. Here every material is two-sided, so a ray would meet either at random. Each side
-moves a hair's breadth towards its front, so that each is seen from its own.
+opposite windings. Here every material is two-sided, so a ray would meet either at random. Sides of
+different materials move a hair's breadth towards their fronts, so that each is seen from its own;
+of sides of one material, one is enough.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ class _Faces:
 def with_doubled_faces_apart(
     shapes: list[Shape], emitting: Collection[str], changes: Changes
 ) -> list[Shape]:
-    """Return shapes (metres) of which no two faces with different materials share their place.
+    """Return shapes (metres) of which no two faces share their place.
 
     Of faces that share it, the first stays, and the first that faces the other way with another
     material; both move apart. If one of them transmits light, it stays alone, since a pane that is
-    painted on one side is a pane. `emitting` are the ids of shapes that emit light. Faces of one
-    material stay as they are.
+    painted on one side is a pane. `emitting` are the ids of shapes that emit light; faces of one of
+    them stay, since each emits to its own side.
     """
     faces = _sharing(shapes)
     if not len(faces.place):
@@ -55,7 +56,7 @@ def with_doubled_faces_apart(
     starts = np.flatnonzero(np.diff(faces.place, prepend=-1))
     for members in np.split(np.arange(len(faces.place)), starts[1:]):
         owners = faces.shape[members].tolist()
-        if len({material[owner] for owner in owners}) == 1:
+        if all(shapes[owner].id in emitting for owner in owners):
             continue
         panes = [place for place, owner in enumerate(owners) if is_pane[owner]]
         kept = panes[:1] or _sides(faces.normal[members], [material[owner] for owner in owners])

@@ -51,10 +51,19 @@ def test_each_side_is_seen_from_its_own() -> None:
         )
 
 
-def test_faces_of_one_material_and_faces_alone_stay_to_the_bit() -> None:
-    shapes = [sheet("a", FACES, surface(0.8)), sheet("b", FACES[:, ::-1], surface(0.8))]
-    made = with_doubled_faces_apart(shapes, (), Changes())
-    assert [shape.mesh for shape in made] == [shape.mesh for shape in shapes]
+def test_faces_alone_stay_to_the_bit() -> None:
+    shapes = [sheet("a", FACES, surface(0.8)), sheet("b", np.array([[0, 1, 3]]), surface(0.2))]
+    assert with_doubled_faces_apart(shapes, (), Changes()) == shapes
+
+
+@pytest.mark.parametrize("emitting", [(), ("both",)])
+def test_one_of_two_sides_of_one_material_is_enough_unless_they_shine(
+    emitting: tuple[str, ...],
+) -> None:
+    both = sheet("both", np.concatenate([FACES, FACES[:, ::-1]]), surface(0.8))
+    (made,) = with_doubled_faces_apart([both], emitting, Changes())
+    assert len(made.mesh.faces) == (4 if emitting else 2)
+    np.testing.assert_array_equal(made.mesh.corners[:2], both.mesh.corners[:2])
 
 
 def test_the_second_of_two_that_face_the_same_way_is_left_out() -> None:
