@@ -50,6 +50,8 @@ from pipeline.params import FarmParams
 from scenes.errors import MachineError, ParameterError
 
 CONNECT_PATIENCE = 15.0  # seconds to look for a scheduler
+# A Unix socket's path has at most 107 bytes, of which `multiprocessing` takes the last 32.
+_LONGEST_TEMPORARY = 107 - len("/pymp-12345678/listener-12345678")
 _LOST = "60s"  # in which a lost local worker may come back, on a busy machine
 _FOLDER = "pbrnet-farm-"
 # Libraries that workers need and that start no thread: a server imports them once, and forks itself
@@ -168,6 +170,7 @@ class Farm:
         self._stack.callback(self._close_quietly, client)
 
     def _start_local(self) -> None:
+        _check_socket_path()
         _remove_old_folders()
         folder = self._stack.enter_context(
             tempfile.TemporaryDirectory(
@@ -279,6 +282,16 @@ def _interrupt_deferred() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
     if received:
         raise KeyboardInterrupt
+
+
+def _check_socket_path() -> None:
+    """Raise `MachineError` if worker processes could have no socket in the temporary folder."""
+    folder = tempfile.gettempdir()
+    if len(os.fsencode(folder)) > _LONGEST_TEMPORARY:
+        raise MachineError(
+            f"the temporary folder's path is too long for worker processes: {folder!r}; "
+            f"set TMPDIR to one of at most {_LONGEST_TEMPORARY} characters"
+        )
 
 
 def _remove_old_folders() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -16,24 +17,28 @@ from tests.hostile.runner import Outcome
 CASES = 3500
 
 
-def outcomes(folder: Path, *arguments: str) -> list[Outcome]:
-    """Run `python -m tests.hostile` in a process of its own, which can be forked."""
-    made = folder / "outcomes.json"
-    # -B: a cached module would be a file outside of the folder.
-    command = [
-        sys.executable,
-        "-B",
-        "-m",
-        "tests.hostile",
-        "--work",
-        str(folder),
-        "--json",
-        str(made),
-    ]
-    done = subprocess.run([*command, *arguments], cwd=ROOT, capture_output=True, text=True)
-    print(done.stdout[-4000:])
-    assert made.is_file(), done.stderr[-4000:]
-    return [Outcome(**one) for one in json.loads(made.read_text(encoding="utf-8"))]
+def outcomes(*arguments: str) -> list[Outcome]:
+    """Run `python -m tests.hostile` in a process of its own, which can be forked.
+
+    Its folder has a short path, in which worker processes can have sockets.
+    """
+    with tempfile.TemporaryDirectory(prefix="hostile-") as folder:
+        made = Path(folder, "outcomes.json")
+        # -B: a cached module would be a file outside of the folder.
+        command = [
+            sys.executable,
+            "-B",
+            "-m",
+            "tests.hostile",
+            "--work",
+            folder,
+            "--json",
+            str(made),
+        ]
+        done = subprocess.run([*command, *arguments], cwd=ROOT, capture_output=True, text=True)
+        print(done.stdout[-4000:])
+        assert made.is_file(), done.stderr[-4000:]
+        return [Outcome(**one) for one in json.loads(made.read_text(encoding="utf-8"))]
 
 
 def test_there_are_thousands_of_cases_and_each_family_has_its_own() -> None:
@@ -43,8 +48,8 @@ def test_there_are_thousands_of_cases_and_each_family_has_its_own() -> None:
 
 
 @pytest.mark.slow
-def test_thirty_cases_of_all_cheap_families(tmp_path: Path) -> None:
-    found = outcomes(tmp_path, "--sample", "30", "--processes", "1")
+def test_thirty_cases_of_all_cheap_families() -> None:
+    found = outcomes("--sample", "30", "--processes", "1")
     assert len(found) == 30
     assert not [(one.name, one.faults, one.message) for one in found if one.faults]
 
@@ -52,15 +57,15 @@ def test_thirty_cases_of_all_cheap_families(tmp_path: Path) -> None:
 @pytest.mark.check
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("family", [family.name for family in FAMILIES])
-def test_all_cases_of_a_family(tmp_path: Path, family: str) -> None:
-    found = outcomes(tmp_path, "--only", family)
+def test_all_cases_of_a_family(family: str) -> None:
+    found = outcomes("--only", family)
     assert not [(one.name, one.faults, one.message) for one in found if one.faults]
 
 
 @pytest.mark.check
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("family", [family.name for family in FAMILIES if family.sound])
-def test_undamaged_files_of_a_family_are_read(tmp_path: Path, family: str) -> None:
-    found = outcomes(tmp_path, "--only", family, "--sound")
+def test_undamaged_files_of_a_family_are_read(family: str) -> None:
+    found = outcomes("--only", family, "--sound")
     assert found
     assert not [(one.arguments, one.message) for one in found if one.code != 0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -217,6 +218,16 @@ def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     farm = Farm(FarmParams(), "tcp://127.0.0.1:9", no_setup, 1)
     with pytest.raises(MachineError, match=r"no dask scheduler answers at 'tcp://127\.0\.0\.1:9'"):
         farm.__enter__()
+
+
+def test_a_temporary_folder_too_deep_for_sockets_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deep = tmp_path / ("x" * 60) / ("y" * 60)
+    deep.mkdir(parents=True)
+    monkeypatch.setattr(tempfile, "tempdir", str(deep))
+    with pytest.raises(MachineError, match="set TMPDIR"), Farm(FarmParams(), None, no_setup, 1):
+        pass
 
 
 def test_an_address_without_a_port_is_refused() -> None:
