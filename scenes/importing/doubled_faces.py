@@ -39,12 +39,13 @@ class _Faces:
 def with_doubled_faces_apart(
     shapes: list[Shape], emitting: Collection[str], changes: Changes
 ) -> list[Shape]:
-    """Return shapes (metres) of which no two faces share their place.
+    """Return shapes (metres) of which no ray can meet one of two faces at random.
 
     Of faces that share it, the first stays, and the first that faces the other way with another
     material; both move apart. If one of them transmits light, it stays alone, since a pane that is
-    painted on one side is a pane. `emitting` are the ids of shapes that emit light; faces of one of
-    them stay, since each emits to its own side.
+    painted on one side is a pane. Faces of one material stay if they belong to several shapes, as
+    where a cupboard touches a wall, whose closed surfaces tell rooms from solids, or to a shape
+    that emits light, by its id in `emitting`: each face emits to its own side.
     """
     faces = _sharing(shapes)
     if not len(faces.place):
@@ -56,7 +57,8 @@ def with_doubled_faces_apart(
     starts = np.flatnonzero(np.diff(faces.place, prepend=-1))
     for members in np.split(np.arange(len(faces.place)), starts[1:]):
         owners = faces.shape[members].tolist()
-        if all(shapes[owner].id in emitting for owner in owners):
+        is_alike = len({material[owner] for owner in owners}) == 1
+        if is_alike and (len(set(owners)) > 1 or shapes[owners[0]].id in emitting):
             continue
         panes = [place for place, owner in enumerate(owners) if is_pane[owner]]
         kept = panes[:1] or _sides(faces.normal[members], [material[owner] for owner in owners])

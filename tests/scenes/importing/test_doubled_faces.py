@@ -56,6 +56,13 @@ def test_faces_alone_stay_to_the_bit() -> None:
     assert with_doubled_faces_apart(shapes, (), Changes()) == shapes
 
 
+def test_two_bodies_of_one_material_that_touch_stay_closed() -> None:
+    same = surface(0.8)
+    shapes = [sheet("wall", FACES, same), sheet("cupboard", FACES[:, ::-1], same)]
+    made = with_doubled_faces_apart(shapes, (), Changes())
+    assert [shape.mesh for shape in made] == [shape.mesh for shape in shapes]
+
+
 @pytest.mark.parametrize("emitting", [(), ("both",)])
 def test_one_of_two_sides_of_one_material_is_enough_unless_they_shine(
     emitting: tuple[str, ...],
