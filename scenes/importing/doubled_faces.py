@@ -41,7 +41,7 @@ def with_doubled_faces_apart(
 ) -> list[Shape]:
     """Return shapes (metres) of which no ray can meet one of two faces at random.
 
-    Of faces that share it, the first stays, and the first that faces the other way with another
+    Of faces in one place, the first stays, and the first that faces the other way with another
     material; both move apart. If one of them transmits light, it stays alone, since a pane that is
     painted on one side is a pane. Faces of one material stay if they belong to several shapes, as
     where a cupboard touches a wall, whose closed surfaces tell rooms from solids, or to a shape
