@@ -246,9 +246,10 @@ def test_twenty_kills(fresh: Path, undisturbed: Path, tmp_path: Path) -> None:
                 workers[int(rng.integers(len(workers)))].kill()
             elif there:
                 (process if kind == "main" or not cluster else cluster.scheduler).kill()
-            codes = {"worker": (0,), "main": (-signal.SIGKILL,), "scheduler": (4, 0)}[kind]
+            # A run may be over before the signal arrives: it ends as if nothing had been killed.
+            codes = {"worker": (0,), "main": (-signal.SIGKILL, 0), "scheduler": (4, 0)}[kind]
             words = _finish(process, codes if there else (0,))
-            hits += [kind] if there and not (kind == "scheduler" and not process.returncode) else []
+            hits += [kind] if there and (kind == "worker" or process.returncode) else []
         assert "Traceback" not in words
     assert len(hits) == 20
     _run(fresh, *STAGES)
