@@ -58,7 +58,7 @@ def _study(name: str, *arguments: str, save_as: str = "", trains: bool = False) 
 
 
 def _time(size: str, *arguments: str) -> Part:
-    return _study("time", "--size", size, "--views", "24", *arguments, save_as=f"time-{size}")
+    return _study("time", "--size", size, *arguments, save_as=f"time-{size}")
 
 
 EVALUATION = Path("metrics/evaluation.json")
@@ -81,9 +81,11 @@ PARTS = (
     _study("table", "--views", "60", "--steps", "250", "--seeds", "3", trains=True),
     _study("generalisation", "--source", "furnished-*", "--steps", "1000", trains=True),
     _study("illumination", "--views", "24"),
-    _time("160x120", "--max-spp", "8", "--reference-spp", "512"),
-    _time("480x360", "--repeats", "2", "--max-spp", "16", "--reference-spp", "256"),
-    _time("960x720", "--repeats", "2", "--max-spp", "8", "--reference-spp", "128"),
+    _time("160x120", "--views", "40", "--max-spp", "32", "--reference-spp", "512"),
+    _time(
+        *("480x360", "--views", "40", "--repeats", "1"),
+        *("--max-spp", "16", "--reference-spp", "256"),
+    ),
 )
 
 

@@ -26,7 +26,7 @@ PARTS = {
     "composition": "Composition network",
     "product": "Reflectance × shading",
     **{f"samples_{spp}": f"Samples, {spp} per pixel, denoised" for spp in HYBRID_SAMPLES},
-    "truths": "Mitsuba with the dataset's parameters: shading and colour",
+    "truths": "Mitsuba with the dataset's parameters: shading and colour of one view",
     "guides": "Guide images of the denoiser",
     "denoiser": "Denoiser",
 }
@@ -42,7 +42,10 @@ RENDERERS = {
 
 @dataclass(frozen=True)
 class PartSeconds:
-    """Seconds per view: the mean over views of the median of the turns, and of their range."""
+    """Seconds per view: the mean over views of the median of the turns, and of their range.
+
+    `truths` is timed once, in one view.
+    """
 
     seconds: float = field(metadata=within(0))
     low: float = field(metadata=within(0))

@@ -1,10 +1,13 @@
 """Time study: seconds of every part, and image quality of every method at equal time.
 
 A turn runs all parts one after the other; turns are repeated, so that other load on the machine
-affects all parts alike. The first turns of a view, which compile kernels, are not counted. Times
+affects all parts alike. The first turns of a scene, which compile kernels, are not counted. Times
 are elapsed seconds or (`clock`) processor seconds of all threads, which other processes hardly
 change. Networks compete with the path tracer at a few samples per pixel, raw and denoised. All are
 compared with a reference of many more samples and independent random numbers.
+
+References and the measurements of a view are kept: an interrupted study goes on after the last
+view. Measurements are removed when it ends, since they tell of the machine and of the code.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
+from itertools import groupby
 from pathlib import Path
 from statistics import mean, median
 from typing import Any
@@ -69,16 +73,16 @@ from pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pipeline.tonemap import tonemap
 from pipeline.views import View
 from scenes.arrays import AnyArray
-from scenes.checked import plain
+from scenes.checked import build, plain
 from scenes.contract import Scene
 from scenes.errors import ParameterError
-from scenes.files import atomic_file, sweep, write_json
+from scenes.files import atomic_file, digest_bytes, read_json, sweep, write_json
 from scenes.seeds import derive
 
 _REFERENCE_FACTOR = 16  # default samples of the reference, as a multiple of `max_spp`
 _MIN_REFERENCE_FACTOR = 4  # smallest multiple
 _MIN_SIZE = 16  # pixels a side, as for the dataset's images
-_WARM_UP_TURNS = 2  # a kernel launch is recorded in the first or second turn
+_WARM_UP_TURNS = 2  # of a scene: a kernel launch is recorded in the first or second turn
 _PACKAGES = ("mitsuba", "drjit", "torch", "numpy", "pyoidn")
 
 
@@ -110,11 +114,11 @@ class TimeConfig:
 class ViewMeasurement:
     """Measurements of one view: seconds by part and turn, errors by method and samples.
 
-    The dataset's own truth is measured in the last turn only.
+    The dataset's own truth, which takes longer than all else, is timed once, in the first view.
     """
 
-    seconds: dict[str, list[float]]
-    errors: dict[tuple[str, int | None], tuple[float, float]]  # FLIP, SSIM
+    seconds: dict[str, tuple[float, ...]]
+    errors: dict[str, tuple[float, float]]  # FLIP, SSIM; by `_key`
     noise: float  # of the reference
 
 
@@ -152,16 +156,7 @@ def study_time(
     size = f"{views[0].width}x{views[0].height}"
     store = FrameStore(renders / (f"{size}-raw" if config.raw_reference else size), reference)
     _references(scenes, views, store)
-    measurements = []
-    with Progress(
-        len(views) * (_WARM_UP_TURNS + config.repeats), "study time: turns", "turns"
-    ) as progress:
-        for view in views:
-            with opened_scene(scenes[view.scene_id]) as opened:
-                benchmark = ViewBenchmark(opened, view, params, networks, store, config.clock)
-                measurements.append(
-                    benchmark.run(_samples(config.max_spp), config.repeats, progress)
-                )
+    measurements = _measure_views(scenes, views, params, networks, store, config)
     result = TimeResult(
         seed=params.seed,
         split=dataset.split,
@@ -186,6 +181,8 @@ def study_time(
     with atomic_file(folder / "time.png") as partial:
         partial.write_bytes(time_plot(result))
     write_json(folder / "time.json", plain(result))
+    for path in _kept(store, views, networks, config):
+        path.unlink(missing_ok=True)
     return result, folder / "time.json"
 
 
@@ -218,21 +215,25 @@ class ViewBenchmark:
         self.example: Example = example_of(view, self.inputs, given, networks.card, pair)
         self.truth = true_color(self.example, networks)
         self.seconds: dict[str, list[float]] = defaultdict(list)
-        self.errors: dict[tuple[str, int | None], tuple[float, float]] = {}
+        self.errors: dict[str, tuple[float, float]] = {}
 
-    def run(self, samples: list[int], repeats: int, progress: Progress) -> ViewMeasurement:
-        """Run `_WARM_UP_TURNS` turns that are not counted, then `repeats` that are."""
-        for turn in range(_WARM_UP_TURNS + repeats):
-            if turn == _WARM_UP_TURNS:
+    def run(
+        self, samples: list[int], repeats: int, warm_up: int = 0, truths: bool = False
+    ) -> ViewMeasurement:
+        """Run `warm_up` turns that are not counted, then `repeats` that are.
+
+        `truths`: also time the dataset's own truth, once.
+        """
+        for turn in range(warm_up + repeats):
+            if turn == warm_up:
                 self.seconds.clear()
             self._networks_turn()
-            if turn in (0, _WARM_UP_TURNS + repeats - 1):  # they take longer than all else
-                seed = derive(self.seed, "truths")
-                truths = partial(render_truths, self.scene, self.view, self.params, seed)
-                self._timed("truths", truths)
             self._renderer_turn(samples)
-            progress.advance()
-        return ViewMeasurement(dict(self.seconds), dict(self.errors), self.noise)
+        if truths:
+            seed = derive(self.seed, "truths")
+            self._timed("truths", partial(render_truths, self.scene, self.view, self.params, seed))
+        seconds = {part: tuple(turns) for part, turns in self.seconds.items()}
+        return ViewMeasurement(seconds, dict(self.errors), self.noise)
 
     def _networks_turn(self) -> None:
         networks, example = self.networks, self.example
@@ -315,9 +316,56 @@ class ViewBenchmark:
 
     def _measure(self, method: str, spp: int | None, image: AnyArray) -> None:
         """Measure the error of a picture once; it is the same in every turn."""
-        if (method, spp) not in self.errors:
+        key = _key(method, spp)
+        if key not in self.errors:
             flip = float(flip_map(self.truth, image).mean())
-            self.errors[method, spp] = flip, ssim(self.truth, image)
+            self.errors[key] = flip, ssim(self.truth, image)
+
+
+def _measure_views(
+    scenes: dict[str, Scene],
+    views: list[View],
+    params: Params,
+    networks: Networks,
+    store: FrameStore,
+    config: TimeConfig,
+) -> list[ViewMeasurement]:
+    """Measure every view, or read what an interrupted study has measured."""
+    samples, measurements = _samples(config.max_spp), []
+    paths = _kept(store, views, networks, config)
+    with Progress(len(views), "study time: measurements", "views") as progress:
+        for scene_id, group in groupby(
+            zip(views, paths, strict=True), lambda pair: pair[0].scene_id
+        ):
+            due = list(group)
+            while due and due[0][1].is_file():
+                measurements.append(build(ViewMeasurement, read_json(due.pop(0)[1])))
+                progress.advance()
+            if not due:
+                continue
+            with opened_scene(scenes[scene_id]) as opened:
+                for number, (view, path) in enumerate(due):
+                    benchmark = ViewBenchmark(opened, view, params, networks, store, config.clock)
+                    measurement = benchmark.run(
+                        samples,
+                        config.repeats,
+                        warm_up=0 if number else _WARM_UP_TURNS,
+                        truths=not measurements,
+                    )
+                    write_json(path, plain(measurement))
+                    measurements.append(measurement)
+                    progress.advance()
+    return measurements
+
+
+def _kept(
+    store: FrameStore, views: list[View], networks: Networks, config: TimeConfig
+) -> list[Path]:
+    """Return the file that keeps the measurement of each view until the study ends."""
+    models = {name: card.sha256 for name, card in sorted(networks.cards.items())}
+    state = (config, models, _processor(), _versions())
+    name = digest_bytes(repr(state).encode())[:16]
+    return [store.root / name / view.scene_id / f"{view.view_id}.json" for view in views]
 
 
 def _references(scenes: dict[str, Scene], views: list[View], store: FrameStore) -> None:
@@ -352,14 +400,14 @@ def _parts(measurements: list[ViewMeasurement]) -> dict[str, PartSeconds]:
 def _points(measurements: list[ViewMeasurement]) -> tuple[MethodPoint, ...]:
     """Return time and quality of every method; times include all parts that it needs."""
     points = []
-    for method, spp in measurements[0].errors:
+    for key in measurements[0].errors:
+        method, spp = _method_of(key)
         needs = _parts_of(method, spp, "materials" in measurements[0].seconds)
         seconds = mean(
             sum(median(measurement.seconds[part]) for part in needs) for measurement in measurements
         )
         flip, likeness = (
-            mean(measurement.errors[method, spp][index] for measurement in measurements)
-            for index in (0, 1)
+            mean(measurement.errors[key][index] for measurement in measurements) for index in (0, 1)
         )
         points.append(MethodPoint(method, spp, seconds, flip, likeness))
     return tuple(sorted(points, key=lambda point: (point.method, point.spp or 0)))
@@ -369,12 +417,22 @@ def _better(measurements: list[ViewMeasurement]) -> dict[str, int]:
     """Count views by `TimeResult.better`, for methods and samples that both were measured."""
     counts: dict[str, int] = {}
     for measurement in measurements:
-        for (method, spp), (flip, _) in measurement.errors.items():
-            denoised = measurement.errors.get(("planned_denoised", spp))
+        for key, (flip, _) in measurement.errors.items():
+            method, spp = _method_of(key)
+            denoised = measurement.errors.get(_key("planned_denoised", spp))
             if method in METHODS and spp is not None and denoised is not None:
-                name = f"{method} {spp}"
-                counts[name] = counts.get(name, 0) + (flip < denoised[0])
+                counts[key] = counts.get(key, 0) + (flip < denoised[0])
     return counts
+
+
+def _key(method: str, spp: int | None) -> str:
+    """Return the name of a method at a number of samples, as in `TimeResult.better`."""
+    return method if spp is None else f"{method} {spp}"
+
+
+def _method_of(key: str) -> tuple[str, int | None]:
+    method, _, spp = key.partition(" ")
+    return method, int(spp) if spp else None
 
 
 def _parts_of(method: str, spp: int | None, materials: bool) -> tuple[str, ...]:
@@ -397,7 +455,7 @@ def _parts_of(method: str, spp: int | None, materials: bool) -> tuple[str, ...]:
 
 
 def _part_seconds(measurements: list[ViewMeasurement], part: str) -> PartSeconds:
-    times = [measurement.seconds[part] for measurement in measurements]
+    times = [m.seconds[part] for m in measurements if part in m.seconds]
     return PartSeconds(
         mean(median(turns) for turns in times),
         mean(min(turns) for turns in times),

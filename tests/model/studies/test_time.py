@@ -146,6 +146,31 @@ def test_another_size_is_rendered_and_predicted(place: Folders) -> None:
     assert (place.data / "studies" / "time" / "64x40" / "color").is_dir()
 
 
+@pytest.mark.slow
+def test_an_interrupted_study_goes_on_after_the_last_view(
+    place: Folders, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ("--size", "32x24", "--views", "2", "--repeats", "1", "--max-spp", "1")
+    measured: list[str] = []
+    most = 1
+    real = study.ViewBenchmark.run
+
+    def counted(benchmark: Any, *words: Any, **options: Any) -> ViewMeasurement:
+        if len(measured) == most:
+            raise InputError("cut off")
+        measured.append(benchmark.view.view_id)
+        return real(benchmark, *words, **options)
+
+    monkeypatch.setattr(study.ViewBenchmark, "run", counted)
+    assert run(place, *asked) == 3 and len(measured) == 1
+    most = 3
+    assert run(place, *asked) == 0
+    assert len(measured) == 2 and result_of(place).views == 2
+    assert not list((place.data / "studies" / "time" / "32x24").glob("*/*/*.json")), "removed"
+    assert run(place, *asked) == 3, "a finished study measures again"
+    assert len(measured) == 3
+
+
 def test_what_cannot_be_is_refused(
     place: Folders, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -175,8 +200,8 @@ def test_a_point_is_beaten_only_by_what_is_better_in_no_more_time() -> None:
 
 def test_medians_of_turns_and_means_of_views() -> None:
     measurements = [
-        ViewMeasurement({"shading": [1.0, 9.0, 2.0], "composition": [1.0, 1.0, 1.0]}, {}, 0.1),
-        ViewMeasurement({"shading": [4.0, 4.0, 7.0], "composition": [3.0, 3.0, 3.0]}, {}, 0.1),
+        ViewMeasurement({"shading": (1.0, 9.0, 2.0), "composition": (1.0, 1.0, 1.0)}, {}, 0.1),
+        ViewMeasurement({"shading": (4.0, 4.0, 7.0), "composition": (3.0, 3.0, 3.0)}, {}, 0.1),
     ]
     spent = study._parts(measurements)["shading"]
     assert (spent.seconds, spent.low, spent.high) == (3.0, 2.5, 8.0)
