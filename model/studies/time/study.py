@@ -224,6 +224,8 @@ class ViewBenchmark:
 
         `truths`: also time the dataset's own truth, once.
         """
+        if not warm_up:  # Mitsuba prepares each new camera
+            self._plain(with_samples(self.params, 1, denoise=False))
         for turn in range(warm_up + repeats):
             if turn == warm_up:
                 self.seconds.clear()
