@@ -55,7 +55,7 @@ from model.evaluation.predict import example_of, rendered_for
 from pipeline.channels import RGB
 from pipeline.frames import Channels
 from pipeline.images import contact_sheet, jpeg_bytes
-from pipeline.params import GroundTruthParams, Params
+from pipeline.params import TRANSPORT_SAMPLES, GroundTruthParams, Params
 from pipeline.passes.denoise import denoise
 from pipeline.passes.groundtruth import render_color, render_truth
 from pipeline.passes.inputs import render_inputs
@@ -72,7 +72,9 @@ NAME = "ours in every time budget"
 # Most samples of the methods that take samples.
 MOST = dict.fromkeys(("planned_denoised", *GROUPS["path"], *GROUPS["cycles"]), 1 << 12)
 MOST["hybrid"] = MAX_SAMPLES
+MOST["radiosity"] = TRANSPORT_SAMPLES[-1]
 _BLOCK = 16  # most samples of one block
+_SURFELS_A_SAMPLE = 4000
 _QUIET = 0.1  # processors in use by others
 _LISTEN = 3.0  # seconds
 _PROBES = (1, 4)  # samples
@@ -308,8 +310,13 @@ class Home:
     def _settings(self, spp: int) -> GroundTruthParams:
         return replace(self.params.groundtruth, spp=spp, block_spp=min(spp, _BLOCK), denoise="none")
 
-    def _radiosity(self, view: View, _: int, seed: int) -> Float32Array:
-        return transport_of(self.clay, view, self.params.transport, seed).color
+    def _radiosity(self, view: View, spp: int, seed: int) -> Float32Array:
+        """The picture of light transport; with few samples, from fewer surfels."""
+        most = self.params.transport.surfels
+        params = replace(
+            self.params.transport, samples=spp, surfels=min(most, spp * _SURFELS_A_SAMPLE)
+        )
+        return transport_of(self.clay, view, params, seed).color
 
     def _net(self, name: str, view: View, spp: int, seed: int) -> Float32Array:
         """The picture of `pbrnet predict`, in the unit of the scene."""
@@ -391,6 +398,8 @@ class ClayView:
                 continue
             probes = [(spp, self._probe(way, spp)) for spp in _PROBES]
             chosen = {min(fitting(probes, budget), MOST[method]) for budget in budgets} - {0}
+            if method == "radiosity":
+                chosen = {max(n for n in TRANSPORT_SAMPLES if n <= most) for most in chosen}
             jobs += [(method, spp) for spp in sorted(chosen)]
         return jobs
 

@@ -95,7 +95,7 @@ METHODS: dict[str, Method] = {
         uses_panorama=False,
         uses_transport=True,
         predicts_radiance=True,
-        revision=3,
+        revision=4,
         own_loss=ExposedLoss.description,
     ),
     "hybrid": Method(
@@ -106,7 +106,7 @@ METHODS: dict[str, Method] = {
         uses_transport=True,
         uses_noisy_samples=True,
         predicts_radiance=True,
-        revision=3,
+        revision=4,
         own_loss=ExposedLoss.description,
     ),
     "unet": Method("unet", unet.build),

@@ -266,6 +266,9 @@ class LightParams:
         return self.groups + 3 if self.groups else 0
 
 
+TRANSPORT_SAMPLES = (1, 2, 4, 8, 16, 64)
+
+
 @dataclass(frozen=True)
 class TransportParams:
     """Light transport without paths, if `channels` names `transport`."""
@@ -276,7 +279,7 @@ class TransportParams:
 
     def verify(self, where: str) -> None:
         """Raise ValueError for a number of samples that is no grid of nearly equal sides."""
-        if self.samples not in (0, 1, 2, 4, 8, 16, 64):
+        if self.samples and self.samples not in TRANSPORT_SAMPLES:
             raise ValueError(f"{where}.samples: {self.samples}; 0, 1, 2, 4, 8, 16 or 64")
 
 

@@ -1,4 +1,4 @@
-"""Method `radiosity`: pictures of views by light transport alone, without a network."""
+"""Method `radiosity`: pictures of views by light transport alone."""
 
 from __future__ import annotations
 

@@ -1,18 +1,21 @@
 """PBR-Net hybrid: a few path-traced samples a pixel, denoised, then corrected by a network.
 
-Two pictures of the view err independently: the denoised image, by noise that the denoiser takes for
-light, and light transport (`pipeline.passes.transport`), which has no noise but leaves things out.
-The network starts from their mean, from 2 samples on nearer to the truth than either. It also knows
-the difference of two halves of the samples, and their number: one set of weights serves for 1 to 8.
+Two pictures of the view err independently: the denoised samples, by noise that the denoiser takes
+for light, and light transport (`pipeline.passes.transport`), which has little noise but leaves
+things out. The network starts from a mixture of them that is nearer to the truth than either. It
+also knows the difference of two halves of the samples, and their number: one set of weights serves
+for 1 to 8.
 
 For each pixel and band it predicts the share of light transport in the mixture, how far the picture
-moves towards the raw samples, and the logarithm of a factor. At first the share is a half and the
-others are 0: the output is the plain mean. Its inputs are logarithms of light without reflectance
+moves towards the raw samples, and the logarithm of a factor. At first the share is `START_SHARE`
+and the others are 0. Its inputs are logarithms of light without reflectance
 (Zhang et al., *Beyond a Gaussian denoiser*, 2017, learn residuals likewise), relative to one level
 for the view. It does not use the panorama or samples of neighbouring views.
 """
 
 from __future__ import annotations
+
+import math
 
 import torch
 from torch import nn
@@ -27,6 +30,7 @@ from scenes.color import decode_srgb
 # and indirect light, reflectance
 SIGNALS = 7
 REFLECTANCE_OFFSET = 0.03  # added to reflectance before the division by it
+START_SHARE = 0.8  # of light transport in the mixture
 MAX_LOG_FACTOR = 3.0  # bound of the predicted logarithm: the factor is at most exp(3), about 20
 
 
@@ -52,6 +56,7 @@ class HybridNet(nn.Module):
         geometry = torch.cat([geometry_of(inputs), samples], dim=1)
         found = self.bands(geometry, torch.stack(signals, dim=2))
         factor = bounded(found[:, :, 0], MAX_LOG_FACTOR).exp()
-        share, back = (1 + torch.tanh(found[:, :, 1])) / 2, torch.tanh(found[:, :, 2])
+        start = math.atanh(2 * START_SHARE - 1)
+        share, back = (1 + torch.tanh(found[:, :, 1] + start)) / 2, torch.tanh(found[:, :, 2])
         mixed = denoised + share * (color - denoised) + back * (noisy - denoised)
         return factor * mixed.clamp(min=0)

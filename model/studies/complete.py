@@ -84,7 +84,7 @@ PARTS = (
     _time("160x120", "--views", "40", "--max-spp", "32", "--reference-spp", "512"),
     _time(
         *("480x360", "--views", "40", "--repeats", "1"),
-        *("--max-spp", "16", "--reference-spp", "256"),
+        *("--max-spp", "16", "--reference-spp", "128"),
     ),
 )
 

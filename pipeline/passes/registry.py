@@ -320,6 +320,11 @@ def _light_determined_by(params: Params) -> dict[str, Any]:
     }
 
 
+def _transport_determined_by(params: Params) -> dict[str, Any]:
+    guided = {"denoiser": denoiser_version(), "guides": fast.REVISION}
+    return {**plain(params.transport), **guided}
+
+
 def _noisy_determined_by(params: Params) -> dict[str, Any]:
     trace, shading = _noisy_trace(params), plain(params.shading)
     used = ("spp", "max_depth", "rr_depth", "joint", "lights")
@@ -374,9 +379,7 @@ PASSES: dict[Kind, Pass] = {
     "environment": Pass(
         environment.REVISION, _environment_determined_by, _environment, seeded=True
     ),
-    "transport": Pass(
-        transport.REVISION, lambda params: plain(params.transport), _transport, seeded=True
-    ),
+    "transport": Pass(transport.REVISION, _transport_determined_by, _transport, seeded=True),
     "light": Pass(light.REVISION, _light_determined_by, _light, seeded=True),
     "noisy": Pass(groundtruth.REVISION, _noisy_determined_by, render_noisy, seeded=True),
 }

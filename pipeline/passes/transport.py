@@ -5,6 +5,9 @@ the same on what the pixels' rays meet, all further reflections by radiosity amo
 the view (`pipeline.transport`). Left out: where mirrors, metals and glass throw light (between
 surfaces it is exchanged as if all reflected diffusely, as much as they do), and light behind rough
 glass. Cloth that transmits light diffusely is lit from both sides.
+
+The picture is denoised as path-traced samples are (`pipeline.passes.denoise`); light without
+reflectance has a filter of its own (`pipeline.transport.smoothing`), which costs less.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import numpy as np
 from pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pipeline.frames import Channels
 from pipeline.params import TransportParams
+from pipeline.passes.denoise import denoise
 from pipeline.passes.groundtruth import rooms_box
 from pipeline.pathtrace import integrator
 from pipeline.pathtrace.guiding import plan_guiding
@@ -26,6 +30,7 @@ from pipeline.render.drjit_arrays import to_numpy
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.scene import RenderScene
 from pipeline.transport.cells import LightTable
+from pipeline.transport.guides import fast_guides
 from pipeline.transport.launches import TransportLauncher
 from pipeline.transport.pixels import LOST, LightSamples, Samples
 from pipeline.transport.radiosity import Rays, Surfels, cells_of, grid_size, solve
@@ -33,7 +38,7 @@ from pipeline.views import View
 from scenes.arrays import Float32Array
 from scenes.errors import InputError
 
-REVISION = 9
+REVISION = 11
 _LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
 # Samples by size of the image: up to so many pixels, so many samples each.
 _SAMPLES = ((40_000, 16), (100_000, 8))
@@ -49,7 +54,8 @@ class Transport:
     comes light of its other side. `albedo` is that of the diffuse lobes, averaged over the pixel,
     dimmed by mirrors and window panes before them, `specular` the radiance by other lobes and by
     panes, `emitted` that of lamps and sky. In a pixel of several surfaces light counts as much as
-    each of them reflects it.
+    each of them reflects it. `color` is the picture, denoised from single samples: near `parts`,
+    which is made of smoothed light, with sharper gloss and less noise.
 
     `nan_pixels` counts pixels with samples that are not finite, and `nan_surfels` such surfels;
     both count as 0. `lost_pixels` counts pixels without any other samples.
@@ -60,6 +66,7 @@ class Transport:
     specular: Float32Array
     emitted: Float32Array
     albedo: Float32Array
+    color: Float32Array
     nan_pixels: int = 0
     nan_surfels: int = 0
     lost_pixels: int = 0
@@ -70,8 +77,8 @@ class Transport:
         return {name: getattr(self, name) for name in ("nan_pixels", "nan_surfels", "lost_pixels")}
 
     @property
-    def color(self) -> Float32Array:
-        """The picture: albedo x (direct + indirect) + specular + emitted."""
+    def parts(self) -> Float32Array:
+        """Sum of the parts: albedo x (direct + indirect) + specular + emitted."""
         return self.albedo * (self.direct + self.indirect) + self.specular + self.emitted
 
 
@@ -105,7 +112,7 @@ def transport_of(
     scene, home = render_scene.neutral(None).mitsuba, render_scene.scene
     if not scene.emitters():
         dark = np.zeros((view.height, view.width, 3), dtype=np.float32)
-        return Transport(dark, dark, dark, dark, dark)
+        return Transport(dark, dark, dark, dark, dark, dark)
     plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms))
     lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
     size = grid_size(params.surfels, view.width, view.height)
@@ -113,12 +120,15 @@ def transport_of(
     samples = Samples.of(params.samples or samples_for(view.width * view.height))
     images = gathered(launcher, lights, view, surfels, samples, params.bounces, seed)
     lost = np.max([images[name] for name in LOST], axis=0)
+    noisy = {band: images["color"][..., k] for k, band in enumerate(RGB)}
+    clean = denoise(noisy, *fast_guides(render_scene, view))
     return Transport(
         images["direct"],
         images["indirect"],
         images["specular"] + images["panes"],
         images["emitted"],
         images["albedo"],
+        np.stack([clean[band] for band in RGB], axis=-1),
         nan_pixels=int((lost > 0).sum()),
         nan_surfels=surfels.lost,
         lost_pixels=int((lost >= 1).sum()),
@@ -134,7 +144,10 @@ def gathered(
     bounces: int,
     seed: int,
 ) -> dict[str, Float32Array]:
-    """Return the images of `pipeline.transport.pixels` by the light of these surfels."""
+    """Return the images of `pipeline.transport.pixels` by the light of these surfels.
+
+    As `TransportLauncher.pixels`.
+    """
     cells = cells_of(surfels, view.eye)
     cache = LightTable(cells)
     light = launcher.light(lights, cache, view, samples, seed)

@@ -151,12 +151,12 @@ def lit_texture(
 ) -> Any:
     """Return the diffuse radiance of the surfaces that a direction meets, `mi.Color3f`.
 
-    For what shows their texture: cells give light alone.
+    For what shows their texture: cells give light alone. They reflect their `rough_albedo`.
     """
     lit = active & si.is_valid()
     entry = look_up(cache, si, direction, sampler, lit)
     irradiance = dr.gather(mi.Color3f, cache.irradiance, entry, lit)
-    return dr.select(lit, irradiance * tables.reflectance_at(si, lit), 0)
+    return dr.select(lit, irradiance * rough_albedo(tables, si, lit), 0)
 
 
 def diffuse_albedo(tables: ShapeTables, lobes: Any, si: Any, cosine: Any, active: Any) -> Any:

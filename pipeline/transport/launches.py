@@ -81,7 +81,8 @@ class TransportLauncher:
     ) -> dict[str, Float32Array]:
         """Return the images of `IMAGES`, float32 (H, W, bands); `light` is from `light`.
 
-        `direct`, `indirect` and `specular` are smoothed, and no longer weighted.
+        `direct`, `indirect` and `specular` are smoothed, and no longer weighted. `color` is the
+        picture before that, of single samples.
         """
         size = (view.width, view.height)
         number = dr.opaque(mi.UInt32, derive32(seed, "pixels"))
@@ -91,6 +92,7 @@ class TransportLauncher:
         eye = column(mi.Float, view.eye)
         smoothed = self._recorded(_smoothed, size)(bands, eye, size, samples)
         found = _named(list(to_numpy(*bands)), view)
+        found["color"] = _picture(found)
         clean = to_numpy(*smoothed)
         for name, image in zip(_SMOOTHED, clean, strict=True):
             found[name] = image.reshape(view.height, view.width, 3)
@@ -126,6 +128,14 @@ def _named(bands: list[Any], view: View) -> dict[str, Float32Array]:
         found[name] = image.reshape(view.height, view.width, count)
         first += count
     return found
+
+
+def _picture(images: dict[str, Float32Array]) -> Float32Array:
+    """Return the radiance of the images of `IMAGES`, (H, W, 3)."""
+    weight = images["weight"]
+    inverse = np.divide(1, weight, out=np.zeros_like(weight), where=weight > 0)
+    light = (images["direct"] + images["indirect"]) * inverse
+    return images["albedo"] * light + images["specular"] + images["panes"] + images["emitted"]
 
 
 def _smoothed(bands: list[Any], eye: Any, size: Size, samples: Samples) -> list[Any]:

@@ -5,9 +5,9 @@ give textures and edges and cost least. Light takes an emitter sample and one ga
 and another emitter sample on the surface that this meets, from which cells learn what they reflect
 (`pipeline.transport.radiosity`) before pixels look them up. Gloss, where the material has any,
 takes an emitter sample and one direction of its own sampling; it costs most and adds least. Gloss
-sees the diffuse light of what that direction meets, and so does what a window pane reflects. A
-perfect mirror shows what a camera ray meets behind it. Values that are not finite become 0 and are
-counted.
+sees the diffuse light of what that direction meets, and of its gloss one emitter sample; of what a
+window pane reflects, the diffuse light alone. A perfect mirror shows what a camera ray meets behind
+it. Values that are not finite become 0 and are counted.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ IMAGES = {
 LOST = ("lost_surfaces", "lost_light", "lost_gloss")
 
 _LEAST_WEIGHT = 0.005  # of light on a black surface
-_GLOSS_SAMPLES = {64: 8, 32: 8, 16: 4, 8: 2, 4: 2}  # by those of the rest
+_GLOSS_SAMPLES = {64: 8, 32: 8, 16: 8, 8: 4, 4: 2}  # by those of the rest
 
 
 class Samples(NamedTuple):
@@ -248,19 +248,9 @@ def _light_images(cache: LightTable, light: LightSamples) -> Image:
 
 def _gloss(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
     scene, tables, lights, cache = kernel.scene, kernel.tables, kernel.lights, kernel.cache
-    own = si.bsdf()
-    glossy = si.is_valid() & is_glossy(own)
+    glossy = si.is_valid() & is_glossy(si.bsdf())
     point = surface_point(si.p, facing_normal(si, ray.d))
-    ds, light = lights.sample(scene, point, sampler.next_2d(), glossy)
-    towards = si.to_local(ds.d)
-    value, pdf = own.eval_pdf(mi.BSDFContext(), si, towards, glossy)
-    diffuse = mi.BSDFContext()
-    diffuse.type_mask = mi.BSDFFlags.Diffuse
-    lobe = partner(kernel.lobes, own, glossy)
-    rest = 1 - share(lobe.eval(diffuse, si, towards, glossy), value)
-    mis = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
-    arriving = dr.select(glossy & (ds.pdf > 0), mi.Color3f(light), 0)
-    specular = arriving * value * rest * mis
+    specular = _sampled_gloss(kernel, sampler, si, point, glossy)
 
     sample, weight = reflect(kernel.lobes, sampler, si, glossy)
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
@@ -269,8 +259,29 @@ def _gloss(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
     other, emission, density = met(scene, tables, lights, point, direction, active, ~delta)
     emission *= dr.select(delta, 1, power_heuristic(sample.pdf, density))
     radiance = lit_texture(tables, cache, other, direction, sampler, active)
+    active_there = active & other.is_valid() & is_glossy(other.bsdf())
+    there = surface_point(other.p, facing_normal(other, direction))
+    radiance += _sampled_gloss(kernel, sampler, other, there, active_there)
     specular += dr.select(active, weight * (emission + radiance), 0)
     return {
         "specular": left * specular,
         "specular_squares": [dr.square(mi.luminance(left * specular))],
     }
+
+
+def _sampled_gloss(kernel: Kernel, sampler: Any, si: Any, point: Any, active: Any) -> Any:
+    """Return the radiance of one emitter sample that gloss at `si` reflects, `mi.Color3f`.
+
+    Weighted against sampling of the BSDF. `point` is `surface_point` at `si`.
+    """
+    own = si.bsdf()
+    ds, light = kernel.lights.sample(kernel.scene, point, sampler.next_2d(), active)
+    towards = si.to_local(ds.d)
+    value, pdf = own.eval_pdf(mi.BSDFContext(), si, towards, active)
+    diffuse = mi.BSDFContext()
+    diffuse.type_mask = mi.BSDFFlags.Diffuse
+    lobe = partner(kernel.lobes, own, active)
+    rest = 1 - share(lobe.eval(diffuse, si, towards, active), value)
+    mis = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
+    arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
+    return arriving * value * rest * mis

@@ -1,4 +1,4 @@
-"""The hybrid: a mean at first, it keeps the light's unit, and learns to correct it."""
+"""The hybrid: a mixture at first, it keeps the light's unit, and learns to correct it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from model.evaluation.evaluate import evaluate
 from model.evaluation.inference import load_networks
 from model.methods import METHODS
 from model.networks.flip import Flip
-from model.networks.hybrid import MAX_LOG_FACTOR, HybridNet
+from model.networks.hybrid import MAX_LOG_FACTOR, START_SHARE, HybridNet
 from model.networks.objective import Batch, ExposedLoss, Setting
 from model.networks.pbrnet import Architecture
 from model.training import train
@@ -89,17 +89,17 @@ def color_of(network: HybridNet, example: Example) -> np.ndarray:
 
 @pytest.mark.parametrize("levels", [1, 2, 4])
 @pytest.mark.parametrize("size", [(40, 30), (37, 23), (5, 3)])
-def test_it_starts_from_the_mean_of_transport_and_denoiser(
+def test_it_starts_from_a_mixture_of_transport_and_denoiser(
     levels: int, size: tuple[int, int]
 ) -> None:
     example = example_of(np.random.default_rng(0), *size)
     np.testing.assert_allclose(
-        color_of(untrained(levels=levels), example), mean_of(example), rtol=1e-6
+        color_of(untrained(levels=levels), example), mixture_of(example), rtol=1e-6
     )
 
 
-def mean_of(example: Example) -> AnyArray:
-    return (example.transport_color + example.denoised_color) / 2
+def mixture_of(example: Example) -> AnyArray:
+    return START_SHARE * example.transport_color + (1 - START_SHARE) * example.denoised_color
 
 
 def example_of(rng: np.random.Generator, width: int, height: int) -> Example:
@@ -204,7 +204,7 @@ def exposed_loss(network: HybridNet, example: Example, inputs: dict[str, Any]) -
     return objective.loss(Batch(inputs, truth, radiances([example], "shared")))
 
 
-def test_it_learns_what_the_mean_does_wrong(view: Example) -> None:
+def test_it_learns_what_the_mixture_does_wrong(view: Example) -> None:
     network = untrained(width=12, levels=3, spread=0.01)
     inputs = encoded(view)
     optimiser = torch.optim.Adam(network.parameters(), 3e-3)
@@ -214,7 +214,7 @@ def test_it_learns_what_the_mean_does_wrong(view: Example) -> None:
         found = tonemap(color_of(network, view), view.exposure_shading)
         return float(np.abs(found - truth).mean())
 
-    first = float(np.abs(tonemap(mean_of(view), view.exposure_shading) - truth).mean())
+    first = float(np.abs(tonemap(mixture_of(view), view.exposure_shading) - truth).mean())
     assert error() == pytest.approx(first, rel=0.2)
     for _ in range(120):
         optimiser.zero_grad()
