@@ -73,8 +73,8 @@ NAME = "ours in every time budget"
 MOST = dict.fromkeys(("planned_denoised", *GROUPS["path"], *GROUPS["cycles"]), 1 << 12)
 MOST["hybrid"] = MAX_SAMPLES
 MOST["radiosity"] = TRANSPORT_SAMPLES[-1]
+ALLOWED = {"radiosity": TRANSPORT_SAMPLES}  # numbers of samples, of methods that take only some
 _BLOCK = 16  # most samples of one block
-_SURFELS_A_SAMPLE = 4000
 _QUIET = 0.1  # processors in use by others
 _LISTEN = 3.0  # seconds
 _PROBES = (1, 4)  # samples
@@ -312,11 +312,7 @@ class Home:
 
     def _radiosity(self, view: View, spp: int, seed: int) -> Float32Array:
         """The picture of light transport; with few samples, from fewer surfels."""
-        most = self.params.transport.surfels
-        params = replace(
-            self.params.transport, samples=spp, surfels=min(most, spp * _SURFELS_A_SAMPLE)
-        )
-        return transport_of(self.clay, view, params, seed).color
+        return transport_of(self.clay, view, self.params.transport.reduced(spp), seed).color
 
     def _net(self, name: str, view: View, spp: int, seed: int) -> Float32Array:
         """The picture of `pbrnet predict`, in the unit of the scene."""
@@ -398,8 +394,8 @@ class ClayView:
                 continue
             probes = [(spp, self._probe(way, spp)) for spp in _PROBES]
             chosen = {min(fitting(probes, budget), MOST[method]) for budget in budgets} - {0}
-            if method == "radiosity":
-                chosen = {max(n for n in TRANSPORT_SAMPLES if n <= most) for most in chosen}
+            if method in ALLOWED:
+                chosen = {max(n for n in ALLOWED[method] if n <= most) for most in chosen}
             jobs += [(method, spp) for spp in sorted(chosen)]
         return jobs
 

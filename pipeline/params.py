@@ -267,6 +267,7 @@ class LightParams:
 
 
 TRANSPORT_SAMPLES = (1, 2, 4, 8, 16, 64)
+SURFELS_A_SAMPLE = 4000  # of light transport with few samples: balanced in error
 
 
 @dataclass(frozen=True)
@@ -281,6 +282,12 @@ class TransportParams:
         """Raise ValueError for a number of samples that is no grid of nearly equal sides."""
         if self.samples and self.samples not in TRANSPORT_SAMPLES:
             raise ValueError(f"{where}.samples: {self.samples}; 0, 1, 2, 4, 8, 16 or 64")
+
+    def reduced(self, samples: int) -> TransportParams:
+        """The same with so many samples per pixel, and no more surfels than suit them."""
+        return replace(
+            self, samples=samples, surfels=min(self.surfels, SURFELS_A_SAMPLE * samples)
+        )
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ PARTS = (
     _study("composition", "--steps", "1000", trains=True),
     _study("noise", "--views", "60", "--steps", "1000", trains=True),
     _study("decomposition", "--steps", "1000", "--method", "plus", trains=True),
-    _study("table", "--views", "60", "--steps", "250", "--seeds", "3", trains=True),
+    _study("table", "--views", "60", "--steps", "500", "--seeds", "3", trains=True),
     _study("generalisation", "--source", "furnished-*", "--steps", "1000", trains=True),
     _study("illumination", "--views", "24"),
     _time("160x120", "--views", "40", "--max-spp", "32", "--reference-spp", "512"),

@@ -17,11 +17,14 @@ CLOCKS: dict[Clock, str] = {
     "cpu": "processor seconds, sum of all threads",
 }
 HYBRID_SAMPLES = (1, 2, 4, 8)  # per pixel, for networks that take noisy samples
+# Per pixel, of light transport with fewer samples than it has by itself, and with fewer surfels.
+TRANSPORT_SAMPLES = (1, 2, 4, 8)
 PARTS = {
     "inputs": "Depth, normal, reflectance",
     "illumination": "Panorama",
     "materials": "Roughness and metalness",
     "transport": "Light transport",
+    **{f"transport_{n}": f"Light transport, {n} samples per pixel" for n in TRANSPORT_SAMPLES},
     "shading": "Shading network",
     "composition": "Composition network",
     "product": "Reflectance × shading",
@@ -57,7 +60,7 @@ class MethodPoint:
     """Time and quality of one method, and one number of samples; means over views."""
 
     method: str
-    spp: int | None  # None: without samples
+    spp: int | None  # None: without samples, or light transport with as many as it has by itself
     seconds: float = field(metadata=within(0))  # per view, with all parts that it needs
     flip: float = field(metadata=within(0, 1))
     ssim: float = field(metadata=within(-1, 1))

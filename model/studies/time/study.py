@@ -40,6 +40,7 @@ from model.evaluation.predict import (
     resized,
     trace_samples,
     with_noisy_samples,
+    with_transport,
 )
 from model.methods import METHODS, extras_of, trained_baselines
 from model.studies.frame_store import (
@@ -53,6 +54,7 @@ from model.studies.frame_store import (
 from model.studies.time.plot import time_plot
 from model.studies.time.results import (
     HYBRID_SAMPLES,
+    TRANSPORT_SAMPLES,
     Clock,
     MethodPoint,
     PartSeconds,
@@ -68,6 +70,7 @@ from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
 from pipeline.passes.materials import render_materials
 from pipeline.passes.registry import render_truths, sample_guides, traced_together
+from pipeline.passes.transport import samples_for
 from pipeline.progress import Progress
 from pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pipeline.tonemap import tonemap
@@ -248,6 +251,8 @@ class ViewBenchmark:
             self._measure("radiosity", None, tonemap(example.transport_color, exposure))
         if self._materials_taken():
             self._timed("materials", self._materials)
+        if "transport" in self.takes:
+            self._reduced_turn()
         shading = self._timed("shading", lambda: networks.shading(example))
         for method in ("pbrnet", "product", *networks.baselines):
             if method in METHODS and METHODS[method].uses_noisy_samples:
@@ -256,6 +261,23 @@ class ViewBenchmark:
             part = "composition" if method == "pbrnet" else method
             prediction = self._timed(part, partial(networks.predict, method, example, shading))
             self._measure(method, None, prediction.color)
+
+    def _reduced_turn(self) -> None:
+        """Light transport with fewer samples, and the network that corrects it."""
+        transport = self.params.transport
+        own = transport.samples or samples_for(self.view.width * self.view.height)
+        exposure = color_exposure(self.example, self.networks.card.exposure)
+        for spp in (number for number in TRANSPORT_SAMPLES if number < own):
+            settings = replace(self.params, transport=transport.reduced(spp))
+            light = self._timed(
+                f"transport_{spp}", partial(compute_transport, self.scene, self.view, settings)
+            )
+            given = with_transport(self.example, light)
+            assert given.transport_color is not None
+            self._measure("radiosity", spp, tonemap(given.transport_color, exposure))
+            if "plus" in self.networks.baselines:
+                prediction = self.networks.predict("plus", given)
+                self._measure("plus", spp, prediction.color)
 
     def _hybrid_turn(self, method: str) -> None:
         """A network that takes noisy samples, with each number of `HYBRID_SAMPLES`."""
@@ -422,7 +444,8 @@ def _better(measurements: list[ViewMeasurement]) -> dict[str, int]:
         for key, (flip, _) in measurement.errors.items():
             method, spp = _method_of(key)
             denoised = measurement.errors.get(_key("planned_denoised", spp))
-            if method in METHODS and spp is not None and denoised is not None:
+            samples = method in METHODS and METHODS[method].uses_noisy_samples
+            if samples and denoised is not None:
                 counts[key] = counts.get(key, 0) + (flip < denoised[0])
     return counts
 
@@ -440,14 +463,16 @@ def _method_of(key: str) -> tuple[str, int | None]:
 def _parts_of(method: str, spp: int | None, materials: bool) -> tuple[str, ...]:
     """Return the timed parts that a method needs; with `materials` transport's networks need them.
 
-    `spp`: samples of a renderer, or of a network that takes noisy samples.
+    `spp`: samples of a renderer, of a network that takes noisy samples, or of light transport.
     """
+    sampled = method in METHODS and METHODS[method].uses_noisy_samples
+    transport = "transport" if spp is None or sampled else f"transport_{spp}"
     if method == "radiosity":
-        return ("transport",)
+        return (transport,)
     if method in METHODS and METHODS[method].uses_transport:
         known = ("materials",) if materials else ()
-        samples = (f"samples_{spp}",) if METHODS[method].uses_noisy_samples else ()
-        return ("inputs", *known, "transport", *samples, method)
+        samples = (f"samples_{spp}",) if sampled else ()
+        return ("inputs", *known, transport, *samples, method)
     if spp is not None:
         renderer = method.removesuffix("_denoised")
         more = ("guides", "denoiser") if method.endswith("_denoised") else ()

@@ -17,6 +17,7 @@ from model.studies.time.plot import time_figure
 from model.studies.time.results import (
     HYBRID_SAMPLES,
     PAPER,
+    TRANSPORT_SAMPLES,
     MethodPoint,
     TimeResult,
     fastest_better,
@@ -58,6 +59,8 @@ def test_what_a_method_takes_is_in_its_time() -> None:
     assert _parts_of("unet", None, True) == ("inputs", "illumination", "unet")
     assert _parts_of("hybrid", 2, False) == ("inputs", "transport", "samples_2", "hybrid")
     assert _parts_of("radiosity", None, True) == ("transport",)
+    assert _parts_of("radiosity", 2, True) == ("transport_2",)
+    assert _parts_of("plus", 2, False) == ("inputs", "transport_2", "plus")
 
 
 @pytest.mark.slow
@@ -135,6 +138,13 @@ def test_transport_and_samples_are_timed_at_any_number(tmp_path: Path) -> None:
         flips = points["hybrid", spp].flip, points["planned_denoised", spp].flip
         assert result.better[f"hybrid {spp}"] == (flips[0] < flips[1]), "one view"
     assert points["radiosity", None].flip < 0.3, "a picture, without a network"
+    for method in ("radiosity", "plus"):
+        assert {spp for name, spp in points if name == method} == {None, *TRANSPORT_SAMPLES}
+        flips = [points[method, spp].flip for spp in (1, 8)]
+        assert flips[1] < flips[0], "more samples of light transport, less error"
+    assert points["plus", 2].seconds == pytest.approx(
+        parts["inputs"] + parts["transport_2"] + parts["plus"]
+    )
 
 
 @pytest.mark.slow
