@@ -222,6 +222,11 @@ class GroundTruthParams:
         if self.spp % self.block_spp and self.spp > self.block_spp:
             raise ValueError(f"{where}.spp: {self.spp} is not a multiple of block_spp")
 
+    def sampled(self, spp: int, denoise: Literal["none", "oidn"] = "none") -> GroundTruthParams:
+        """The same with exactly `spp` samples per pixel."""
+        block = min(self.block_spp, spp & -spp)  # the largest power of two in spp
+        return replace(self, spp=spp, block_spp=block, noise=0.0, train_spp=0, denoise=denoise)
+
 
 @dataclass(frozen=True)
 class NoisyParams:
@@ -285,9 +290,7 @@ class TransportParams:
 
     def reduced(self, samples: int) -> TransportParams:
         """The same with so many samples per pixel, and no more surfels than suit them."""
-        return replace(
-            self, samples=samples, surfels=min(self.surfels, SURFELS_A_SAMPLE * samples)
-        )
+        return replace(self, samples=samples, surfels=min(self.surfels, SURFELS_A_SAMPLE * samples))
 
 
 @dataclass(frozen=True)

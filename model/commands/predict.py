@@ -1,4 +1,4 @@
-"""`pbrnet predict`: images from the trained networks, or from light transport alone."""
+"""`pbrnet predict`: images from the trained networks, from light transport, or from few samples."""
 
 from __future__ import annotations
 
@@ -11,16 +11,23 @@ import numpy as np
 
 from model.data.encoding import MAX_SAMPLES
 from model.evaluation import predict as prediction
+from model.evaluation.budget import choose, efforts_for, stopwatch
 from model.evaluation.inference import PREDICTABLE, Networks, load_networks
 from model.evaluation.predict import ViewSource
-from model.evaluation.radiosity import METHOD as RADIOSITY
-from model.evaluation.radiosity import Preview, write_transport
+from model.evaluation.previews import (
+    DENOISED,
+    MOST_DENOISED,
+    PREVIEWS,
+    Preview,
+    write_rendering,
+)
 from model.networks.tiles import MIN_TILE
 from model.options import FILE, FOLDER, found_models_option, size_option
 from model.release.pretrained import find_models
 from pipeline.commands.options import common_options
 from pipeline.images import png_bytes
 from pipeline.params import Params
+from pipeline.pathtrace import integrator
 from pipeline.photograph import photograph
 from pipeline.progress import Progress
 from pipeline.views import View, intrinsics_of
@@ -28,6 +35,7 @@ from scenes.contract import load_scene
 from scenes.errors import InputError
 from scenes.files import atomic_file
 
+HYBRID = "hybrid"
 _EITHER = click.Path(path_type=Path)
 
 
@@ -39,6 +47,7 @@ Examples:
   pbrnet predict data/scenes/home-0000 --all-views --method plus
   pbrnet predict data/scenes/home-0000 --view VIEW --method hybrid --spp 2
   pbrnet predict data/scenes/home-0000 --all-views --method radiosity --size 480x360
+  pbrnet predict data/scenes/home-0000 --all-views --seconds 2 --size 480x360
   pbrnet predict data/scenes/my-home --eye 1,2,1.6 --towards 1,0.3,-0.2 --size 800x600
   pbrnet predict data/scenes/my-home --view VIEW --size 3840x2880 --tile 512 --exr
   pbrnet predict --inputs in.exr --illumination panorama.exr --out picture.png
@@ -46,7 +55,10 @@ Examples:
 
 VIEW is a view_id in the camera file, by default data/cameras/SCENE.json.
 The networks are those in models/, or the pretrained networks of pbrnet if that has none.
---method radiosity takes none: a preview by light transport, of any scene and size.
+--method radiosity takes none: a preview by light transport, of any scene and size. Nor does
+--method denoised: samples of our path tracer and Open Image Denoise, for comparison.
+--seconds measures on the first view what fits, which takes longer than the pictures, and keeps
+to it for all.
 --compare reads the true images from the data folder, or renders them.
 docs/use.md describes the values of --exr. `pbrnet report` shows all images in predictions/."""
 )
@@ -63,14 +75,21 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 @click.option("--noisy", type=_EITHER, help="Frame of noisy samples, or a folder (for hybrid).")
 @click.option(
     "--spp",
-    type=click.IntRange(1, MAX_SAMPLES),
+    type=click.IntRange(1, MOST_DENOISED),
     default=None,
-    help="Samples per pixel that hybrid traces.  [default: as it was trained]",
+    help="Samples per pixel of hybrid (1 to 8), radiosity (1, 2, 4, 8, 16, 64) or denoised.  "
+    "[default: as it was trained, by the image's size, 16]",
+)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(0, min_open=True),
+    default=None,
+    help="The best picture in so many seconds a view: choose --method and --spp.",
 )
 @size_option("Render the inputs at this size.")
 @click.option(
     "--method",
-    type=click.Choice((*PREDICTABLE, RADIOSITY)),
+    type=click.Choice((*PREDICTABLE, *PREVIEWS)),
     default=None,
     help="Method that predicts colour.  [default: pbrnet, else a trained method]",
 )
@@ -102,11 +121,18 @@ def predict(
     exr: bool,
     with_truth: bool,
     out: Path | None,
+    seconds: float | None,
     **source: Any,
 ) -> int:
     """Predict images with the trained networks, from SCENE or from frames."""
-    if method == RADIOSITY:
-        return _predict_radiosity(params, data, exr, with_truth, out, **source)
+    if seconds is not None:
+        if method or source["spp"]:
+            raise click.UsageError("--seconds chooses --method and --spp; give one or the other")
+        method, source["spp"] = _within(seconds, params, data, models, **source)
+    if method in PREVIEWS:
+        return _predict_preview(params, data, method, exr, with_truth, out, **source)
+    if (source["spp"] or 0) > MAX_SAMPLES:
+        raise click.UsageError(f"--spp: networks take at most {MAX_SAMPLES} samples per pixel")
     views = _view_sources(params, data, with_truth, **source)
     _check_out(out, len(views))
     found = find_models(models, method)
@@ -133,38 +159,63 @@ def predict(
     return 1 if failed else 0
 
 
-def _predict_radiosity(
+def _within(
+    seconds: float,
     params: Params,
     data: Path,
+    models: Path | None,
+    scene: Path | None,
+    spp: int | None,
+    **chosen: Any,
+) -> tuple[str, int]:
+    """Return method and samples of the best picture in so many seconds, measured on a view."""
+    views = _preview_views(params, data, scene, "--seconds", **chosen)
+    assert scene is not None
+    opened = Preview(scene, params, data).scene
+    networks: Networks | None = None
+    methods = PREVIEWS if integrator.available() else (DENOISED,)
+    if integrator.available():
+        try:
+            found = find_models(models, HYBRID)
+        except InputError as error:
+            click.echo(f"without {HYBRID}: {error}", err=True)
+        else:
+            networks, methods = load_networks(found.folder, [HYBRID]), (*methods, HYBRID)
+    efforts = efforts_for(views[0].width * views[0].height, methods)
+    choice = choose(seconds, efforts, stopwatch(opened, views[0], params, networks))
+    click.echo(f"{choice.effort}: {choice.seconds:.2f} s a view here, of {choice.tried} measured")
+    if choice.seconds > seconds:
+        click.echo(f"nothing takes {seconds:g} s or less; this is the fastest", err=True)
+    return choice.effort.method, choice.effort.spp
+
+
+def _predict_preview(
+    params: Params,
+    data: Path,
+    method: str,
     exr: bool,
     with_truth: bool,
     out: Path | None,
     scene: Path | None,
-    inputs: Path | None,
-    illumination: Path | None,
-    transport: Path | None,
-    materials: Path | None,
-    noisy: Path | None,
     spp: int | None,
     **chosen: Any,
 ) -> int:
-    """Write pictures of a scene's views by light transport; return the exit code."""
-    if scene is None or any((inputs, illumination, transport, materials, noisy)):
-        raise click.UsageError("--method radiosity computes from a SCENE, not from frames")
-    views = _scene_views(params, data, scene, **chosen)
+    """Write pictures of a scene's views without a network; return the exit code."""
+    views = _preview_views(params, data, scene, f"--method {method}", **chosen)
+    assert scene is not None
     _check_out(out, len(views))
-    preview = Preview(scene, params, data)
+    preview = Preview(scene, params, data, method, spp or 0)
     with Progress(len(views), "predict") as progress:
         for view in views:
             target = _target(out, view, len(views))
-            found = preview.transport(view)
+            found = preview.render(view)
             picture, metrics = photograph(found.color), ""
             if with_truth:
                 picture, metrics = preview.compare(view, found)
             name = f"{view.scene_id}/{view.view_id}"
             facts = {
                 "prediction": name,
-                "models": RADIOSITY,
+                "models": method,
                 "words": metrics,
                 "credits": _credits(scene),
             }
@@ -172,9 +223,27 @@ def _predict_radiosity(
                 partial.write_bytes(png_bytes(picture, facts))
             click.echo(f"{target}: {name}, {view.width}x{view.height} {metrics}".rstrip())
             if exr:
-                write_transport(target.with_suffix(".exr"), view, found, facts)
+                write_rendering(target.with_suffix(".exr"), view, found, method, facts)
             progress.advance()
     return 0
+
+
+def _preview_views(
+    params: Params,
+    data: Path,
+    scene: Path | None,
+    what: str,
+    inputs: Path | None,
+    illumination: Path | None,
+    transport: Path | None,
+    materials: Path | None,
+    noisy: Path | None,
+    **chosen: Any,
+) -> list[View]:
+    """The views of a scene that the options select; raises `UsageError` for frames."""
+    if scene is None or any((inputs, illumination, transport, materials, noisy)):
+        raise click.UsageError(f"{what} computes from a SCENE, not from frames")
+    return _scene_views(params, data, scene, **chosen)
 
 
 def _predict_view(

@@ -72,11 +72,7 @@ class FrameStore:
 
 def with_samples(params: Params, spp: int, denoise: bool) -> Params:
     """Return parameters whose ground truth has `spp` samples a pixel, denoised or not."""
-    truth = params.groundtruth
-    block = min(truth.block_spp, spp & -spp)  # the largest power of two in spp, see `block_sizes`
-    truth = replace(
-        truth, spp=spp, block_spp=block, noise=0.0, denoise="oidn" if denoise else "none"
-    )
+    truth = params.groundtruth.sampled(spp, "oidn" if denoise else "none")
     return replace(params, groundtruth=truth)
 
 

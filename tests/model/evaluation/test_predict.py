@@ -19,6 +19,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from model.evaluation import predict as prediction
+from model.evaluation.budget import Effort, choose, efforts_for
 from model.evaluation.inference import Prediction, load_networks
 from model.evaluation.predict import from_frames
 from model.release import pretrained
@@ -131,6 +132,72 @@ def test_radiosity_needs_no_network(room: Path) -> None:
     assert frame.rgb.shape == (20, 36, 3)
     refused = predict("--method", "radiosity", *FRAMES)
     assert refused.exit_code == 2 and "from a SCENE" in refused.output
+
+
+@pytest.mark.usefixtures("wavefront")
+def test_pictures_without_a_network_take_any_number_of_samples(room: Path) -> None:
+    view = (room, "--view", "east", "--size", "36x20", "--exr")
+    errors = {}
+    for method, few, many in (("radiosity", 1, 16), ("denoised", 2, 64)):
+        for spp in (few, many):
+            asked = (*view, "--method", method, "--spp", spp, "--out", f"{method}-{spp}.png")
+            done = predict(*asked)
+            assert done.exit_code == 0, done.output
+    best = read_frame(Path("denoised-64.exr")).rgb
+    for method, few, many in (("radiosity", 1, 16), ("denoised", 2, 64)):
+        pictures = [read_frame(Path(f"{method}-{spp}.exr")).rgb for spp in (few, many)]
+        errors[method] = [
+            float(np.abs(picture - best).mean() / best.mean()) for picture in pictures
+        ]
+    assert errors["radiosity"][1] < errors["radiosity"][0] < 0.5
+    assert 0 < errors["denoised"][0] < 0.5
+    refused = CliRunner().invoke(
+        cli, ["predict", *map(str, view), "--method", "radiosity", "--spp", "3"]
+    )
+    assert refused.exit_code != 0 and "takes 1, 2, 4, 8, 16, 64" in str(refused.exception)
+    assert predict(*view, "--method", "hybrid", "--spp", "9").exit_code == 2
+
+
+@pytest.mark.usefixtures("wavefront")
+def test_a_time_budget_chooses_method_and_samples(room: Path) -> None:
+    view = (room, "--view", "east", "--size", "36x20")
+    done = predict(*view, "--seconds", "0.2", "--out", "out.png")
+    assert done.exit_code == 0, done.output
+    said = re.search(r"--method (\w+) --spp (\d+): (\d+\.\d+) s a view here", done.output)
+    assert said and float(said[3]) <= 0.2
+    again = predict(*view, "--method", said[1], "--spp", said[2], "--out", "again.png")
+    assert again.exit_code == 0, again.output
+    same = [read_picture(Path(name).read_bytes()) for name in ("out.png", "again.png")]
+    assert np.array_equal(*same), "the words printed give the same picture"
+    done = predict(*view, "--seconds", "1e-6", "--out", "out.png")
+    assert done.exit_code == 0 and "this is the fastest" in done.output
+    for wrong, words in ((("--method", "plus"), "one or the other"), ((), "from a SCENE")):
+        asked = (*view, *wrong) if wrong else FRAMES
+        refused = predict(*asked, "--seconds", "1")
+        assert refused.exit_code == 2 and words in refused.output
+
+
+def test_the_best_effort_that_fits() -> None:
+    costs = {"radiosity": (0.2, 0.05), "hybrid": (1.0, 0.1), "denoised": (0.3, 0.04)}
+    measured: list[Effort] = []
+
+    def seconds(effort: Effort) -> float:
+        measured.append(effort)
+        fixed, each = costs[effort.method]
+        return fixed + each * effort.spp
+
+    for pixels in (160 * 120, 480 * 360):
+        efforts = efforts_for(pixels, tuple(costs))
+        for budget in (0.21, 0.33, 0.52, 1.03, 2.01, 5.03, 20.1):
+            measured.clear()
+            choice = choose(budget, efforts, seconds)
+            fitting = [e for e in efforts if seconds(e) <= budget]
+            assert choice.effort == (fitting[-1] if fitting else Effort("radiosity", 1))
+            assert choice.seconds == pytest.approx(seconds(choice.effort))
+        assert efforts_for(pixels, ("denoised",))[-1] == Effort("denoised", 4096)
+    measured.clear()
+    choose(0.5, efforts_for(480 * 360, ("denoised",)), seconds)
+    assert len(measured) <= 3, "nothing is measured that two times show to be too long"
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,119 @@
+"""Time budgets: which method, with how many samples, gives the best picture in so many seconds.
+
+Seconds are measured on this machine, with a view of the scene; a view's picture counts whole, from
+its inputs on, but not loading and compiling. Errors are those of the time study, mean FLIP over the
+test views of the reference run (docs/results.md, Equal time): more samples of a method err less.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from model.evaluation.inference import Networks
+from model.evaluation.predict import example_of, rendered_for
+from model.evaluation.previews import DENOISED, RADIOSITY, denoised, radiosity
+from pipeline.params import Params
+from pipeline.passes.inputs import render_inputs
+from pipeline.render.scene import RenderScene
+from pipeline.views import View
+
+# Methods and samples per pixel, each with less error than the one before, at 160x120 and 480x360.
+SMALL = (
+    *(("radiosity", spp) for spp in (1, 2, 4)),
+    *(("denoised", spp) for spp in (8,)),
+    *(("radiosity", spp) for spp in (8, 16)),
+    *(("hybrid", spp) for spp in (1, 2, 4, 8)),
+    *(("denoised", 1 << power) for power in range(5, 13)),
+)
+LARGE = (
+    *(("radiosity", spp) for spp in (1, 2, 4, 8)),
+    *(("hybrid", spp) for spp in (1, 2, 4, 8)),
+    *(("denoised", 1 << power) for power in range(4, 13)),
+)
+_TURNS = 3  # of a measurement; kernels are compiled and launches recorded in the first two
+_LARGE_PIXELS = 57_600  # half-way between the two sizes, in logarithms
+
+
+@dataclass(frozen=True)
+class Effort:
+    """A method and its samples per pixel."""
+
+    method: str
+    spp: int
+
+    def __str__(self) -> str:
+        return f"--method {self.method} --spp {self.spp}"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What was chosen for a budget, and the seconds that it took when it was measured."""
+
+    effort: Effort
+    seconds: float
+    tried: int
+
+
+def efforts_for(pixels: int, methods: Sequence[str]) -> list[Effort]:
+    """Return the efforts of these methods for an image of so many pixels, by falling error."""
+    ladder = LARGE if pixels > _LARGE_PIXELS else SMALL
+    return [Effort(method, spp) for method, spp in ladder if method in methods]
+
+
+def choose(budget: float, efforts: Sequence[Effort], seconds: Callable[[Effort], float]) -> Choice:
+    """Return the last of `efforts` that takes at most `budget` seconds, else the fastest.
+
+    `efforts` by falling error. `seconds` measures one. Of each method the efforts are measured by
+    rising samples, until one is too long, or the next would be by the last two.
+    """
+    found: dict[Effort, float] = {}
+    for method in dict.fromkeys(effort.method for effort in efforts):
+        spent: list[tuple[int, float]] = []
+        for effort in sorted((e for e in efforts if e.method == method), key=lambda e: e.spp):
+            if _expected(spent, effort.spp) > budget:
+                break
+            found[effort] = seconds(effort)
+            spent.append((effort.spp, found[effort]))
+            if found[effort] > budget:
+                break
+    fitting = [effort for effort in efforts if found.get(effort, budget + 1) <= budget]
+    best = fitting[-1] if fitting else min(found, key=lambda effort: found[effort])
+    return Choice(best, found[best], len(found))
+
+
+def stopwatch(
+    scene: RenderScene, view: View, params: Params, networks: Networks | None
+) -> Callable[[Effort], float]:
+    """Return a function that measures the seconds of an effort on this view.
+
+    `networks`: those of the methods beside `radiosity` and `denoised`; None without them.
+    """
+
+    def draw(effort: Effort) -> None:
+        if effort.method == RADIOSITY:
+            radiosity(scene, view, params, effort.spp)
+        elif effort.method == DENOISED:
+            denoised(scene, view, params, effort.spp)
+        else:
+            assert networks is not None
+            given = rendered_for(scene, view, params, [networks.card], effort.spp)
+            example = example_of(view, render_inputs(scene, view), given, networks.card, None)
+            networks.predict(effort.method, example)
+
+    def seconds(effort: Effort) -> float:
+        for _ in range(_TURNS):
+            began = time.perf_counter()
+            draw(effort)
+        return time.perf_counter() - began
+
+    return seconds
+
+
+def _expected(spent: Sequence[tuple[int, float]], spp: int) -> float:
+    """Return the seconds of `spp` samples by a line through the last two, 0 without them."""
+    if len(spent) < 2:
+        return 0.0
+    (few, short), (many, long) = spent[-2:]
+    return long + max(0.0, (long - short) / (many - few)) * (spp - many)

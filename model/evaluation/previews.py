@@ -1,0 +1,162 @@
+"""Pictures without a network: by light transport, or by a few path-traced samples, denoised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from model.evaluation.metrics import flip_map, measure
+from model.evaluation.predict import known_truth, trace_truth
+from pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
+from pipeline.frames import Channels, write_pixels
+from pipeline.images import Picture, contact_sheet, error_picture
+from pipeline.params import TRANSPORT_SAMPLES, Params
+from pipeline.passes.denoise import denoise
+from pipeline.passes.groundtruth import render_color, render_truth
+from pipeline.passes.registry import sample_guides
+from pipeline.passes.transport import Transport, transport_of
+from pipeline.pathtrace import integrator
+from pipeline.photograph import meter, photograph
+from pipeline.render.scene import RenderScene, open_scene, set_variant
+from pipeline.tonemap import exposure_of, tonemap
+from pipeline.views import View
+from scenes.arrays import Float32Array
+from scenes.contract import load_scene
+from scenes.errors import ParameterError
+from scenes.seeds import derive
+
+RADIOSITY, DENOISED = "radiosity", "denoised"
+PREVIEWS: tuple[str, ...] = (RADIOSITY, DENOISED)  # methods without a network
+DENOISED_SPP = 16  # by default
+MOST_DENOISED = 4096  # samples per pixel
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """A picture of a view, linear (H, W, 3), and the light transport that it is of, if it is."""
+
+    color: Float32Array
+    transport: Transport | None = None
+
+
+@dataclass
+class Preview:
+    """Pictures of a scene's views; the scene is opened for the first of them.
+
+    `spp`: samples per pixel; 0: by the image's size for `radiosity`, `DENOISED_SPP` for `denoised`.
+    Raises `ParameterError` for a number of samples that the method does not have.
+    """
+
+    scene_folder: Path
+    params: Params
+    data: Path  # where true images may be
+    method: str = RADIOSITY
+    spp: int = 0
+    _opened: RenderScene | None = None
+
+    def __post_init__(self) -> None:
+        check_samples(self.method, self.spp)
+
+    def render(self, view: View) -> Rendering:
+        """Render a view. Raises `InputError` for light transport in a scalar variant."""
+        if self.method == RADIOSITY:
+            return radiosity(self.scene, view, self.params, self.spp)
+        return denoised(self.scene, view, self.params, self.spp or DENOISED_SPP)
+
+    def truth(self, view: View) -> Float32Array:
+        """Return the true colour of a view, (H, W, 3): that in `data`, or path traced now."""
+        known = known_truth(self.data, view)
+        if known is not None:
+            return known[1].rgb
+        return _stacked(trace_truth(self.scene, view, self.params)[1])
+
+    def compare(self, view: View, found: Rendering) -> tuple[Picture, str]:
+        """Return picture, truth, FLIP error and light side by side, and a line of metrics."""
+        truth = self.truth(view)
+        exposure = exposure_of(truth, self.params.tone)
+        shown = [tonemap(image, exposure) for image in (truth, found.color)]
+        values = measure(*shown)
+        settings = meter(truth)
+        pictures = {
+            self.method: photograph(found.color, settings),
+            "truth": photograph(truth, settings),
+            f"FLIP error, mean {values['flip']:.3f}": error_picture(flip_map(*shown)),
+        }
+        if found.transport is not None:
+            parts = found.transport
+            light = meter(parts.direct + parts.indirect)
+            pictures |= {
+                "direct light": photograph(parts.direct, light),
+                "indirect light": photograph(parts.indirect, light),
+                "gloss, lamps, sky": photograph(parts.specular + parts.emitted, settings),
+            }
+        sheet = contact_sheet(list(pictures.values()), columns=3, labels=tuple(pictures))
+        words = f"SSIM {values['ssim']:.3f}, PSNR {values['psnr']:.1f} dB"
+        return sheet, f"{words}, FLIP {values['flip']:.3f}"
+
+    @property
+    def scene(self) -> RenderScene:
+        """The open scene."""
+        if self._opened is None:
+            set_variant(self.params.farm.variant)
+            self._opened = open_scene(load_scene(self.scene_folder))
+        return self._opened
+
+
+def check_samples(method: str, spp: int) -> None:
+    """Raise `ParameterError` unless 0, the default, or a number of samples that the method has."""
+    if method == RADIOSITY and spp and spp not in TRANSPORT_SAMPLES:
+        allowed = ", ".join(map(str, TRANSPORT_SAMPLES))
+        raise ParameterError(f"--spp: {spp} is not allowed; {RADIOSITY} takes {allowed}")
+    if method == DENOISED and spp > MOST_DENOISED:
+        raise ParameterError(f"--spp: {spp} is not allowed; at most {MOST_DENOISED}")
+
+
+def radiosity(scene: RenderScene, view: View, params: Params, spp: int = 0) -> Rendering:
+    """Compute the picture of light transport; with `spp`, few samples take few surfels too."""
+    seed = derive(params.seed, "predict", view.scene_id, view.view_id, RADIOSITY)
+    settings = params.transport.reduced(spp) if spp else params.transport
+    found = transport_of(scene, view, settings, seed)
+    return Rendering(found.color, found)
+
+
+def denoised(scene: RenderScene, view: View, params: Params, spp: int) -> Rendering:
+    """Path-trace a view with `spp` samples per pixel and denoise it; colour alone."""
+    seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
+    truth = params.groundtruth.sampled(spp)
+    if integrator.available():
+        color, _ = render_color(scene, view, truth, seed)
+    else:
+        color, _ = render_truth(scene.neutral(None), view, truth, seed)
+    clean = denoise(color, *sample_guides(scene, view), around=view.is_panorama)
+    return Rendering(_stacked(clean))
+
+
+def write_rendering(
+    path: Path, view: View, found: Rendering, method: str, facts: dict[str, Any]
+) -> None:
+    """Write linear radiance as OpenEXR by rename, float32, in the scene's unit.
+
+    Channels: `R`, `G`, `B`, the picture; of light transport also `direct.R` and so on and
+    `indirect.R` and so on, the light on the surfaces without their reflectance.
+    """
+    images = {RGB: found.color}
+    if found.transport is not None:
+        images |= {
+            TRANSPORT_DIRECT: found.transport.direct,
+            TRANSPORT_INDIRECT: found.transport.indirect,
+        }
+    pixels: Channels = {
+        name: image[..., band].astype(np.float32)
+        for names, image in images.items()
+        for band, name in enumerate(names)
+    }
+    meta = {"kind": "prediction", "method": method, "unit": "the scene's", **facts}
+    write_pixels(path, pixels, view, meta)
+
+
+def _stacked(channels: Channels) -> Float32Array:
+    return np.stack([channels[band] for band in RGB], axis=-1)
