@@ -81,7 +81,7 @@ PARTS = (
     _study("table", "--views", "60", "--steps", "500", "--seeds", "3", trains=True),
     _study("generalisation", "--source", "furnished-*", "--steps", "1000", trains=True),
     _study("illumination", "--views", "24"),
-    _time("160x120", "--views", "40", "--max-spp", "32", "--reference-spp", "512"),
+    _time("160x120", "--views", "24", "--max-spp", "32", "--reference-spp", "256"),
     _time(
         *("480x360", "--views", "40", "--repeats", "1"),
         *("--max-spp", "16", "--reference-spp", "128"),
