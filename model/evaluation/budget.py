@@ -49,7 +49,7 @@ class Effort:
 
 @dataclass(frozen=True)
 class Choice:
-    """What was chosen for a budget, and the seconds that it took when it was measured."""
+    """Effort chosen for a budget, and the seconds that it took when it was measured."""
 
     effort: Effort
     seconds: float
