@@ -92,6 +92,7 @@ class TimeResult:
     # by method and samples, "hybrid 4": views with a lower FLIP than the joint trace, denoised, has
     # with as many samples
     better: dict[str, int] = field(default_factory=dict)
+    timed_views: int = 0  # of `views`, whose times were taken; 0: all, in older results
 
 
 def fastest_better(point: MethodPoint, points: tuple[MethodPoint, ...]) -> MethodPoint | None:

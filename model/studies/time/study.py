@@ -1,10 +1,12 @@
 """Time study: seconds of every part, and image quality of every method at equal time.
 
 A turn runs all parts one after the other; turns are repeated, so that other load on the machine
-affects all parts alike. The first turns of a scene, which compile kernels, are not counted. Times
-are elapsed seconds or (`clock`) processor seconds of all threads, which other processes hardly
-change. Networks compete with the path tracer at a few samples per pixel, raw and denoised. All are
-compared with a reference of many more samples and independent random numbers.
+affects all parts alike. A few views are timed, each the first of a scene; their first turns, which
+compile kernels and record launches, are not counted. Of the other views, which come last, only
+errors are measured, in one turn. Times are elapsed seconds or (`clock`) processor seconds of all
+threads, which other processes hardly change. Networks compete with the path tracer at a few samples
+per pixel, raw and denoised. All are compared with a reference of many more samples and independent
+random numbers.
 
 References and the measurements of a view are kept: an interrupted study goes on after the last
 view. Measurements are removed when it ends, since they tell of the machine and of the code.
@@ -16,7 +18,7 @@ import os
 import platform
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
@@ -85,7 +87,8 @@ from scenes.seeds import derive
 _REFERENCE_FACTOR = 16  # default samples of the reference, as a multiple of `max_spp`
 _MIN_REFERENCE_FACTOR = 4  # smallest multiple
 _MIN_SIZE = 16  # pixels a side, as for the dataset's images
-_WARM_UP_TURNS = 2  # of a scene: a kernel launch is recorded in the first or second turn
+_WARM_UP_TURNS = 2  # of a timed view: a kernel launch is recorded in the first or second turn
+_TIMED = 6  # views at most
 _PACKAGES = ("mitsuba", "drjit", "torch", "numpy", "pyoidn")
 
 
@@ -120,7 +123,7 @@ class ViewMeasurement:
     The dataset's own truth, which takes longer than all else, is timed once, in the first view.
     """
 
-    seconds: dict[str, tuple[float, ...]]
+    seconds: dict[str, tuple[float, ...]]  # empty for a view that is not timed
     errors: dict[str, tuple[float, float]]  # FLIP, SSIM; by `_key`
     noise: float  # of the reference
 
@@ -180,6 +183,7 @@ def study_time(
         parts=_parts(measurements),
         points=_points(measurements),
         better=_better(measurements),
+        timed_views=sum(bool(measurement.seconds) for measurement in measurements),
     )
     with atomic_file(folder / "time.png") as partial:
         partial.write_bytes(time_plot(result))
@@ -220,24 +224,20 @@ class ViewBenchmark:
         self.seconds: dict[str, list[float]] = defaultdict(list)
         self.errors: dict[str, tuple[float, float]] = {}
 
-    def run(
-        self, samples: list[int], repeats: int, warm_up: int = 0, truths: bool = False
-    ) -> ViewMeasurement:
-        """Run `warm_up` turns that are not counted, then `repeats` that are.
+    def run(self, samples: list[int], repeats: int, truths: bool = False) -> ViewMeasurement:
+        """Run one turn for errors alone; with `repeats`, turns to warm up, then those to time.
 
         `truths`: also time the dataset's own truth, once.
         """
-        if not warm_up:  # Mitsuba prepares each new camera
-            self._plain(with_samples(self.params, 1, denoise=False))
-        for turn in range(warm_up + repeats):
-            if turn == warm_up:
+        for turn in range(_WARM_UP_TURNS + repeats if repeats else 1):
+            if turn == _WARM_UP_TURNS:
                 self.seconds.clear()
             self._networks_turn()
             self._renderer_turn(samples)
         if truths:
             seed = derive(self.seed, "truths")
             self._timed("truths", partial(render_truths, self.scene, self.view, self.params, seed))
-        seconds = {part: tuple(turns) for part, turns in self.seconds.items()}
+        seconds = {part: tuple(turns) for part, turns in self.seconds.items()} if repeats else {}
         return ViewMeasurement(seconds, dict(self.errors), self.noise)
 
     def _networks_turn(self) -> None:
@@ -355,31 +355,41 @@ def _measure_views(
     config: TimeConfig,
 ) -> list[ViewMeasurement]:
     """Measure every view, or read what an interrupted study has measured."""
-    samples, measurements = _samples(config.max_spp), []
-    paths = _kept(store, views, networks, config)
+    samples, paths = _samples(config.max_spp), _kept(store, views, networks, config)
+    timed = _timed_views(views)
+    others = [number for number in range(len(views)) if number not in timed]
+    found: dict[int, ViewMeasurement] = {}
     with Progress(len(views), "study time: measurements", "views") as progress:
-        for scene_id, group in groupby(
-            zip(views, paths, strict=True), lambda pair: pair[0].scene_id
-        ):
-            due = list(group)
-            while due and due[0][1].is_file():
-                measurements.append(build(ViewMeasurement, read_json(due.pop(0)[1])))
-                progress.advance()
-            if not due:
-                continue
-            with opened_scene(scenes[scene_id]) as opened:
-                for number, (view, path) in enumerate(due):
-                    benchmark = ViewBenchmark(opened, view, params, networks, store, config.clock)
-                    measurement = benchmark.run(
-                        samples,
-                        config.repeats,
-                        warm_up=0 if number else _WARM_UP_TURNS,
-                        truths=not measurements,
-                    )
-                    write_json(path, plain(measurement))
-                    measurements.append(measurement)
-                    progress.advance()
-    return measurements
+        for part, repeats in ((timed, config.repeats), (others, 0)):
+            for scene_id, group in groupby(part, lambda number: views[number].scene_id):
+                due = []
+                for number in group:
+                    if paths[number].is_file():
+                        known = read_json(paths[number])
+                        found[number] = build(ViewMeasurement, known)
+                        progress.advance()
+                    else:
+                        due.append(number)
+                if not due:
+                    continue
+                with opened_scene(scenes[scene_id]) as opened:
+                    for number in due:
+                        benchmark = ViewBenchmark(
+                            opened, views[number], params, networks, store, config.clock
+                        )
+                        first = number == timed[0]
+                        found[number] = benchmark.run(samples, repeats, truths=first)
+                        write_json(paths[number], plain(found[number]))
+                        progress.advance()
+    return [found[number] for number in range(len(views))]
+
+
+def _timed_views(views: Sequence[View]) -> list[int]:
+    """Return the first view of each scene, of at most `_TIMED` scenes at even distances."""
+    scenes = [view.scene_id for view in views]
+    first = sorted(scenes.index(scene) for scene in set(scenes))
+    count = min(_TIMED, len(first))
+    return [first[k * len(first) // count] for k in range(count)]
 
 
 def _kept(
@@ -415,20 +425,20 @@ def _samples(most: int) -> list[int]:
 
 def _parts(measurements: list[ViewMeasurement]) -> dict[str, PartSeconds]:
     """Return the seconds of every part except the renderers, which are in `_points`."""
-    names = [
-        name for name in measurements[0].seconds if not name.startswith(("mitsuba_", "planned_"))
-    ]
-    return {name: _part_seconds(measurements, name) for name in names}
+    timed = [measurement for measurement in measurements if measurement.seconds]
+    names = [name for name in timed[0].seconds if not name.startswith(("mitsuba_", "planned_"))]
+    return {name: _part_seconds(timed, name) for name in names}
 
 
 def _points(measurements: list[ViewMeasurement]) -> tuple[MethodPoint, ...]:
     """Return time and quality of every method; times include all parts that it needs."""
     points = []
+    timed = [measurement for measurement in measurements if measurement.seconds]
     for key in measurements[0].errors:
         method, spp = _method_of(key)
-        needs = _parts_of(method, spp, "materials" in measurements[0].seconds)
+        needs = _parts_of(method, spp, "materials" in timed[0].seconds)
         seconds = mean(
-            sum(median(measurement.seconds[part]) for part in needs) for measurement in measurements
+            sum(median(measurement.seconds[part]) for part in needs) for measurement in timed
         )
         flip, likeness = (
             mean(measurement.errors[key][index] for measurement in measurements) for index in (0, 1)
