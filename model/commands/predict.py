@@ -169,8 +169,7 @@ def _within(
     **chosen: Any,
 ) -> tuple[str, int]:
     """Return method and samples of the best picture in so many seconds, measured on a view."""
-    views = _preview_views(params, data, scene, "--seconds", **chosen)
-    assert scene is not None
+    scene, views = _preview_views(params, data, scene, "--seconds", **chosen)
     opened = Preview(scene, params, data).scene
     networks: Networks | None = None
     methods = PREVIEWS if integrator.available() else (DENOISED,)
@@ -201,8 +200,7 @@ def _predict_preview(
     **chosen: Any,
 ) -> int:
     """Write pictures of a scene's views without a network; return the exit code."""
-    views = _preview_views(params, data, scene, f"--method {method}", **chosen)
-    assert scene is not None
+    scene, views = _preview_views(params, data, scene, f"--method {method}", **chosen)
     _check_out(out, len(views))
     preview = Preview(scene, params, data, method, spp or 0)
     with Progress(len(views), "predict") as progress:
@@ -239,11 +237,11 @@ def _preview_views(
     materials: Path | None,
     noisy: Path | None,
     **chosen: Any,
-) -> list[View]:
-    """The views of a scene that the options select; raises `UsageError` for frames."""
+) -> tuple[Path, list[View]]:
+    """Scene and views that the options select; raises `UsageError` for frames."""
     if scene is None or any((inputs, illumination, transport, materials, noisy)):
         raise click.UsageError(f"{what} computes from a SCENE, not from frames")
-    return _scene_views(params, data, scene, **chosen)
+    return scene, _scene_views(params, data, scene, **chosen)
 
 
 def _predict_view(

@@ -14,11 +14,8 @@ from pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pipeline.frames import Channels, write_pixels
 from pipeline.images import Picture, contact_sheet, error_picture
 from pipeline.params import TRANSPORT_SAMPLES, Params
-from pipeline.passes.denoise import denoise
-from pipeline.passes.groundtruth import render_color, render_truth
-from pipeline.passes.registry import sample_guides
+from pipeline.passes.registry import trace_denoised
 from pipeline.passes.transport import Transport, transport_of
-from pipeline.pathtrace import integrator
 from pipeline.photograph import meter, photograph
 from pipeline.render.scene import RenderScene, open_scene, set_variant
 from pipeline.tonemap import exposure_of, tonemap
@@ -126,12 +123,7 @@ def radiosity(scene: RenderScene, view: View, params: Params, spp: int = 0) -> R
 def denoised(scene: RenderScene, view: View, params: Params, spp: int) -> Rendering:
     """Path-trace a view with `spp` samples per pixel and denoise it; colour alone."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
-    truth = params.groundtruth.sampled(spp)
-    if integrator.available():
-        color, _ = render_color(scene, view, truth, seed)
-    else:
-        color, _ = render_truth(scene.neutral(None), view, truth, seed)
-    clean = denoise(color, *sample_guides(scene, view), around=view.is_panorama)
+    _, _, clean = trace_denoised(scene, view, params.groundtruth.sampled(spp), seed)
     return Rendering(_stacked(clean))
 
 

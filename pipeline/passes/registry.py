@@ -202,14 +202,24 @@ def render_samples(scene: RenderScene, view: View, params: Params, seed: int) ->
 
     Colour is traced alone, so its samples are others than those of `render_noisy`.
     """
-    settings = _noisy_trace(params)
+    color, half, clean = trace_denoised(scene, view, _noisy_trace(params), seed)
+    return _samples(color, half, clean)
+
+
+def trace_denoised(
+    scene: RenderScene, view: View, settings: GroundTruthParams, seed: int
+) -> tuple[Channels, Channels, Channels]:
+    """Path-trace colour alone: the image, that of every second block, and the image denoised.
+
+    Guides cost less than few samples do. In a scalar variant the first two are the same.
+    """
     if integrator.available():
         color, half = render_color(scene, view, settings, seed)
     else:
         color, _ = render_truth(scene.neutral(None), view, settings, seed)
         half = color
     clean = denoise(color, *sample_guides(scene, view), around=view.is_panorama)
-    return _samples(color, half, clean)
+    return color, half, clean
 
 
 def _samples(color: Channels, half: Channels, clean: Channels) -> Channels:
