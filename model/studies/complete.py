@@ -116,7 +116,7 @@ def command(
 ) -> int:
     """Make every figure and plot of the results from one dataset."""
     parts = _chosen((*PARTS, *flicker_parts(params, data)), only)
-    known: dict[str, str] = read_json(RECORD) if RECORD.is_file() else {}
+    known = _recorded()
     state = fingerprints(params, data)
     failed = []
     for part in parts:
@@ -131,8 +131,8 @@ def command(
             if not _run(part, params, data):
                 failed.append(part.name)
                 continue
-            known = {**known, part.name: digest}
-            write_json(RECORD, known)
+            # Read anew: another process may have made other parts meanwhile.
+            write_json(RECORD, {**_recorded(), part.name: digest})
         if docs is not None and not dry_run:
             record(part, docs)
     if failed:
@@ -177,6 +177,11 @@ def record(part: Part, docs: Path) -> None:
         name = "reference" if part.picture == SHEET else f"study-{part.name}"
         with atomic_file(docs / "images" / f"{name}.jpg") as partial:
             partial.write_bytes(_jpeg(picture))
+
+
+def _recorded() -> dict[str, str]:
+    """Return the digest of each part that is made."""
+    return read_json(RECORD) if RECORD.is_file() else {}
 
 
 def _chosen(parts: Sequence[Part], only: Sequence[str]) -> list[Part]:

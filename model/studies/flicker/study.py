@@ -3,11 +3,13 @@
 A short camera move is rendered. Every pixel of a frame is reprojected into the previous frame, by
 its depth and both cameras. Where both frames see the same point, their display values are compared.
 The renderer's images are measured alike. They differ, too, because of specular reflection, noise
-and interpolation between pixels; only the excess over the renderer is flicker of a network.
+and interpolation between pixels; only the excess over the renderer is flicker of a network. Light
+transport and denoised samples, which some networks start from, are measured beside them.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +22,7 @@ from model.data.encoding import color_exposure
 from model.data.reader import Example
 from model.evaluation.inference import Networks
 from model.evaluation.predict import example_of, rendered_for, trace_truth
+from model.evaluation.previews import DENOISED, RADIOSITY
 from model.studies.flicker.results import MethodFlicker, Move
 from pipeline.images import Picture, contact_sheet
 from pipeline.params import Params
@@ -67,8 +70,9 @@ def measure_move(
 
     `renderer` is displayed under each frame's own exposure, as the networks' targets are;
     `renderer_one_exposure` under that of the first frame, which shows the share of exposure in the
-    difference. Raises `InputError` if an obstacle blocks the move, or if neighbouring frames have
-    no pixel in common.
+    difference. Where a network takes light transport or noisy samples, `radiosity` and `denoised`
+    are their pictures alone. Raises `InputError` if an obstacle blocks the move, or if neighbouring
+    frames have no pixel in common.
     """
     set_variant(params.farm.variant)
     scene = open_scene(load_scene(scene_folder))
@@ -78,9 +82,7 @@ def measure_move(
     cards = [card for each in networks for card in each.cards.values()]
     examples: list[Example] = []
     methods = {method: each for each in networks for method in each.methods}
-    images: dict[str, list[AnyArray]] = {
-        name: [] for name in (*methods, "renderer", "renderer_one_exposure")
-    }
+    images: dict[str, list[AnyArray]] = defaultdict(list)
     with Progress(len(views), "flicker", "frames") as progress:
         for shown in views:
             inputs = render_inputs(scene, shown)
@@ -90,11 +92,11 @@ def measure_move(
             examples.append(example)
             for method, each in methods.items():
                 images[method].append(each.predict(method, example).color)
-            exposures = [color_exposure(e, card.exposure) for e in (example, examples[0])]
-            for name, exposure in zip(
-                ("renderer", "renderer_one_exposure"), exposures, strict=True
-            ):
-                images[name].append(tonemap(example.color, exposure))
+            own, first = (color_exposure(e, card.exposure) for e in (example, examples[0]))
+            for name, image in _starts(example).items():
+                images[name].append(tonemap(image, own))
+            images["renderer"].append(tonemap(example.color, own))
+            images["renderer_one_exposure"].append(tonemap(example.color, first))
             progress.advance()
     matches = [
         reproject(examples[i], examples[i + 1], views[i].pose, views[i + 1].pose)
@@ -107,6 +109,12 @@ def measure_move(
     measured = {name: flicker(shots, matches) for name, shots in images.items()}
     visible = float(np.mean([seen.mean() for _, seen in matches]))
     return FlickerMeasurement(visible, measured, _sheet(images))
+
+
+def _starts(example: Example) -> dict[str, AnyArray]:
+    """Return the linear pictures (H, W, 3) that networks of this example start from."""
+    given = {RADIOSITY: example.transport_color, DENOISED: example.denoised_color}
+    return {name: image for name, image in given.items() if image is not None}
 
 
 def move_cameras(view: View, config: FlickerConfig) -> list[View]:
