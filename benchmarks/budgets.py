@@ -58,7 +58,6 @@ from pipeline.images import contact_sheet, jpeg_bytes
 from pipeline.params import TRANSPORT_SAMPLES, GroundTruthParams, Params
 from pipeline.passes.denoise import denoise
 from pipeline.passes.groundtruth import render_color, render_truth
-from pipeline.passes.inputs import render_inputs
 from pipeline.passes.registry import sample_guides
 from pipeline.passes.transport import transport_of
 from pipeline.pathtrace import integrator
@@ -318,7 +317,7 @@ class Home:
         """The picture of `pbrnet predict`, in the unit of the scene."""
         networks, params = self.setting.networks[name], replace(self.params, seed=seed)
         given = rendered_for(self.clay, view, params, [networks.card], spp)
-        example = example_of(view, render_inputs(self.clay, view), given, networks.card, None)
+        example = example_of(view, given, networks.card, None)
         found = networks.predict(name, example).linear
         assert found is not None
         return found

@@ -24,7 +24,7 @@ from model.evaluation.metrics import measure
 from pipeline.frames import frame_path, read_frame
 from pipeline.params import ToneParams, TransportParams
 from pipeline.passes.groundtruth import rooms_box
-from pipeline.passes.transport import gathered, samples_for
+from pipeline.passes.transport import gathered, samples_for, surfels_for
 from pipeline.pathtrace.guiding import (
     _lit_by_lamps,
     _lit_surface_irradiance,
@@ -73,8 +73,9 @@ class Bench:
         self, params: TransportParams, surfels: Surfels | None = None
     ) -> dict[str, Float32Array]:
         """Images of the method as it is, with these parameters."""
-        found = surfels or self.surfels(params.surfels)
-        samples = Samples.of(params.samples or samples_for(self.view.width * self.view.height))
+        pixels = self.view.width * self.view.height
+        found = surfels or self.surfels(params.surfels or surfels_for(pixels))
+        samples = Samples.of(params.samples or samples_for(pixels))
         inputs = self.lights, self.view, found, samples, params.bounces
         return gathered(self.launcher, *inputs, SEED)
 

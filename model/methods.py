@@ -106,7 +106,7 @@ METHODS: dict[str, Method] = {
         uses_transport=True,
         uses_noisy_samples=True,
         predicts_radiance=True,
-        revision=4,
+        revision=5,
         own_loss=ExposedLoss.description,
     ),
     "unet": Method("unet", unet.build),

@@ -273,6 +273,8 @@ class LightParams:
 
 TRANSPORT_SAMPLES = (1, 2, 4, 8, 16, 64)
 SURFELS_A_SAMPLE = 4000  # of light transport with few samples: balanced in error
+USUAL_SURFELS = 16000  # in images of 160x120
+MIN_SURFELS = 8
 
 
 @dataclass(frozen=True)
@@ -280,17 +282,21 @@ class TransportParams:
     """Light transport without paths, if `channels` names `transport`."""
 
     samples: int = field(default=0, metadata=within(0, 64))  # per pixel; 0: by the image's size
-    surfels: int = field(default=16000, metadata=within(8, 32000))
+    surfels: int = field(default=0, metadata=within(0, 32000))  # 0: by the image's size
     bounces: int = field(default=8, metadata=within(0, 64))  # of light between surfels
 
     def verify(self, where: str) -> None:
         """Raise ValueError for a number of samples that is no grid of nearly equal sides."""
         if self.samples and self.samples not in TRANSPORT_SAMPLES:
             raise ValueError(f"{where}.samples: {self.samples}; 0, 1, 2, 4, 8, 16 or 64")
+        if 0 < self.surfels < MIN_SURFELS:
+            raise ValueError(f"{where}.surfels: {self.surfels}; 0, or at least {MIN_SURFELS}")
 
     def reduced(self, samples: int) -> TransportParams:
         """The same with so many samples per pixel, and no more surfels than suit them."""
-        return replace(self, samples=samples, surfels=min(self.surfels, SURFELS_A_SAMPLE * samples))
+        enough = SURFELS_A_SAMPLE * samples
+        surfels = enough if enough < (self.surfels or USUAL_SURFELS) else self.surfels
+        return replace(self, samples=samples, surfels=surfels)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from model.evaluation.inference import Networks
 from model.evaluation.predict import example_of, rendered_for
 from model.evaluation.previews import DENOISED, RADIOSITY, denoised, radiosity
 from pipeline.params import Params
-from pipeline.passes.inputs import render_inputs
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
 
@@ -99,7 +98,7 @@ def stopwatch(
         else:
             assert networks is not None
             given = rendered_for(scene, view, params, [networks.card], effort.spp)
-            example = example_of(view, render_inputs(scene, view), given, networks.card, None)
+            example = example_of(view, given, networks.card, None)
             networks.predict(effort.method, example)
 
     def seconds(effort: Effort) -> float:

@@ -33,10 +33,11 @@ from pipeline.frames import (
 )
 from pipeline.images import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.params import NoisyParams, Params, ToneParams
+from pipeline.passes.denoise import Guides
 from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.materials import render_materials
-from pipeline.passes.registry import render_samples, render_truths
+from pipeline.passes.inputs import inputs_of, visible_surfaces
+from pipeline.passes.materials import materials_of
+from pipeline.passes.registry import render_samples, render_truths, sample_guides
 from pipeline.passes.transport import render_transport
 from pipeline.photograph import meter, photograph
 from pipeline.render.scene import RenderScene, open_scene, set_variant
@@ -80,8 +81,9 @@ class ViewSource:
 
 @dataclass(frozen=True)
 class Rendered:
-    """Channels of a view beside those of its inputs; None: not rendered."""
+    """Channels of a view, by kind of frame; None: not rendered."""
 
+    inputs: Channels
     panorama: Channels | None = None
     noisy: Channels | None = None
     transport: Channels | None = None
@@ -113,9 +115,8 @@ def from_scene(
         if with_truth:
             frames = known_truth(data, view)
             truth = _channels(frames) if frames else trace_truth(opened[0], view, params)
-        inputs = render_inputs(opened[0], view)
         given = rendered_for(opened[0], view, params, [card], samples)
-        return example_of(view, inputs, given, card, truth)
+        return example_of(view, given, card, truth)
 
     return [ViewSource(view, partial(load, view)) for view in views]
 
@@ -153,13 +154,14 @@ def from_frames(
         pair = _channels(known) if known else None
         channels = {name: frames[OTHER_FRAMES[name]].channels for name in others}
         given = Rendered(
+            inputs=frames["Z"].channels,
             panorama=frames["intensity.Y"].channels,
             noisy=channels.get("noisy"),
             transport=channels.get("transport"),
             materials=channels.get("materials"),
             noisy_spp=_samples_of(frames[DENOISED[0]]) if "noisy" in others else 0,
         )
-        return example_of(view, frames["Z"].channels, given, card, pair)
+        return example_of(view, given, card, pair)
 
     return ViewSource(view, load)
 
@@ -329,34 +331,45 @@ def trace_truth(scene: RenderScene, view: View, params: Params) -> tuple[Channel
 def rendered_for(
     scene: RenderScene, view: View, params: Params, cards: Sequence[ModelCard], samples: int = 0
 ) -> Rendered:
-    """Render what the networks of these cards take beside the inputs; see `from_scene`."""
+    """Render what the networks of these cards take; see `from_scene`."""
     methods = {card.name: METHODS[card.name] for card in cards if card.name in METHODS}
-    rendered = Rendered()
+    rendered = surfaces_seen(scene, view, any(card.training.get("materials") for card in cards))
     if any(method.uses_panorama for method in methods.values()):
         rendered = replace(rendered, panorama=render_illumination(scene, view, params.illumination))
-    if any(method.uses_transport for method in methods.values()):
-        rendered = replace(rendered, transport=compute_transport(scene, view, params))
-    if any(card.training.get("materials") for card in cards):
-        rendered = replace(rendered, materials=render_materials(scene, view)[0])
+    transport = any(method.uses_transport for method in methods.values())
     trained_with = [card.training.get("noisy_spp", 0) for card in cards]
     spp = max(trained_with, default=0) and (samples or max(trained_with))
+    guided = sample_guides(scene, view) if transport or spp else None
+    if transport:
+        rendered = replace(rendered, transport=compute_transport(scene, view, params, guided))
     if spp:
-        noisy = trace_samples(scene, view, params, spp)
+        noisy = trace_samples(scene, view, params, spp, guided)
         rendered = replace(rendered, noisy=noisy, noisy_spp=spp)
     return rendered
 
 
-def compute_transport(scene: RenderScene, view: View, params: Params) -> Channels:
+def surfaces_seen(scene: RenderScene, view: View, materials: bool) -> Rendered:
+    """Inputs of a view, and with `materials` those that networks take, from one trace."""
+    surfaces = visible_surfaces(scene, view)
+    values = materials_of(surfaces, MATERIAL_IMAGES)[0] if materials else None
+    return Rendered(inputs_of(surfaces), materials=values)
+
+
+def compute_transport(
+    scene: RenderScene, view: View, params: Params, guided: Guides | None = None
+) -> Channels:
     """Light transport of a view."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id, "transport")
-    return render_transport(scene, view, params.transport, seed)[0]
+    return render_transport(scene, view, params.transport, seed, guided)[0]
 
 
-def trace_samples(scene: RenderScene, view: View, params: Params, spp: int) -> Channels:
+def trace_samples(
+    scene: RenderScene, view: View, params: Params, spp: int, guided: Guides | None = None
+) -> Channels:
     """Noisy samples of a view, raw and denoised; colour only."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
     params = replace(params, noisy=NoisyParams(spp))
-    return render_samples(scene, view, params, seed)
+    return render_samples(scene, view, params, seed, guided)
 
 
 def with_noisy_samples(example: Example, noisy: Channels, spp: int) -> Example:
@@ -382,7 +395,6 @@ def with_transport(example: Example, transport: Channels) -> Example:
 
 def example_of(
     view: View,
-    inputs: Channels,
     given: Rendered,
     card: ModelCard,
     truth: tuple[Channels, Channels] | None,
@@ -392,7 +404,7 @@ def example_of(
     Without `truth` the true images are black, and their exposure has scale 1 and the median white
     point of the training data. Without a panorama no light is visible.
     """
-    depth = inputs["Z"].astype(np.float32)
+    inputs, depth = given.inputs, given.inputs["Z"].astype(np.float32)
     black = np.zeros((*depth.shape, 3), np.float32)
     shading, color = (_stack(images, RGB) for images in truth) if truth else (black, black)
     tone = ToneParams(**card.tone)

@@ -27,6 +27,7 @@ SUBPIXELS = 3  # per axis, in the guides
 _WRAP = 64  # columns of the other edge that the denoiser sees beyond each edge of a panorama
 
 Image = Float32Array
+Guides = tuple[Image, Image]  # albedo and normal, (H, W, 3) each
 Quality = Literal["high", "balanced", "fast"]
 
 

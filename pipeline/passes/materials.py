@@ -6,7 +6,7 @@ are noise-free and equal in every run. `pipeline.render.materials` has the rules
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -120,12 +120,15 @@ def render_materials(render_scene: RenderScene, view: View) -> tuple[Channels, d
     return materials_of(visible_surfaces(render_scene, view, colors=False))
 
 
-def materials_of(surfaces: VisibleSurfaces) -> tuple[Channels, dict[str, Any]]:
-    """Return what `render_materials` does, from surfaces that are traced already."""
+def materials_of(
+    surfaces: VisibleSurfaces, channels: Collection[str] = tuple(RENDERERS)
+) -> tuple[Channels, dict[str, Any]]:
+    """Return some channels of `render_materials`, from surfaces that are traced already."""
     materials, view = VisibleMaterials(surfaces), surfaces.view
     shape = (view.height, view.width)
     bands: Channels = {}
     for channel in channels_of("materials"):
-        values = RENDERERS[channel.name](materials).reshape(*shape, len(channel.bands))
-        bands |= {name: values[..., index] for index, name in enumerate(channel.bands)}
+        if channel.name in channels:
+            values = RENDERERS[channel.name](materials).reshape(*shape, len(channel.bands))
+            bands |= {name: values[..., index] for index, name in enumerate(channel.bands)}
     return bands, {"material_names": list(surfaces.scene.table.names)}

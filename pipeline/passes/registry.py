@@ -26,7 +26,7 @@ from pipeline.passes import (
     video,
     visibility,
 )
-from pipeline.passes.denoise import Image, denoise, denoiser_version, grey_guide, guides
+from pipeline.passes.denoise import Guides, denoise, denoiser_version, grey_guide, guides
 from pipeline.passes.environment import render_environment
 from pipeline.passes.groundtruth import render_both, render_color, render_truth
 from pipeline.passes.illumination import render_illumination
@@ -197,28 +197,41 @@ def render_noisy(scene: RenderScene, view: View, params: Params, seed: int) -> R
     return channels, {**color[1], "lost_pixels": lost, "denoiser": denoiser_version()}
 
 
-def render_samples(scene: RenderScene, view: View, params: Params, seed: int) -> Channels:
+def render_samples(
+    scene: RenderScene,
+    view: View,
+    params: Params,
+    seed: int,
+    guided: Guides | None = None,
+) -> Channels:
     """Render the channels of colour in a `noisy` frame, for a picture rather than for a frame.
 
-    Colour is traced alone, so its samples are others than those of `render_noisy`.
+    Colour is traced alone, so its samples are others than those of `render_noisy`. `guided`: what
+    `sample_guides` returns for this view, if it is known already.
     """
-    color, half, clean = trace_denoised(scene, view, _noisy_trace(params), seed)
+    color, half, clean = trace_denoised(scene, view, _noisy_trace(params), seed, guided)
     return _samples(color, half, clean)
 
 
 def trace_denoised(
-    scene: RenderScene, view: View, settings: GroundTruthParams, seed: int
+    scene: RenderScene,
+    view: View,
+    settings: GroundTruthParams,
+    seed: int,
+    guided: Guides | None = None,
 ) -> tuple[Channels, Channels, Channels]:
     """Path-trace colour alone: the image, that of every second block, and the image denoised.
 
-    Guides cost less than few samples do. In a scalar variant the first two are the same.
+    Guides cost less than few samples do. In a scalar variant the first two are the same. `guided`
+    as in `render_samples`.
     """
     if integrator.available():
         color, half = render_color(scene, view, settings, seed)
     else:
         color, _ = render_truth(scene.neutral(None), view, settings, seed)
         half = color
-    clean = denoise(color, *sample_guides(scene, view), around=view.is_panorama)
+    guided = guided or sample_guides(scene, view)
+    clean = denoise(color, *guided, around=view.is_panorama)
     return color, half, clean
 
 
@@ -227,7 +240,7 @@ def _samples(color: Channels, half: Channels, clean: Channels) -> Channels:
     return {**color, **_named(HALF, half), **_named(DENOISED, clean)}
 
 
-def sample_guides(scene: RenderScene, view: View) -> tuple[Image, Image]:
+def sample_guides(scene: RenderScene, view: View) -> Guides:
     """Return guides that cost less than the samples they guide, where the variant has them."""
     if integrator.available() and not view.is_panorama:
         return fast_guides(scene, view)
@@ -278,7 +291,7 @@ def postprocessed(
 def _denoised(
     kind: Kind,
     truth: Result,
-    guided: tuple[Image, Image] | None,
+    guided: Guides | None,
     view: View,
     params: Params,
     half: Channels | None = None,

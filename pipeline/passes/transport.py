@@ -19,8 +19,8 @@ import numpy as np
 
 from pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pipeline.frames import Channels
-from pipeline.params import TransportParams
-from pipeline.passes.denoise import denoise
+from pipeline.params import USUAL_SURFELS, TransportParams
+from pipeline.passes.denoise import Guides, denoise
 from pipeline.passes.groundtruth import rooms_box
 from pipeline.pathtrace import integrator
 from pipeline.pathtrace.guiding import plan_guiding
@@ -38,10 +38,11 @@ from pipeline.views import View
 from scenes.arrays import Float32Array
 from scenes.errors import InputError
 
-REVISION = 11
+REVISION = 12
 _LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
-# Samples by size of the image: up to so many pixels, so many samples each.
-_SAMPLES = ((40_000, 16), (100_000, 8))
+# By size of the image: up to so many pixels, so many samples each; twice the surfels from there on.
+_SMALL = 40_000
+_SAMPLES = ((_SMALL, 16), (100_000, 8))
 _FEWEST = 4
 
 
@@ -83,14 +84,18 @@ class Transport:
 
 
 def render_transport(
-    render_scene: RenderScene, view: View, params: TransportParams, seed: int
+    render_scene: RenderScene,
+    view: View,
+    params: TransportParams,
+    seed: int,
+    guides: Guides | None = None,
 ) -> tuple[Channels, dict[str, int]]:
     """Return the channels of a `transport` frame, float32 (H, W): light and picture.
 
-    And the statistics of `Transport`. `seed` is the view's own seed. Raises `InputError` in a
-    scalar variant, and for a panorama.
+    And the statistics of `Transport`. `seed` is the view's own seed, `guides` as in `transport_of`.
+    Raises `InputError` in a scalar variant, and for a panorama.
     """
-    found = transport_of(render_scene, view, params, seed)
+    found = transport_of(render_scene, view, params, seed, guides)
     bands = {TRANSPORT_DIRECT: found.direct, TRANSPORT_INDIRECT: found.indirect, RGB: found.color}
     channels = {
         name: np.ascontiguousarray(image[..., band])
@@ -101,9 +106,16 @@ def render_transport(
 
 
 def transport_of(
-    render_scene: RenderScene, view: View, params: TransportParams, seed: int
+    render_scene: RenderScene,
+    view: View,
+    params: TransportParams,
+    seed: int,
+    guides: Guides | None = None,
 ) -> Transport:
-    """Compute the light transport of a view; as `render_transport`."""
+    """Compute the light transport of a view; as `render_transport`.
+
+    `guides`: what `fast_guides` returns for this view, if it is known already.
+    """
     if not integrator.available():
         raise InputError("transport needs a variant other than scalar_rgb; see pbrnet doctor")
     if view.is_panorama:
@@ -115,13 +127,14 @@ def transport_of(
         return Transport(dark, dark, dark, dark, dark, dark)
     plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms))
     lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
-    size = grid_size(params.surfels, view.width, view.height)
+    pixels = view.width * view.height
+    size = grid_size(params.surfels or surfels_for(pixels), view.width, view.height)
     surfels = launcher.surfels(lights, view, size, seed)
-    samples = Samples.of(params.samples or samples_for(view.width * view.height))
+    samples = Samples.of(params.samples or samples_for(pixels))
     images = gathered(launcher, lights, view, surfels, samples, params.bounces, seed)
     lost = np.max([images[name] for name in LOST], axis=0)
     noisy = {band: images["color"][..., k] for k, band in enumerate(RGB)}
-    clean = denoise(noisy, *fast_guides(render_scene, view))
+    clean = denoise(noisy, *(guides or fast_guides(render_scene, view)))
     return Transport(
         images["direct"],
         images["indirect"],
@@ -160,6 +173,11 @@ def gathered(
 def samples_for(pixels: int) -> int:
     """Return the samples per pixel for images of this many pixels."""
     return next((samples for most, samples in _SAMPLES if pixels <= most), _FEWEST)
+
+
+def surfels_for(pixels: int) -> int:
+    """Return the number of surfels around a view for images of this many pixels."""
+    return USUAL_SURFELS if pixels <= _SMALL else 2 * USUAL_SURFELS
 
 
 def _launcher(render_scene: RenderScene) -> TransportLauncher:

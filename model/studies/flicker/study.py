@@ -26,7 +26,6 @@ from model.evaluation.previews import DENOISED, RADIOSITY
 from model.studies.flicker.results import MethodFlicker, Move
 from pipeline.images import Picture, contact_sheet
 from pipeline.params import Params
-from pipeline.passes.inputs import render_inputs
 from pipeline.progress import Progress
 from pipeline.render import raycast
 from pipeline.render.scene import RenderScene, open_scene, set_variant
@@ -85,10 +84,9 @@ def measure_move(
     images: dict[str, list[AnyArray]] = defaultdict(list)
     with Progress(len(views), "flicker", "frames") as progress:
         for shown in views:
-            inputs = render_inputs(scene, shown)
             given = rendered_for(scene, shown, params, cards)
             truth = trace_truth(scene, shown, params)
-            example = example_of(shown, inputs, given, card, truth)
+            example = example_of(shown, given, card, truth)
             examples.append(example)
             for method, each in methods.items():
                 images[method].append(each.predict(method, example).color)

@@ -22,13 +22,16 @@ TRANSPORT_SAMPLES = (1, 2, 4, 8)
 PARTS = {
     "inputs": "Depth, normal, reflectance",
     "illumination": "Panorama",
-    "materials": "Roughness and metalness",
+    "surfaces": "The same, with roughness and metalness",
     "transport": "Light transport",
     **{f"transport_{n}": f"Light transport, {n} samples per pixel" for n in TRANSPORT_SAMPLES},
     "shading": "Shading network",
     "composition": "Composition network",
     "product": "Reflectance × shading",
-    **{f"samples_{spp}": f"Samples, {spp} per pixel, denoised" for spp in HYBRID_SAMPLES},
+    **{
+        f"samples_{spp}": f"Samples, {spp} per pixel, denoised with known guides"
+        for spp in HYBRID_SAMPLES
+    },
     "truths": "Mitsuba with the dataset's parameters: shading and colour of one view",
     "guides": "Guide images of the denoiser",
     "denoiser": "Denoiser",

@@ -40,6 +40,7 @@ from model.evaluation.predict import (
     compute_transport,
     example_of,
     resized,
+    surfaces_seen,
     trace_samples,
     with_noisy_samples,
     with_transport,
@@ -70,7 +71,6 @@ from pipeline.passes.denoise import denoise, denoiser_version
 from pipeline.passes.groundtruth import render_color, render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
-from pipeline.passes.materials import render_materials
 from pipeline.passes.registry import render_truths, sample_guides, traced_together
 from pipeline.passes.transport import samples_for
 from pipeline.progress import Progress
@@ -208,18 +208,14 @@ class ViewBenchmark:
         self.now = time.process_time if clock == "cpu" else time.perf_counter
         self.scene, self.view, self.params, self.networks = scene, view, params, networks
         self.seed = derive(params.seed, "study", "time", view.scene_id, view.view_id)
-        self.panorama = self._illumination()
-        self.inputs = self._inputs()
         self.takes = extras_of(networks.baselines)
-        given = Rendered(self.panorama)
+        given = replace(self._surfaces(), panorama=self._illumination())
         if "transport" in self.takes:
             given = replace(given, transport=self._transport())
-        if self._materials_taken():
-            given = replace(given, materials=self._materials())
         truths = store.read("shading", view), store.read("color", view)
         self.noise = float(truths[1].meta["noise"])
         pair = (truths[0].channels, truths[1].channels)
-        self.example: Example = example_of(view, self.inputs, given, networks.card, pair)
+        self.example: Example = example_of(view, given, networks.card, pair)
         self.truth = true_color(self.example, networks)
         self.seconds: dict[str, list[float]] = defaultdict(list)
         self.errors: dict[str, tuple[float, float]] = {}
@@ -243,15 +239,14 @@ class ViewBenchmark:
     def _networks_turn(self) -> None:
         networks, example = self.networks, self.example
         self._timed("inputs", self._inputs)
+        if self._materials_taken():
+            self._timed("surfaces", self._surfaces)
         self._timed("illumination", self._illumination)
         if "transport" in self.takes:
             self._timed("transport", self._transport)
             assert example.transport_color is not None
             exposure = color_exposure(example, networks.card.exposure)
             self._measure("radiosity", None, tonemap(example.transport_color, exposure))
-        if self._materials_taken():
-            self._timed("materials", self._materials)
-        if "transport" in self.takes:
             self._reduced_turn()
         shading = self._timed("shading", lambda: networks.shading(example))
         for method in ("pbrnet", "product", *networks.baselines):
@@ -280,9 +275,13 @@ class ViewBenchmark:
                 self._measure("plus", spp, prediction.color)
 
     def _hybrid_turn(self, method: str) -> None:
-        """A network that takes noisy samples, with each number of `HYBRID_SAMPLES`."""
+        """A network that takes noisy samples, with each number of `HYBRID_SAMPLES`.
+
+        Light transport has made their guides.
+        """
+        guided = sample_guides(self.scene, self.view)
         for spp in HYBRID_SAMPLES:
-            trace = partial(trace_samples, self.scene, self.view, self.params, spp)
+            trace = partial(trace_samples, self.scene, self.view, self.params, spp, guided)
             noisy = self._timed(f"samples_{spp}", trace)
             given = with_noisy_samples(self.example, noisy, spp)
             prediction = self._timed(method, partial(self.networks.predict, method, given))
@@ -314,8 +313,9 @@ class ViewBenchmark:
     def _materials_taken(self) -> bool:
         return any(card.training.get("materials") for card in self.networks.cards.values())
 
-    def _materials(self) -> Channels:
-        return render_materials(self.scene, self.view)[0]
+    def _surfaces(self) -> Rendered:
+        """Inputs and materials, from one trace."""
+        return surfaces_seen(self.scene, self.view, self._materials_taken())
 
     def _plain(self, settings: Params) -> Channels:
         """Render colour with Mitsuba's path integrator."""
@@ -436,7 +436,7 @@ def _points(measurements: list[ViewMeasurement]) -> tuple[MethodPoint, ...]:
     timed = [measurement for measurement in measurements if measurement.seconds]
     for key in measurements[0].errors:
         method, spp = _method_of(key)
-        needs = _parts_of(method, spp, "materials" in timed[0].seconds)
+        needs = _parts_of(method, spp, "surfaces" in timed[0].seconds)
         seconds = mean(
             sum(median(measurement.seconds[part]) for part in needs) for measurement in timed
         )
@@ -480,9 +480,8 @@ def _parts_of(method: str, spp: int | None, materials: bool) -> tuple[str, ...]:
     if method == "radiosity":
         return (transport,)
     if method in METHODS and METHODS[method].uses_transport:
-        known = ("materials",) if materials else ()
         samples = (f"samples_{spp}",) if sampled else ()
-        return ("inputs", *known, transport, *samples, method)
+        return ("surfaces" if materials else "inputs", transport, *samples, method)
     if spp is not None:
         renderer = method.removesuffix("_denoised")
         more = ("guides", "denoiser") if method.endswith("_denoised") else ()

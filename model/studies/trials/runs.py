@@ -18,7 +18,7 @@ from typing import Any
 from model.data.reader import Dataset, subset_fingerprint
 from model.evaluation.evaluate import refuse_leaks
 from model.evaluation.metrics import find_lpips
-from model.methods import extras_of
+from model.methods import METHODS, extras_of
 from model.studies.trials.plan import Trial, TrialStudy
 from model.studies.trials.scores import ViewScores, load_predictors, picture_views, score_views
 from model.training.backbone import BackboneCard
@@ -132,7 +132,9 @@ class _Fingerprints:
             if name not in unused and not _is_stage(params, name)
         }
         stages = {name: plain(getattr(params.train, name)) for name in trial.variant.networks}
-        parts = (params.seed, shared, stages, plain(params.tone), params.shading.albedo)
+        revised = {name: METHODS[name].revision for name in stages if METHODS[name].revision > 1}
+        given = (params.seed, shared, stages, plain(params.tone), params.shading.albedo)
+        parts = (*given, revised) if revised else given
         whole = self.train if trial.source is None else trial.source.fingerprint
         subset = subset_fingerprint(whole, trial.scenes)
         own = digest_bytes(*(repr(part).encode() for part in (parts, subset, self.backbone)))

@@ -5,6 +5,8 @@ The same functions as `pipeline.render.raycast.scalar`; `pipeline.render.raycast
 
 from __future__ import annotations
 
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -26,6 +28,8 @@ from pipeline.render.raycast.triangles import (
 from pipeline.render.scene_geometry import MAX_LAYERS, MAX_SURFACES, SceneGeometry, TextureSlot
 from scenes.arrays import AnyArray
 
+_MAX_RECORDINGS, _NEVER = 8, 1 << 30  # numbers of rays; Dr.Jit would warn of many
+
 
 def nearest(
     geometry: SceneGeometry, through: bool, origins: AnyArray, directions: AnyArray
@@ -43,23 +47,26 @@ def surfaces(
     geometry: SceneGeometry, colors: bool, origins: AnyArray, directions: AnyArray
 ) -> tuple[AnyArray, ...]:
     """Return the fields of `Hits`, in order."""
-    shape, distance, hit, ray = _first_hit(geometry, _ray(origins, directions), True)
+    ray = _ray(origins, directions)
+    if colors:
+        found = _recorded(geometry, _surfaces)(_tables(geometry)["twins"], ray)
+    else:
+        found = _surfaces(geometry, None, ray)
+    number, metres, position, geometric, shading, colour = to_numpy(*found)
+    return number, metres, position, geometric, shading, np.clip(colour, 0, 1)
+
+
+def _surfaces(geometry: SceneGeometry, twins: Any, ray: Any) -> list[Any]:
+    """Return the fields of `Hits`; `twins` are the reflectance twins, None without colours."""
+    shape, distance, hit, ray = _first_hit(geometry, ray, True)
     valid = shape >= 0
     si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
     reflectance = mi.Color3f(0)
-    if colors:
-        tables = _tables(geometry)
-        twin = dr.gather(
-            mi.UInt32, tables["reflectance"], dr.reinterpret_array(mi.UInt32, si.shape), valid
-        )
-        bsdf = dr.reinterpret_array(mi.BSDFPtr, twin)
+    if twins is not None:
+        bsdf = dr.gather(mi.BSDFPtr, twins, dr.reinterpret_array(mi.UInt32, si.shape), valid)
         reflectance = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, valid))
-    number, metres, position, geometric, shading, colour = to_numpy(
-        shape,
-        distance,
-        *(dr.select(valid, v, 0) for v in (si.p, si.n, si.sh_frame.n, mi.Color3f(reflectance))),
-    )
-    return number, metres, position, geometric, shading, np.clip(colour, 0, 1)
+    vectors = si.p, si.n, si.sh_frame.n, mi.Color3f(reflectance)
+    return [shape, distance, *(dr.select(valid, vector, 0) for vector in vectors)]
 
 
 def textures(
@@ -69,25 +76,83 @@ def textures(
     directions: AnyArray,
 ) -> tuple[AnyArray, ...]:
     """Return the values of each slot, then s, dp_du and dp_dv (N, 3)."""
-    shape, _, hit, ray = _first_hit(geometry, _ray(origins, directions), True)
+    numbers = [column(mi.UInt32, _texture_numbers(slot)) for slot in slots]
+    ray = _ray(origins, directions)
+    return to_numpy(*_recorded(geometry, _textures)(slots, numbers, ray))
+
+
+def _textures(
+    geometry: SceneGeometry, slots: tuple[TextureSlot, ...], numbers: list[Any], ray: Any
+) -> list[Any]:
+    """Return what `textures` does; `numbers` are those of `_texture_numbers`."""
+    shape, _, hit, ray = _first_hit(geometry, ray, True)
     valid = shape >= 0
     si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
-    tangents = (dr.select(valid, v, 0) for v in (si.sh_frame.s, si.dp_du, si.dp_dv))
-    return to_numpy(*(_evaluated(slot, shape, si, valid) for slot in slots), *tangents)
-
-
-def _evaluated(slot: TextureSlot, shape: Any, si: Any, valid: Any) -> Any:
-    """Return a slot's values. A switch over its textures alone, as in `_passes`."""
-    distinct = {id(texture): texture for texture in slot.textures if texture is not None}
-    places = {key: place for place, key in enumerate(distinct)}
-    numbers = np.array([places.get(id(texture), len(places)) for texture in slot.textures])
-    number = dr.gather(
-        mi.UInt32, column(mi.UInt32, numbers), mi.UInt32(dr.maximum(shape, 0)), valid
+    values = (
+        _evaluated(slot, number, shape, si, valid)
+        for slot, number in zip(slots, numbers, strict=True)
     )
-    has = valid & (number < len(places))
-    ways = [getattr(texture, slot.way) for texture in distinct.values()]
+    tangents = (dr.select(valid, v, 0) for v in (si.sh_frame.s, si.dp_du, si.dp_dv))
+    return [*values, *tangents]
+
+
+def _evaluated(slot: TextureSlot, numbers: Any, shape: Any, si: Any, valid: Any) -> Any:
+    """Return a slot's values. A switch over its textures alone, as in `_passes`."""
+    number = dr.gather(mi.UInt32, numbers, mi.UInt32(dr.maximum(shape, 0)), valid)
+    ways = [getattr(texture, slot.way) for texture in _distinct(slot)]
+    has = valid & (number < len(ways))
     kind = {1: mi.Float, 2: mi.Vector2f, 3: mi.Color3f}[slot.bands]
     return dr.select(has, kind(dr.switch(number, ways, si, has)), kind(0))
+
+
+def _texture_numbers(slot: TextureSlot) -> AnyArray:
+    """Return the number of each shape's texture among the distinct ones; their count for none."""
+    places = {id(texture): place for place, texture in enumerate(_distinct(slot))}
+    return np.array([places.get(id(texture), len(places)) for texture in slot.textures])
+
+
+def _distinct(slot: TextureSlot) -> list[Any]:
+    return list({id(texture): texture for texture in slot.textures if texture is not None}.values())
+
+
+class _Recorded:
+    """A function of a geometry whose launches are recorded once, then replayed for other rays.
+
+    Python and Dr.Jit need up to 0.2 s to trace a function through all materials, several times what
+    the rays of an image need.
+    """
+
+    def __init__(self, geometry: SceneGeometry, function: Callable[..., list[Any]]) -> None:
+        itself = weakref.ref(geometry)
+
+        def trace(scene: Any, arrays: dict[str, Any], arguments: tuple[Any, ...]) -> list[Any]:
+            known = itself()
+            assert known is not None
+            return function(known, *arguments)
+
+        self._launch = dr.freeze(trace, limit=_MAX_RECORDINGS, warn_after=_NEVER)
+        self._geometry, self._function = itself, function
+
+    def __call__(self, *arguments: Any) -> list[Any]:
+        geometry = self._geometry()
+        assert geometry is not None
+        # The textures of masks are constants of their switch, which a recording cannot hold.
+        if geometry.masked.any():
+            return self._function(geometry, *arguments)
+        arrays = {name: table for name, table in _tables(geometry).items() if name != "masks"}
+        return list(self._launch(geometry.scene, arrays, arguments))
+
+
+def _recorded(geometry: SceneGeometry, function: Callable[..., list[Any]]) -> _Recorded:
+    """Return the recorded form of a function; cached on the geometry."""
+    known = geometry.__dict__.get("recorded")
+    if known is None:
+        known = {}
+        object.__setattr__(geometry, "recorded", known)
+    if function not in known:
+        known[function] = _Recorded(geometry, function)
+    recorded: _Recorded = known[function]
+    return recorded
 
 
 def objects_along(
@@ -436,19 +501,17 @@ def _tables(geometry: SceneGeometry) -> dict[str, Any]:
                 [(s, int(geometry.masked[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
             ),
             **_mask_tables(geometry),
-            "reflectance": registry_table(
-                [
-                    (s, registry_id(twin, mi.BSDFPtr))
-                    for s, twin in zip(geometry.shapes, geometry.reflectances, strict=True)
-                    if twin is not None
-                ],
-                mi.ShapePtr,
-                0,
-                mi.UInt32,
-            ),
+            "twins": dr.reinterpret_array(mi.BSDFPtr, _twin_numbers(geometry)),
         }
         object.__setattr__(geometry, "tables", tables)
     return tables
+
+
+def _twin_numbers(geometry: SceneGeometry) -> Any:
+    """Return the registry ids of the reflectance twins by registry id of the shape."""
+    twins = zip(geometry.shapes, geometry.reflectances, strict=True)
+    pairs = [(shape, registry_id(twin, mi.BSDFPtr)) for shape, twin in twins if twin is not None]
+    return registry_table(pairs, mi.ShapePtr, 0, mi.UInt32)
 
 
 def _touching_objects(geometry: SceneGeometry, numbers: AnyArray) -> tuple[Any, Any] | None:

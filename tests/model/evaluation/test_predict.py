@@ -303,7 +303,7 @@ def test_from_a_scene_only_what_the_network_takes_is_rendered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made: list[str] = []
-    names = ("render_illumination", "render_transport", "render_materials")
+    names = ("render_illumination", "render_transport", "materials_of")
 
     def counted(name: str) -> Callable[..., Any]:
         render = getattr(prediction, name)
@@ -317,7 +317,7 @@ def test_from_a_scene_only_what_the_network_takes_is_rendered(
         untrained_models(Path("models"), ("plus",), levels=3, materials=materials)
         done = predict("data/scenes/box", "--view", "v", "--method", "plus", "--out", "s.png")
         assert done.exit_code == 0, done.output
-    assert made == [names[1], names[1], names[2]], "no panorama"
+    assert made == [names[1], names[2], names[1]], "no panorama"
 
 
 def test_with_the_truth_the_unit_is_the_scenes() -> None:

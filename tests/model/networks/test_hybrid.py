@@ -21,7 +21,14 @@ from model.evaluation.evaluate import evaluate
 from model.evaluation.inference import load_networks
 from model.methods import METHODS
 from model.networks.flip import Flip
-from model.networks.hybrid import MAX_LOG_FACTOR, START_SHARE, HybridNet
+from model.networks.hybrid import (
+    EQUAL_PIXELS,
+    EQUAL_POWER,
+    EQUAL_SAMPLES,
+    MAX_LOG_FACTOR,
+    HybridNet,
+    start_logit,
+)
 from model.networks.objective import Batch, ExposedLoss, Setting
 from model.networks.pbrnet import Architecture
 from model.training import train
@@ -94,12 +101,28 @@ def test_it_starts_from_a_mixture_of_transport_and_denoiser(
 ) -> None:
     example = example_of(np.random.default_rng(0), *size)
     np.testing.assert_allclose(
-        color_of(untrained(levels=levels), example), mixture_of(example), rtol=1e-6
+        color_of(untrained(levels=levels), example), mixture_of(example), rtol=3e-6
     )
 
 
 def mixture_of(example: Example) -> AnyArray:
-    return START_SHARE * example.transport_color + (1 - START_SHARE) * example.denoised_color
+    share = start_of(example.noisy_spp, example.depth.size)
+    return share * example.transport_color + (1 - share) * example.denoised_color
+
+
+def start_of(samples: float, pixels: int) -> float:
+    """The share of light transport at first."""
+    logs = (torch.tensor(float(number)).log() for number in (samples, pixels))
+    return float(torch.sigmoid(start_logit(*logs)))
+
+
+def test_the_more_samples_the_less_light_transport() -> None:
+    """Half of each where they err alike, at any size; four times the pixels are more samples."""
+    size = EQUAL_PIXELS
+    assert start_of(EQUAL_SAMPLES, size) == pytest.approx(0.5)
+    shares = [start_of(samples, size) for samples in (1, 2, 4, 8, 64, 4096)]
+    assert shares == sorted(shares, reverse=True) and shares[0] > 0.9 and shares[-1] < 0.01
+    assert start_of(EQUAL_SAMPLES * 4**-EQUAL_POWER, 4 * size) == pytest.approx(0.5)
 
 
 def example_of(rng: np.random.Generator, width: int, height: int) -> Example:

@@ -55,7 +55,7 @@ def result_of(place: Folders) -> TimeResult:
 
 def test_what_a_method_takes_is_in_its_time() -> None:
     assert _parts_of("plus", None, False) == ("inputs", "transport", "plus")
-    assert _parts_of("plus", None, True) == ("inputs", "materials", "transport", "plus")
+    assert _parts_of("plus", None, True) == ("surfaces", "transport", "plus")
     assert _parts_of("unet", None, True) == ("inputs", "illumination", "unet")
     assert _parts_of("hybrid", 2, False) == ("inputs", "transport", "samples_2", "hybrid")
     assert _parts_of("radiosity", None, True) == ("transport",)

@@ -19,7 +19,13 @@ from pipeline.channels import RGB, channels_of
 from pipeline.params import GroundTruthParams, TransportParams
 from pipeline.passes.denoise import guides
 from pipeline.passes.groundtruth import render_both
-from pipeline.passes.transport import Transport, render_transport, transport_of
+from pipeline.passes.transport import (
+    Transport,
+    render_transport,
+    samples_for,
+    surfels_for,
+    transport_of,
+)
 from pipeline.render.scene import open_scene
 from pipeline.transport import pixels
 from pipeline.transport.guides import fast_guides
@@ -54,6 +60,16 @@ def emitting(reflectance: float, radiance: float) -> str:
     return diffuse(reflectance) + (
         f'<emitter type="area"><rgb name="radiance" value="{radiance}"/></emitter>'
     )
+
+
+def test_samples_and_surfels_suit_the_size_of_the_image() -> None:
+    found = [(samples_for(n), surfels_for(n)) for n in (160 * 120, 320 * 240, 480 * 360)]
+    assert found == [(16, 16_000), (8, 32_000), (4, 32_000)]
+    usual, few = TransportParams(), TransportParams(surfels=6000)
+    assert [usual.reduced(n).surfels for n in (1, 2, 4, 16)] == [4000, 8000, 0, 0]
+    assert [few.reduced(n).surfels for n in (1, 2)] == [4000, 6000]
+    with pytest.raises(ValueError, match="surfels: 3; 0, or at least 8"):
+        TransportParams(surfels=3).verify("transport")
 
 
 def test_a_closed_white_furnace_has_the_sum_of_its_bounces(tmp_path: Path) -> None:
