@@ -34,7 +34,7 @@ REFLECTANCE_OFFSET = 0.03  # added to reflectance before the division by it
 # Samples per pixel that light transport is worth in an image of 160x120. In larger ones it is worth
 # fewer, by a power of the number of pixels: the denoiser sees more of them around each. Fitted to
 # views of training homes (docs/tried.md).
-EQUAL_SAMPLES, EQUAL_PIXELS, EQUAL_POWER = 16.0, 160 * 120, 0.375
+EQUAL_SAMPLES, EQUAL_PIXELS, EQUAL_POWER = 16.0, 160 * 120, 0.3
 MAX_LOG_FACTOR = 3.0  # bound of the predicted logarithm: the factor is at most exp(3), about 20
 
 
