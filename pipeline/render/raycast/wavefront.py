@@ -136,9 +136,6 @@ class _Recorded:
     def __call__(self, *arguments: Any) -> list[Any]:
         geometry = self._geometry()
         assert geometry is not None
-        # The textures of masks are constants of their switch, which a recording cannot hold.
-        if geometry.masked.any():
-            return self._function(geometry, *arguments)
         arrays = {name: table for name, table in _tables(geometry).items() if name != "masks"}
         return list(self._launch(geometry.scene, arrays, arguments))
 

@@ -36,7 +36,7 @@ COATED = f'<bsdf type="principled">{texture("base_color", False)}{texture("rough
 TILED = f'<bsdf type="principled"><rgb name="base_color" value="0.6"/>{CHECKERS}</bsdf>'
 RELIEF = f'<bsdf type="bumpmap">{texture("arbitrary")}{diffuse(0.4)}</bsdf>'
 GLASS = '<bsdf type="thindielectric"/>'
-LEAF = f'<bsdf type="mask"><float name="opacity" value="0.4"/>{diffuse(0.8)}</bsdf>'
+LEAF = f'<bsdf type="mask">{texture("opacity")}{diffuse(0.8)}</bsdf>'
 
 
 def room(folder: Path, *more: str) -> RenderScene:
@@ -82,17 +82,20 @@ def same(one: Channels, other: Channels) -> bool:
     )
 
 
-@pytest.mark.parametrize("more", [(), (quad("leaf", (0, 2.5, 1.5), (0, -1, 0), (1, 1), LEAF),)])
+@pytest.mark.parametrize("mask", [False, True])
 def test_replayed_for_other_views_they_see_what_new_ones_see(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, more: tuple[str, ...]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mask: bool
 ) -> None:
-    scene = room(tmp_path / "a", *more)
+    leaf = quad("leaf", (0, 2.5, 1.5), (0, -1, 0), (1, 1), LEAF)
+    scene = room(tmp_path / "a", *([leaf] if mask else []))
     known = traced_anew(monkeypatch, scene, VIEWS)
     for _ in range(2):  # recorded, then replayed
         found = [images(scene, view) for view in VIEWS]
         assert all(map(same, found, known))
     assert len(np.unique(known[0]["roughness"])) > 20, "textures are seen"
     assert not same(known[0], known[1])
+    on_leaf = np.isclose(known[0]["albedo.G"], 0.8, atol=1e-3)
+    assert on_leaf.any() == mask, "its texture cuts out the rest"
 
 
 def test_neither_another_scene_nor_new_materials_disturb_them(
