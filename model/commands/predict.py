@@ -11,7 +11,7 @@ import numpy as np
 
 from model.data.encoding import MAX_SAMPLES
 from model.evaluation import predict as prediction
-from model.evaluation.budget import choose, efforts_for, stopwatch
+from model.evaluation.budget import Effort, choose, efforts_for, stopwatch
 from model.evaluation.inference import PREDICTABLE, Networks, load_networks
 from model.evaluation.predict import ViewSource
 from model.evaluation.previews import (
@@ -27,6 +27,7 @@ from model.release.pretrained import find_models
 from pipeline.commands.options import common_options
 from pipeline.images import png_bytes
 from pipeline.params import Params
+from pipeline.passes.denoise import Quality
 from pipeline.pathtrace import integrator
 from pipeline.photograph import photograph
 from pipeline.progress import Progress
@@ -81,10 +82,18 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
     "[default: as it was trained, by the image's size, 16]",
 )
 @click.option(
+    "--denoiser",
+    "quality",
+    type=click.Choice(["high", "balanced", "fast"]),
+    default=None,
+    help="Quality of Open Image Denoise, for radiosity and denoised; fast takes a quarter of the "
+    "time.  [default: high]",
+)
+@click.option(
     "--seconds",
     type=click.FloatRange(0, min_open=True),
     default=None,
-    help="The best picture in so many seconds a view: choose --method and --spp.",
+    help="The best picture in so many seconds a view: choose --method, --spp and --denoiser.",
 )
 @size_option("Render the inputs at this size.")
 @click.option(
@@ -117,6 +126,7 @@ def predict(
     data: Path,
     models: Path | None,
     method: str | None,
+    quality: Quality | None,
     tile: int | None,
     exr: bool,
     with_truth: bool,
@@ -126,11 +136,15 @@ def predict(
 ) -> int:
     """Predict images with the trained networks, from SCENE or from frames."""
     if seconds is not None:
-        if method or source["spp"]:
+        if method or source["spp"] or quality:
             raise click.UsageError("--seconds chooses --method and --spp; give one or the other")
-        method, source["spp"] = _within(seconds, params, data, models, **source)
+        effort = _within(seconds, params, data, models, **source)
+        method, source["spp"], quality = effort.method, effort.spp, effort.quality
     if method in PREVIEWS:
-        return _predict_preview(params, data, method, exr, with_truth, out, **source)
+        how = quality or "high"
+        return _predict_preview(params, data, method, how, exr, with_truth, out, **source)
+    if quality:
+        raise click.UsageError(f"--denoiser is for --method {' and '.join(PREVIEWS)}")
     if (source["spp"] or 0) > MAX_SAMPLES:
         raise click.UsageError(f"--spp: networks take at most {MAX_SAMPLES} samples per pixel")
     views = _view_sources(params, data, with_truth, **source)
@@ -167,8 +181,8 @@ def _within(
     scene: Path | None,
     spp: int | None,
     **chosen: Any,
-) -> tuple[str, int]:
-    """Return method and samples of the best picture in so many seconds, measured on a view."""
+) -> Effort:
+    """Return the effort of the best picture in so many seconds, measured on a view."""
     scene, views = _preview_views(params, data, scene, "--seconds", **chosen)
     opened = Preview(scene, params, data).scene
     networks: Networks | None = None
@@ -185,13 +199,14 @@ def _within(
     click.echo(f"{choice.effort}: {choice.seconds:.2f} s a view here, of {choice.tried} measured")
     if choice.seconds > seconds:
         click.echo(f"nothing takes {seconds:g} s or less; this is the fastest", err=True)
-    return choice.effort.method, choice.effort.spp
+    return choice.effort
 
 
 def _predict_preview(
     params: Params,
     data: Path,
     method: str,
+    quality: Quality,
     exr: bool,
     with_truth: bool,
     out: Path | None,
@@ -202,7 +217,7 @@ def _predict_preview(
     """Write pictures of a scene's views without a network; return the exit code."""
     scene, views = _preview_views(params, data, scene, f"--method {method}", **chosen)
     _check_out(out, len(views))
-    preview = Preview(scene, params, data, method, spp or 0)
+    preview = Preview(scene, params, data, method, spp or 0, quality)
     with Progress(len(views), "predict") as progress:
         for view in views:
             target = _target(out, view, len(views))

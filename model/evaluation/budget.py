@@ -15,6 +15,7 @@ from model.evaluation.inference import Networks
 from model.evaluation.predict import example_of, rendered_for
 from model.evaluation.previews import DENOISED, RADIOSITY, denoised, radiosity
 from pipeline.params import Params
+from pipeline.passes.denoise import Quality
 from pipeline.render.scene import RenderScene
 from pipeline.views import View
 
@@ -31,6 +32,8 @@ LARGE = (
     *(("hybrid", 1), ("hybrid", 2), ("hybrid", 4), ("hybrid", 8)),
     *(("denoised", 1 << power) for power in range(4, 13)),
 )
+# With the denoiser's quality `fast`, for what takes less time than any of these.
+FAST = (("denoised", 1), ("radiosity", 1))
 _TURNS = 3  # of a measurement; kernels are compiled and launches recorded in the first two
 _LARGE_PIXELS = 57_600  # half-way between the two sizes, in logarithms
 
@@ -41,9 +44,11 @@ class Effort:
 
     method: str
     spp: int
+    quality: Quality = "high"  # of the denoiser
 
     def __str__(self) -> str:
-        return f"--method {self.method} --spp {self.spp}"
+        words = f"--method {self.method} --spp {self.spp}"
+        return words if self.quality == "high" else f"{words} --denoiser {self.quality}"
 
 
 @dataclass(frozen=True)
@@ -58,19 +63,25 @@ class Choice:
 def efforts_for(pixels: int, methods: Sequence[str]) -> list[Effort]:
     """Return the efforts of these methods for an image of so many pixels, by falling error."""
     ladder = LARGE if pixels > _LARGE_PIXELS else SMALL
-    return [Effort(method, spp) for method, spp in ladder if method in methods]
+    fast = [Effort(method, spp, "fast") for method, spp in FAST if method in methods]
+    return fast + [Effort(method, spp) for method, spp in ladder if method in methods]
 
 
 def choose(budget: float, efforts: Sequence[Effort], seconds: Callable[[Effort], float]) -> Choice:
     """Return the last of `efforts` that takes at most `budget` seconds, else the fastest.
 
     `efforts` by falling error. `seconds` measures one. Of each method the efforts are measured by
-    rising samples, until one is too long, or the next would be by the last two.
+    rising samples, until one is too long, or the next would be by the last two; those with less
+    than the denoiser's best only if no other fits.
     """
     found: dict[Effort, float] = {}
-    for method in dict.fromkeys(effort.method for effort in efforts):
+    groups = dict.fromkeys((effort.quality, effort.method) for effort in efforts)
+    for group in sorted(groups, key=lambda group: group[0] != "high"):
+        if group[0] != "high" and min(found.values(), default=budget + 1) <= budget:
+            break
         spent: list[tuple[int, float]] = []
-        for effort in sorted((e for e in efforts if e.method == method), key=lambda e: e.spp):
+        own = [effort for effort in efforts if (effort.quality, effort.method) == group]
+        for effort in sorted(own, key=lambda effort: effort.spp):
             if _expected(spent, effort.spp) > budget:
                 break
             found[effort] = seconds(effort)
@@ -92,9 +103,9 @@ def stopwatch(
 
     def draw(effort: Effort) -> None:
         if effort.method == RADIOSITY:
-            radiosity(scene, view, params, effort.spp)
+            radiosity(scene, view, params, effort.spp, effort.quality)
         elif effort.method == DENOISED:
-            denoised(scene, view, params, effort.spp)
+            denoised(scene, view, params, effort.spp, effort.quality)
         else:
             assert networks is not None
             given = rendered_for(scene, view, params, [networks.card], effort.spp)

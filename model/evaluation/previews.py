@@ -14,6 +14,7 @@ from pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pipeline.frames import Channels, write_pixels
 from pipeline.images import Picture, contact_sheet, error_picture
 from pipeline.params import TRANSPORT_SAMPLES, Params
+from pipeline.passes.denoise import Quality
 from pipeline.passes.registry import trace_denoised
 from pipeline.passes.transport import Transport, transport_of
 from pipeline.photograph import meter, photograph
@@ -44,7 +45,8 @@ class Preview:
     """Pictures of a scene's views; the scene is opened for the first of them.
 
     `spp`: samples per pixel; 0: by the image's size for `radiosity`, `DENOISED_SPP` for `denoised`.
-    Raises `ParameterError` for a number of samples that the method does not have.
+    `quality` is the denoiser's. Raises `ParameterError` for a number of samples that the method
+    does not have.
     """
 
     scene_folder: Path
@@ -52,6 +54,7 @@ class Preview:
     data: Path  # where true images may be
     method: str = RADIOSITY
     spp: int = 0
+    quality: Quality = "high"
     _opened: RenderScene | None = None
 
     def __post_init__(self) -> None:
@@ -60,8 +63,8 @@ class Preview:
     def render(self, view: View) -> Rendering:
         """Render a view. Raises `InputError` for light transport in a scalar variant."""
         if self.method == RADIOSITY:
-            return radiosity(self.scene, view, self.params, self.spp)
-        return denoised(self.scene, view, self.params, self.spp or DENOISED_SPP)
+            return radiosity(self.scene, view, self.params, self.spp, self.quality)
+        return denoised(self.scene, view, self.params, self.spp or DENOISED_SPP, self.quality)
 
     def truth(self, view: View) -> Float32Array:
         """Return the true colour of a view, (H, W, 3): that in `data`, or path traced now."""
@@ -112,18 +115,23 @@ def check_samples(method: str, spp: int) -> None:
         raise ParameterError(f"--spp: {spp} is not allowed; at most {MOST_DENOISED}")
 
 
-def radiosity(scene: RenderScene, view: View, params: Params, spp: int = 0) -> Rendering:
+def radiosity(
+    scene: RenderScene, view: View, params: Params, spp: int = 0, quality: Quality = "high"
+) -> Rendering:
     """Compute the picture of light transport; with `spp`, few samples take few surfels too."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id, RADIOSITY)
     settings = params.transport.reduced(spp) if spp else params.transport
-    found = transport_of(scene, view, settings, seed)
+    found = transport_of(scene, view, settings, seed, quality=quality)
     return Rendering(found.color, found)
 
 
-def denoised(scene: RenderScene, view: View, params: Params, spp: int) -> Rendering:
+def denoised(
+    scene: RenderScene, view: View, params: Params, spp: int, quality: Quality = "high"
+) -> Rendering:
     """Path-trace a view with `spp` samples per pixel and denoise it; colour alone."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
-    _, _, clean = trace_denoised(scene, view, params.groundtruth.sampled(spp), seed)
+    settings = params.groundtruth.sampled(spp)
+    _, _, clean = trace_denoised(scene, view, settings, seed, quality=quality)
     return Rendering(_stacked(clean))
 
 

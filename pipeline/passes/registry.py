@@ -26,7 +26,7 @@ from pipeline.passes import (
     video,
     visibility,
 )
-from pipeline.passes.denoise import Guides, denoise, denoiser_version, grey_guide, guides
+from pipeline.passes.denoise import Guides, Quality, denoise, denoiser_version, grey_guide, guides
 from pipeline.passes.environment import render_environment
 from pipeline.passes.groundtruth import render_both, render_color, render_truth
 from pipeline.passes.illumination import render_illumination
@@ -219,11 +219,12 @@ def trace_denoised(
     settings: GroundTruthParams,
     seed: int,
     guided: Guides | None = None,
+    quality: Quality = "high",
 ) -> tuple[Channels, Channels, Channels]:
     """Path-trace colour alone: the image, that of every second block, and the image denoised.
 
     Guides cost less than few samples do. In a scalar variant the first two are the same. `guided`
-    as in `render_samples`.
+    as in `render_samples`, `quality` the denoiser's.
     """
     if integrator.available():
         color, half = render_color(scene, view, settings, seed)
@@ -231,7 +232,7 @@ def trace_denoised(
         color, _ = render_truth(scene.neutral(None), view, settings, seed)
         half = color
     guided = guided or sample_guides(scene, view)
-    clean = denoise(color, *guided, around=view.is_panorama)
+    clean = denoise(color, *guided, quality, view.is_panorama)
     return color, half, clean
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pipeline.frames import Channels
 from pipeline.params import USUAL_SURFELS, TransportParams
-from pipeline.passes.denoise import Guides, denoise
+from pipeline.passes.denoise import Guides, Quality, denoise
 from pipeline.passes.groundtruth import rooms_box
 from pipeline.pathtrace import integrator
 from pipeline.pathtrace.guiding import plan_guiding
@@ -111,10 +111,12 @@ def transport_of(
     params: TransportParams,
     seed: int,
     guides: Guides | None = None,
+    quality: Quality = "high",
 ) -> Transport:
     """Compute the light transport of a view; as `render_transport`.
 
-    `guides`: what `fast_guides` returns for this view, if it is known already.
+    `guides`: what `fast_guides` returns for this view, if it is known already. `quality`: the
+    denoiser's, of the picture.
     """
     if not integrator.available():
         raise InputError("transport needs a variant other than scalar_rgb; see pbrnet doctor")
@@ -134,7 +136,7 @@ def transport_of(
     images = gathered(launcher, lights, view, surfels, samples, params.bounces, seed)
     lost = np.max([images[name] for name in LOST], axis=0)
     noisy = {band: images["color"][..., k] for k, band in enumerate(RGB)}
-    clean = denoise(noisy, *(guides or fast_guides(render_scene, view)))
+    clean = denoise(noisy, *(guides or fast_guides(render_scene, view)), quality)
     return Transport(
         images["direct"],
         images["indirect"],

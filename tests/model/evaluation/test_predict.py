@@ -156,6 +156,15 @@ def test_pictures_without_a_network_take_any_number_of_samples(room: Path) -> No
     )
     assert refused.exit_code != 0 and "takes 1, 2, 4, 8, 16, 64" in str(refused.exception)
     assert predict(*view, "--method", "hybrid", "--spp", "9").exit_code == 2
+    for method in ("radiosity", "denoised"):
+        made = []
+        for quality in ("high", "fast"):
+            asked = ("--method", method, "--spp", "1", "--denoiser", quality)
+            assert predict(*view, *asked, "--out", f"{quality}.png").exit_code == 0
+            made.append(read_picture(Path(f"{quality}.png").read_bytes()).astype(float))
+        assert 0 < np.abs(made[0] - made[1]).mean() < 40, "the same picture, otherwise denoised"
+    refused = predict(*view, "--method", "plus", "--denoiser", "fast")
+    assert refused.exit_code == 2 and "for --method radiosity and denoised" in refused.output
 
 
 @pytest.mark.usefixtures("wavefront")
@@ -163,14 +172,15 @@ def test_a_time_budget_chooses_method_and_samples(room: Path) -> None:
     view = (room, "--view", "east", "--size", "36x20")
     done = predict(*view, "--seconds", "0.2", "--out", "out.png")
     assert done.exit_code == 0, done.output
-    said = re.search(r"--method (\w+) --spp (\d+): (\d+\.\d+) s a view here", done.output)
-    assert said and (float(said[3]) <= 0.2 or "this is the fastest" in done.output)
-    again = predict(*view, "--method", said[1], "--spp", said[2], "--out", "again.png")
+    said = re.search(r"(--method \w+ --spp \d+.*): (\d+\.\d+) s a view here", done.output)
+    assert said and (float(said[2]) <= 0.2 or "this is the fastest" in done.output)
+    again = predict(*view, *said[1].split(), "--out", "again.png")
     assert again.exit_code == 0, again.output
     same = [read_picture(Path(name).read_bytes()) for name in ("out.png", "again.png")]
     assert np.array_equal(*same), "the words printed give the same picture"
     done = predict(*view, "--seconds", "1e-6", "--out", "out.png")
     assert done.exit_code == 0 and "this is the fastest" in done.output
+    assert "--spp 1 --denoiser fast: " in done.output
     for wrong, words in ((("--method", "plus"), "one or the other"), ((), "from a SCENE")):
         asked = (*view, *wrong) if wrong else FRAMES
         refused = predict(*asked, "--seconds", "1")
@@ -184,20 +194,21 @@ def test_the_best_effort_that_fits() -> None:
     def seconds(effort: Effort) -> float:
         measured.append(effort)
         fixed, each = costs[effort.method]
-        return fixed + each * effort.spp
+        return fixed + each * effort.spp - (0.1 if effort.quality == "fast" else 0)
 
     for pixels in (160 * 120, 480 * 360):
         efforts = efforts_for(pixels, tuple(costs))
-        for budget in (0.21, 0.33, 0.52, 1.03, 2.01, 5.03, 20.1):
+        for budget in (0.11, 0.16, 0.21, 0.33, 0.52, 1.03, 2.01, 5.03, 20.1):
             measured.clear()
             choice = choose(budget, efforts, seconds)
             fitting = [e for e in efforts if seconds(e) <= budget]
-            assert choice.effort == (fitting[-1] if fitting else Effort("radiosity", 1))
+            assert choice.effort == (fitting[-1] if fitting else Effort("radiosity", 1, "fast"))
             assert choice.seconds == pytest.approx(seconds(choice.effort))
         assert efforts_for(pixels, ("denoised",))[-1] == Effort("denoised", 4096)
     measured.clear()
-    choose(0.5, efforts_for(480 * 360, ("denoised",)), seconds)
+    choose(0.7, efforts_for(480 * 360, ("denoised",)), seconds)
     assert len(measured) <= 3, "nothing is measured that two times show to be too long"
+    assert all(effort.quality == "high" for effort in measured), "nor a worse denoiser in vain"
 
 
 @pytest.mark.parametrize(
