@@ -14,9 +14,20 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 # Methods by whose they are; each group's best counts.
 GROUPS = {
-    "ours": ("radiosity", "plus", "hybrid", "planned_denoised"),
-    "path": ("mitsuba_denoised",),
-    "cycles": ("cycles", "cycles_fast", "cycles_portals", "cycles_portals_fast"),
+    "ours": ("radiosity", "plus", "hybrid", "planned_denoised", "radiosity_quick", "planned_quick"),
+    "path": ("mitsuba_denoised", "mitsuba_quick"),
+    "cycles": (
+        *("cycles", "cycles_fast", "cycles_quick"),
+        *("cycles_portals", "cycles_portals_fast", "cycles_portals_quick"),
+    ),
+}
+# Methods with the denoiser's quality `fast`, for budgets in which these have no picture.
+QUICK = {
+    "radiosity_quick": "radiosity",
+    "planned_quick": "planned_denoised",
+    "mitsuba_quick": "mitsuba_denoised",
+    "cycles_quick": "cycles_fast",
+    "cycles_portals_quick": "cycles_portals_fast",
 }
 TITLES = {
     "radiosity": "Ours: light transport (radiosity)",
@@ -28,6 +39,11 @@ TITLES = {
     "cycles_fast": "Blender Cycles, guides prefiltered fast",
     "cycles_portals": "Blender Cycles with portals, denoised",
     "cycles_portals_fast": "Blender Cycles with portals, guides fast",
+    "radiosity_quick": "Ours: light transport, denoiser of quality fast",
+    "planned_quick": "Ours: light sampling by a pilot, denoiser of quality fast",
+    "mitsuba_quick": "Mitsuba's path, denoiser of quality fast",
+    "cycles_quick": "Blender Cycles, denoiser of quality fast",
+    "cycles_portals_quick": "Blender Cycles with portals, denoiser of quality fast",
 }
 WITHIN = 1.05  # a picture may exceed its budget by the noise of the clock
 _LINES = {
@@ -40,6 +56,11 @@ _LINES = {
     "cycles_fast": ("#555555", ":", "x"),
     "cycles_portals": ("#8c564b", "--", "."),
     "cycles_portals_fast": ("#8c564b", ":", "x"),
+    "radiosity_quick": ("#2ca02c", ":", "x"),
+    "planned_quick": ("#9467bd", ":", "x"),
+    "mitsuba_quick": ("#1f77b4", ":", "x"),
+    "cycles_quick": ("#555555", ":", "+"),
+    "cycles_portals_quick": ("#8c564b", ":", "+"),
 }
 
 

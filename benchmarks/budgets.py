@@ -33,7 +33,7 @@ import numpy as np
 import torch
 
 from benchmarks.bench import ROOT, Bench, Reference, resized
-from benchmarks.budget_results import GROUPS, Point, budget_plot, cells
+from benchmarks.budget_results import GROUPS, QUICK, Point, budget_plot, cells
 from benchmarks.clay import write_clay
 from benchmarks.cycles import (
     AGREE,
@@ -56,7 +56,7 @@ from pipeline.channels import RGB
 from pipeline.frames import Channels
 from pipeline.images import contact_sheet, jpeg_bytes
 from pipeline.params import TRANSPORT_SAMPLES, GroundTruthParams, Params
-from pipeline.passes.denoise import denoise
+from pipeline.passes.denoise import Quality, denoise
 from pipeline.passes.groundtruth import render_color, render_truth
 from pipeline.passes.registry import sample_guides
 from pipeline.passes.transport import transport_of
@@ -69,10 +69,15 @@ from scenes.files import atomic_file, digest_bytes, digest_file, write_json
 
 NAME = "ours in every time budget"
 # Most samples of the methods that take samples.
-MOST = dict.fromkeys(("planned_denoised", *GROUPS["path"], *GROUPS["cycles"]), 1 << 12)
-MOST["hybrid"] = MAX_SAMPLES
-MOST["radiosity"] = TRANSPORT_SAMPLES[-1]
-ALLOWED = {"radiosity": TRANSPORT_SAMPLES}  # numbers of samples, of methods that take only some
+MOST = {
+    method: {"hybrid": MAX_SAMPLES}.get(method, 1 << 12)
+    for methods in GROUPS.values()
+    for method in methods
+    if method != "plus"
+}
+# Numbers of samples, of methods that take only some.
+ALLOWED = dict.fromkeys(("radiosity", "radiosity_quick"), TRANSPORT_SAMPLES)
+_CYCLES: dict[str, Denoise] = {"fast": "FAST", "quick": "QUICK"}  # by the end of the name
 _BLOCK = 16  # most samples of one block
 _QUIET = 0.1  # processors in use by others
 _LISTEN = 3.0  # seconds
@@ -287,31 +292,37 @@ class Home:
             "radiosity": timed(self._radiosity),
             "planned_denoised": timed(self.planned),
             "mitsuba_denoised": timed(self._path),
+            "radiosity_quick": timed(partial(self._radiosity, quality="fast")),
+            "planned_quick": timed(partial(self.planned, quality="fast")),
+            "mitsuba_quick": timed(partial(self._path, quality="fast")),
         }
         for name in self.setting.networks:
             found[name] = timed(partial(self._net, name))
         return found
 
-    def planned(self, view: View, spp: int, seed: int) -> Float32Array:
+    def planned(self, view: View, spp: int, seed: int, quality: Quality = "high") -> Float32Array:
         """Colour by this project's path tracer, denoised."""
         color, _ = render_color(self.clay, view, self._settings(spp), seed)
-        return self._denoised(view, color)
+        return self._denoised(view, color, quality)
 
-    def _path(self, view: View, spp: int, seed: int) -> Float32Array:
+    def _path(self, view: View, spp: int, seed: int, quality: Quality = "high") -> Float32Array:
         """Colour by Mitsuba's `path`, with the same guides and denoiser."""
         color, _ = render_truth(self.clay.neutral(None), view, self._settings(spp), seed)
-        return self._denoised(view, color)
+        return self._denoised(view, color, quality)
 
-    def _denoised(self, view: View, color: Channels) -> Float32Array:
-        clean = denoise(color, *sample_guides(self.clay, view))
+    def _denoised(self, view: View, color: Channels, quality: Quality) -> Float32Array:
+        clean = denoise(color, *sample_guides(self.clay, view), quality)
         return np.stack([clean[band] for band in RGB], axis=-1)
 
     def _settings(self, spp: int) -> GroundTruthParams:
         return replace(self.params.groundtruth, spp=spp, block_spp=min(spp, _BLOCK), denoise="none")
 
-    def _radiosity(self, view: View, spp: int, seed: int) -> Float32Array:
+    def _radiosity(
+        self, view: View, spp: int, seed: int, quality: Quality = "high"
+    ) -> Float32Array:
         """The picture of light transport; with few samples, from fewer surfels."""
-        return transport_of(self.clay, view, self.params.transport.reduced(spp), seed).color
+        settings = self.params.transport.reduced(spp)
+        return transport_of(self.clay, view, settings, seed, quality=quality).color
 
     def _net(self, name: str, view: View, spp: int, seed: int) -> Float32Array:
         """The picture of `pbrnet predict`, in the unit of the scene."""
@@ -387,12 +398,17 @@ class ClayView:
     def _jobs(self, budgets: Sequence[float]) -> list[tuple[str, int]]:
         """Methods and samples to measure."""
         jobs: list[tuple[str, int]] = []
+        missed: dict[str, list[float]] = {}  # budgets by methods that have no picture in them
         for method, way in self.ways.items():
+            due = missed[QUICK[method]] if method in QUICK else budgets
             if method not in MOST:
                 jobs.append((method, 0))
+            if method not in MOST or not due:
                 continue
             probes = [(spp, self._probe(way, spp)) for spp in _PROBES]
-            chosen = {min(fitting(probes, budget), MOST[method]) for budget in budgets} - {0}
+            fit = {budget: min(fitting(probes, budget), MOST[method]) for budget in due}
+            missed[method] = [budget for budget, samples in fit.items() if not samples]
+            chosen = set(fit.values()) - {0}
             if method in ALLOWED:
                 chosen = {max(n for n in ALLOWED[method] if n <= most) for most in chosen}
             jobs += [(method, spp) for spp in sorted(chosen)]
@@ -442,7 +458,7 @@ def _cycles(other: Blender) -> dict[str, Way]:
         return other.picture(spp, seed, portals, view, denoise)
 
     return {
-        name: partial(picture, "portals" in name, "FAST" if "fast" in name else "ACCURATE")
+        name: partial(picture, "portals" in name, _CYCLES.get(name.split("_")[-1], "ACCURATE"))
         for name in GROUPS["cycles"]
     }
 

@@ -37,7 +37,7 @@ MEANING = "efficiency at equal core-seconds, clay under a constant sky"
 _PATIENCE = 1800  # seconds to install, or for one render
 AGREE = 0.01
 
-Denoise = Literal["", "FAST", "ACCURATE"]  # "": no denoiser
+Denoise = Literal["", "QUICK", "FAST", "ACCURATE"]  # "": no denoiser
 Tried = tuple[np.ndarray, float]  # an image, and core-seconds
 
 
@@ -76,7 +76,8 @@ class Blender:
     ) -> tuple[np.ndarray, Spent]:
         """Return an image (H, W, 3) and the renderer's own seconds.
 
-        Of `view`, or of the last one. `denoise`: as Cycles prefilters the guides of its denoiser.
+        Of `view`, or of the last one. `denoise`: as Cycles prefilters the guides of its denoiser;
+        QUICK is FAST with the denoiser's quality fast, too.
         """
         out = self.folder / "cycles.exr"
         job: dict[str, Any] = {"spp": spp, "seed": seed, "portals": portals, "out": str(out)}
