@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from statistics import mean
 from typing import Any
@@ -40,6 +42,7 @@ def study_tables(folder: Path) -> dict[str, Rows]:
         if (path := folder / f"time-{size}.json").is_file()
     }
     tables["study-budgets"] = budget_table(times)
+    tables["study-equal-time"] = equal_time_table(times)
     moves = [json.loads(path.read_text()) for path in sorted(folder.glob("flicker-*.json"))]
     if moves:
         tables["study-flicker"] = flicker_table(moves)
@@ -132,6 +135,43 @@ def budget_table(times: dict[str, dict[str, Any]]) -> Rows:
                 row.append("–" if best is None else _point(best))
         table.append(row)
     return table
+
+
+def equal_time_table(times: dict[str, dict[str, Any]]) -> Rows:
+    """Rows of methods with light transport: their FLIP, and the path tracers' in as many seconds.
+
+    The path tracers' errors are interpolated between numbers of samples, logarithms of error and
+    seconds; none where a method takes less or more time than any of them.
+    """
+    rivals = {"planned_denoised": "joint trace, denoised", "mitsuba_denoised": "`path`, denoised"}
+    head = ["size", "method", "samples", "seconds", "FLIP", *rivals.values()]
+    table = [[*head, "nearer than the joint trace of the same samples, in views"]]
+    for size, found in times.items():
+        for point in found["points"]:
+            if point["method"] not in ("radiosity", "plus", "hybrid"):
+                continue
+            others = [_in_time(found["points"], name, point["seconds"]) for name in rivals]
+            samples = "" if point["spp"] is None else str(point["spp"])
+            ahead = found.get("better", {}).get(f"{point['method']} {samples}".strip())
+            table.append(
+                [
+                    *(size, f"`{point['method']}`", samples, f"{point['seconds']:.2f}"),
+                    f"{point['flip']:.3f}",
+                    *("–" if flip is None else f"{flip:.3f}" for flip in others),
+                    "" if ahead is None else f"{ahead} of {found['views']}",
+                ]
+            )
+    return table
+
+
+def _in_time(points: list[dict[str, Any]], method: str, seconds: float) -> float | None:
+    """Return the interpolated FLIP of a method in so many seconds; None outside of its times."""
+    known = sorted((p["seconds"], p["flip"]) for p in points if p["method"] == method)
+    for (short, worse), (long, better) in pairwise(known):
+        if short <= seconds <= long:
+            share = math.log(seconds / short) / math.log(long / short)
+            return float(worse ** (1 - share) * better**share)
+    return None
 
 
 def _point(point: dict[str, Any]) -> str:
