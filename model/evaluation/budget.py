@@ -28,9 +28,9 @@ SMALL = (
     *(("denoised", 1 << power) for power in range(6, 13)),
 )
 LARGE = (
-    *(("radiosity", 1), ("radiosity", 2), ("radiosity", 4), ("denoised", 8)),
-    *(("hybrid", 1), ("hybrid", 2), ("hybrid", 4), ("hybrid", 8)),
-    *(("denoised", 1 << power) for power in range(4, 13)),
+    *(("radiosity", 1), ("radiosity", 2), ("denoised", 8), ("hybrid", 1), ("radiosity", 4)),
+    *(("hybrid", 2), ("hybrid", 4), ("denoised", 16), ("hybrid", 8)),
+    *(("denoised", 1 << power) for power in range(5, 13)),
 )
 # With the denoiser's quality `fast`, for what takes less time than any of these.
 FAST = (("denoised", 1), ("radiosity", 1))
