@@ -132,6 +132,7 @@ class _Fingerprints:
             if name not in unused and not _is_stage(params, name)
         }
         stages = {name: plain(getattr(params.train, name)) for name in trial.variant.networks}
+        # Networks of their first form have none: trials made before revisions counted stay valid.
         revised = {name: METHODS[name].revision for name in stages if METHODS[name].revision > 1}
         given = (params.seed, shared, stages, plain(params.tone), params.shading.albedo)
         parts = (*given, revised) if revised else given
