@@ -141,18 +141,20 @@ def budget_plot(homes: Sequence[Sequence[Point]], budgets: Sequence[float], word
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, len(sizes), sharey=True, squeeze=False)[0]
     last = WITHIN * max(budgets)
+    handles: dict[str, Any] = {}
     for axes, (size, points) in zip(panels, sizes.items(), strict=True):
         for method, (colour, dashes, mark) in _LINES.items():
             line = _steps(points, method, last)
-            axes.step(
-                [*(seconds for seconds, _ in line), *([last] if line else [])],
-                [*(flip for _, flip in line), *(flip for _, flip in line[-1:])],
+            if not line:
+                continue
+            (handles[TITLES[method]],) = axes.step(
+                [*(seconds for seconds, _ in line), last],
+                [*(flip for _, flip in line), line[-1][1]],
                 dashes,
                 where="post",
                 color=colour,
                 marker=mark,
                 markevery=range(len(line)),
-                label=TITLES[method],
             )
         for budget in budgets:
             axes.axvline(budget, color="#dddddd", zorder=0)
@@ -167,8 +169,9 @@ def budget_plot(homes: Sequence[Sequence[Point]], budgets: Sequence[float], word
         axes.set_xlabel("seconds that a further picture may take")
         axes.grid(True, which="both", axis="y", alpha=0.25)
     panels[0].set_ylabel("ꟻLIP: lower is nearer to the reference")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(sizes) + 1, fontsize=9)
+    known = [title for title in TITLES.values() if title in handles]
+    lines = [handles[title] for title in known]
+    figure.legend(lines, known, loc="outside lower center", ncols=len(sizes), fontsize=9)
     figure.suptitle(words, fontsize=10)
     stream = io.BytesIO()
     figure.savefig(stream, format="png", metadata={"Software": None})
