@@ -20,11 +20,17 @@ _LINES = {
 }
 _COLUMNS = 2  # of the legend
 _MARKS = ("o", "s", "D", "^", "v", "P", "X", "*", "<", ">")
-_COLOURS = ("#d62728", "#ff7f0e", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#bcbd22")
+_COLOURS = (
+    *("#d62728", "#ff7f0e", "#2ca02c", "#9467bd", "#8c564b"),
+    *("#e377c2", "#bcbd22", "#17becf", "#111111", "#1b5e20"),
+)
 
 
 def time_plot(result: TimeResult) -> bytes:
-    """Return a PNG with two panels, FLIP and SSIM over seconds per view, logarithmic."""
+    """Return a PNG with two panels, FLIP and SSIM over seconds per view.
+
+    Seconds and FLIP are logarithmic.
+    """
     figure = time_figure(result)
     stream = io.BytesIO()
     figure.savefig(stream, format="png", metadata={"Software": None})
@@ -67,7 +73,7 @@ def _panel(axes: Axes, result: TimeResult, measure: str, words: str) -> None:
     networks = dict.fromkeys(p.method for p in result.points if p.method not in RENDERERS)
     for index, method in enumerate(networks):
         line = [point for point in result.points if point.method == method]
-        line.sort(key=lambda point: point.spp or 0)
+        line.sort(key=lambda point: point.seconds)
         axes.plot(
             [point.seconds for point in line],
             [getattr(point, measure) for point in line],
@@ -77,9 +83,12 @@ def _panel(axes: Axes, result: TimeResult, measure: str, words: str) -> None:
             label=METHOD_TITLES.get(method, method),
         )
     axes.set_xscale("log")
-    for axis in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
-        axis(FuncFormatter(lambda seconds, _: f"{seconds:g}"))
-    axes.tick_params(axis="x", which="both", labelsize=8)
+    if measure == "flip":
+        axes.set_yscale("log")
+    for axis in (axes.xaxis, *([axes.yaxis] if measure == "flip" else [])):
+        for set_formatter in (axis.set_major_formatter, axis.set_minor_formatter):
+            set_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.tick_params(which="both", labelsize=8)
     axes.set_xlabel(f"{CLOCKS[result.clock]} per view, with all parts that it needs")
     axes.set_ylabel(words)
     axes.grid(True, which="both", alpha=0.25)
