@@ -42,8 +42,7 @@ def study_tables(folder: Path) -> dict[str, Rows]:
         if (path := folder / f"time-{size}.json").is_file()
     }
     tables["study-budgets"] = budget_table(times)
-    if all("timed_views" in found for found in times.values()):  # not by an earlier version
-        tables["study-equal-time"] = equal_time_table(times)
+    tables["study-equal-time"] = equal_time_table(times)
     moves = [json.loads(path.read_text()) for path in sorted(folder.glob("flicker-*.json"))]
     if moves:
         tables["study-flicker"] = flicker_table(moves)
