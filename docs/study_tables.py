@@ -152,7 +152,7 @@ def equal_time_table(times: dict[str, dict[str, Any]]) -> Rows:
                 continue
             others = [_in_time(found["points"], name, point["seconds"]) for name in rivals]
             samples = "" if point["spp"] is None else str(point["spp"])
-            ahead = found.get("better", {}).get(f"{point['method']} {samples}".strip())
+            ahead = found["better"].get(f"{point['method']} {samples}".strip())
             table.append(
                 [
                     *(size, f"`{point['method']}`", samples, f"{point['seconds']:.2f}"),
