@@ -58,7 +58,7 @@ from pipeline.images import contact_sheet, jpeg_bytes
 from pipeline.params import TRANSPORT_SAMPLES, GroundTruthParams, Params
 from pipeline.passes.denoise import Quality, denoise
 from pipeline.passes.groundtruth import render_color, render_truth
-from pipeline.passes.registry import sample_guides
+from pipeline.passes.preparation import sample_guides
 from pipeline.passes.transport import transport_of
 from pipeline.pathtrace import integrator
 from pipeline.render.scene import RenderScene, open_scene

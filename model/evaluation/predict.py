@@ -33,11 +33,11 @@ from pipeline.frames import (
 )
 from pipeline.images import Picture, contact_sheet, error_picture, reflectance_picture
 from pipeline.params import NoisyParams, Params, ToneParams
-from pipeline.passes.denoise import Guides
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import inputs_of, visible_surfaces
 from pipeline.passes.materials import materials_of
-from pipeline.passes.registry import render_samples, render_truths, sample_guides
+from pipeline.passes.preparation import Preparation, prepare
+from pipeline.passes.registry import render_samples, render_truths
 from pipeline.passes.transport import render_transport
 from pipeline.photograph import meter, photograph
 from pipeline.render.scene import RenderScene, open_scene, set_variant
@@ -339,37 +339,42 @@ def rendered_for(
     transport = any(method.uses_transport for method in methods.values())
     trained_with = [card.training.get("noisy_spp", 0) for card in cards]
     spp = max(trained_with, default=0) and (samples or max(trained_with))
-    guided = sample_guides(scene, view) if transport or spp else None
+    prepared = prepared_for(scene, view, params) if transport or spp else None
     if transport:
-        rendered = replace(rendered, transport=compute_transport(scene, view, params, guided))
+        rendered = replace(rendered, transport=compute_transport(scene, view, params, prepared))
     if spp:
-        noisy = trace_samples(scene, view, params, spp, guided)
+        noisy = trace_samples(scene, view, params, spp, prepared)
         rendered = replace(rendered, noisy=noisy, noisy_spp=spp)
     return rendered
 
 
 def surfaces_seen(scene: RenderScene, view: View, materials: bool) -> Rendered:
     """Inputs of a view, and with `materials` those that networks take, from one trace."""
-    surfaces = visible_surfaces(scene, view)
+    surfaces = visible_surfaces(scene, view, textures=materials)
     values = materials_of(surfaces, MATERIAL_IMAGES)[0] if materials else None
     return Rendered(inputs_of(surfaces), materials=values)
 
 
+def prepared_for(scene: RenderScene, view: View, params: Params) -> Preparation:
+    """Preparation of a view for its light transport and its samples."""
+    return prepare(scene, view, _seed_of(view, params, "transport"))
+
+
 def compute_transport(
-    scene: RenderScene, view: View, params: Params, guided: Guides | None = None
+    scene: RenderScene, view: View, params: Params, prepared: Preparation | None = None
 ) -> Channels:
     """Light transport of a view."""
-    seed = derive(params.seed, "predict", view.scene_id, view.view_id, "transport")
-    return render_transport(scene, view, params.transport, seed, guided)[0]
+    seed = _seed_of(view, params, "transport")
+    return render_transport(scene, view, params.transport, seed, prepared)[0]
 
 
 def trace_samples(
-    scene: RenderScene, view: View, params: Params, spp: int, guided: Guides | None = None
+    scene: RenderScene, view: View, params: Params, spp: int, prepared: Preparation | None = None
 ) -> Channels:
     """Noisy samples of a view, raw and denoised; colour only."""
-    seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
+    seed = _seed_of(view, params, "noisy")
     params = replace(params, noisy=NoisyParams(spp))
-    return render_samples(scene, view, params, seed, guided)
+    return render_samples(scene, view, params, seed, prepared)
 
 
 def with_noisy_samples(example: Example, noisy: Channels, spp: int) -> Example:
@@ -441,6 +446,10 @@ def example_of(
     if given.noisy is not None:
         example = with_noisy_samples(example, given.noisy, given.noisy_spp)
     return example
+
+
+def _seed_of(view: View, params: Params, what: str) -> int:
+    return derive(params.seed, "predict", view.scene_id, view.view_id, what)
 
 
 def _samples_of(frame: Frame) -> int:

@@ -145,16 +145,21 @@ def render_both(
 
 
 def render_color(
-    render_scene: RenderScene, view: View, params: GroundTruthParams, seed: int
+    render_scene: RenderScene,
+    view: View,
+    params: GroundTruthParams,
+    seed: int,
+    planned: PlannedLights | None = None,
 ) -> tuple[Channels, Channels]:
     """Path-trace colour alone: the image of all blocks, and that of every second one.
 
     The same expectation as colour of `render_both`, by other samples and in some 0.85 of the
-    time, without statistics. With one block both images are the same. Requires
+    time, without statistics. With one block both images are the same. `planned`: what
+    `planned_lights` returns for this view, if it is known already. Requires
     `integrator.available()`. Raises `InputError` as `render_truth` does.
     """
     table = _own(render_scene.materials)
-    lights = _view_lights(render_scene, view, params, seed)
+    lights = _view_lights(render_scene, view, params, seed, planned)
     panes = panes_of(render_scene.scene.portals)
     path = JointPath(table, params.max_depth, params.rr_depth, lights, panes=panes, alone=True)
     launch = _joint_launch(render_scene, view, path)
@@ -215,11 +220,29 @@ def panorama_launch(
     )
 
 
+def planned_lights(
+    render_scene: RenderScene, scene: Any, view: View, seed: int, panoramic: bool = False
+) -> PlannedLights:
+    """Return emitter sampling and path guiding planned for a view, or for its panorama.
+
+    `scene` is the Mitsuba scene in the colours that are traced; it has emitters.
+    """
+    home = render_scene.scene
+    plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms), panoramic)
+    return PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
+
+
 def _view_lights(
-    render_scene: RenderScene, view: View, params: GroundTruthParams, seed: int
+    render_scene: RenderScene,
+    view: View,
+    params: GroundTruthParams,
+    seed: int,
+    planned: PlannedLights | None = None,
 ) -> UniformLights | PlannedLights:
     """Return the emitter sampling of a view in the scene's own colours."""
     scene = render_scene.neutral(None).mitsuba
+    if planned is not None and params.lights != "uniform":
+        return planned
     return _lights(render_scene, scene, view, params, seed, view.is_panorama)
 
 
@@ -234,9 +257,7 @@ def _lights(
     """Return the emitter sampling that the parameters choose for a view, or its panorama."""
     if params.lights == "uniform" or not scene.emitters():
         return UniformLights()
-    home = render_scene.scene
-    plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms), panoramic)
-    return PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
+    return planned_lights(render_scene, scene, view, seed, panoramic)
 
 
 def with_remainders(images: Float32Array) -> Float32Array:

@@ -30,7 +30,7 @@ class VisibleSurfaces:
     """Surfaces seen through the P pixel centres of a view, in row-major order.
 
     `directions` (P, 3) are the rays' unit directions in the world, `valid` (P,) flags rays that
-    hit a surface.
+    hit a surface. `textures` are those of the materials' `slots`, if they were evaluated.
     """
 
     scene: RenderScene
@@ -38,6 +38,7 @@ class VisibleSurfaces:
     directions: Float64Array
     hits: Hits
     valid: BoolArray
+    textures: list[AnyArray] | None = None
 
     @property
     def rotation(self) -> Float64Array:
@@ -112,11 +113,21 @@ def inputs_of(surfaces: VisibleSurfaces) -> Channels:
     return bands
 
 
-def visible_surfaces(render_scene: RenderScene, view: View, colors: bool = True) -> VisibleSurfaces:
-    """Trace a ray through each pixel centre of a view; without `colors` reflectance is 0."""
+def visible_surfaces(
+    render_scene: RenderScene, view: View, colors: bool = True, textures: bool = False
+) -> VisibleSurfaces:
+    """Trace a ray through each pixel centre of a view; without `colors` reflectance is 0.
+
+    With colours and `textures`, those of the materials are evaluated by the same trace.
+    """
     directions = turned(unit(view.rays().reshape(-1, 3)), view.pose[:3, :3])
-    hits = raycast.surfaces(render_scene.geometry, view.eye, directions, colors)
-    return VisibleSurfaces(render_scene, view, directions, hits, hits.shape >= 0)
+    geometry, values = render_scene.geometry, None
+    if colors and textures:
+        slots = render_scene.table.slots
+        hits, values = raycast.textured_surfaces(geometry, slots, view.eye, directions)
+    else:
+        hits = raycast.surfaces(geometry, view.eye, directions, colors)
+    return VisibleSurfaces(render_scene, view, directions, hits, hits.shape >= 0, values)
 
 
 def facing_normals(hits: Hits, directions: Float64Array) -> Float64Array:

@@ -50,8 +50,9 @@ class VisibleMaterials:
     @cached_property
     def _evaluated(self) -> tuple[MaterialValues, BoolArray]:
         surfaces = self.surfaces
+        geometry, eye = surfaces.scene.geometry, surfaces.view.eye
         return surfaces.scene.table.values(
-            surfaces.scene.geometry, surfaces.hits, surfaces.view.eye, surfaces.directions
+            geometry, surfaces.hits, eye, surfaces.directions, surfaces.textures
         )
 
 

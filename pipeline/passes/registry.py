@@ -34,6 +34,7 @@ from pipeline.passes.inputs import inputs_of, render_inputs, visible_surfaces
 from pipeline.passes.labels import labels_of, render_labels
 from pipeline.passes.light import light_of
 from pipeline.passes.materials import materials_of, render_materials
+from pipeline.passes.preparation import Preparation, sample_guides
 from pipeline.passes.transport import render_transport
 from pipeline.passes.video import render_video, video_of
 from pipeline.passes.visibility import render_visibility
@@ -42,7 +43,6 @@ from pipeline.pathtrace.light_groups import group_lights
 from pipeline.pathtrace.noise import residual_noise
 from pipeline.render.scene import RenderScene
 from pipeline.transport import guides as fast
-from pipeline.transport.guides import fast_guides
 from pipeline.views import View
 from scenes.checked import plain
 from scenes.errors import InputError
@@ -158,7 +158,9 @@ def render_truths(
 
 def render_surfaces(scene: RenderScene, view: View, kinds: Sequence[Kind]) -> dict[Kind, Result]:
     """Render some of `SURFACES` from one trace; each is bit-identical to that of its own pass."""
-    surfaces = visible_surfaces(scene, view, colors="inputs" in kinds)
+    surfaces = visible_surfaces(
+        scene, view, colors="inputs" in kinds, textures="materials" in kinds
+    )
     made: dict[Kind, Callable[[], Result]] = {
         "inputs": lambda: (inputs_of(surfaces), {}),
         "materials": lambda: materials_of(surfaces),
@@ -202,14 +204,14 @@ def render_samples(
     view: View,
     params: Params,
     seed: int,
-    guided: Guides | None = None,
+    prepared: Preparation | None = None,
 ) -> Channels:
     """Render the channels of colour in a `noisy` frame, for a picture rather than for a frame.
 
-    Colour is traced alone, so its samples are others than those of `render_noisy`. `guided`: what
-    `sample_guides` returns for this view, if it is known already.
+    Colour is traced alone, so its samples are others than those of `render_noisy`. `prepared`:
+    what `prepare` returns for this view, if it is known already.
     """
-    color, half, clean = trace_denoised(scene, view, _noisy_trace(params), seed, guided)
+    color, half, clean = trace_denoised(scene, view, _noisy_trace(params), seed, prepared)
     return _samples(color, half, clean)
 
 
@@ -218,20 +220,21 @@ def trace_denoised(
     view: View,
     settings: GroundTruthParams,
     seed: int,
-    guided: Guides | None = None,
+    prepared: Preparation | None = None,
     quality: Quality = "high",
 ) -> tuple[Channels, Channels, Channels]:
     """Path-trace colour alone: the image, that of every second block, and the image denoised.
 
-    Guides cost less than few samples do. In a scalar variant the first two are the same. `guided`
-    as in `render_samples`, `quality` the denoiser's.
+    Guides cost less than few samples do. In a scalar variant the first two are the same.
+    `prepared` as in `render_samples`, `quality` the denoiser's.
     """
     if integrator.available():
-        color, half = render_color(scene, view, settings, seed)
+        lights = prepared.lights if prepared else None
+        color, half = render_color(scene, view, settings, seed, lights)
     else:
         color, _ = render_truth(scene.neutral(None), view, settings, seed)
         half = color
-    guided = guided or sample_guides(scene, view)
+    guided = prepared.guides if prepared else sample_guides(scene, view)
     clean = denoise(color, *guided, quality, view.is_panorama)
     return color, half, clean
 
@@ -239,13 +242,6 @@ def trace_denoised(
 def _samples(color: Channels, half: Channels, clean: Channels) -> Channels:
     """Return the channels of colour in a `noisy` frame."""
     return {**color, **_named(HALF, half), **_named(DENOISED, clean)}
-
-
-def sample_guides(scene: RenderScene, view: View) -> Guides:
-    """Return guides that cost less than the samples they guide, where the variant has them."""
-    if integrator.available() and not view.is_panorama:
-        return fast_guides(scene, view)
-    return guides(scene, view)
 
 
 def _named(names: Sequence[str], image: Channels) -> Channels:

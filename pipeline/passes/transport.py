@@ -20,17 +20,14 @@ import numpy as np
 from pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pipeline.frames import Channels
 from pipeline.params import USUAL_SURFELS, TransportParams
-from pipeline.passes.denoise import Guides, Quality, denoise
-from pipeline.passes.groundtruth import rooms_box
+from pipeline.passes.denoise import Quality, denoise
+from pipeline.passes.preparation import Preparation, prepare
 from pipeline.pathtrace import integrator
-from pipeline.pathtrace.guiding import plan_guiding
-from pipeline.pathtrace.light_pilot import plan_lights
 from pipeline.pathtrace.light_sampling import PlannedLights
 from pipeline.render.drjit_arrays import to_numpy
 from pipeline.render.material_sets import MaterialSets
 from pipeline.render.scene import RenderScene
 from pipeline.transport.cells import LightTable
-from pipeline.transport.guides import fast_guides
 from pipeline.transport.launches import TransportLauncher
 from pipeline.transport.pixels import LOST, LightSamples, Samples
 from pipeline.transport.radiosity import Rays, Surfels, cells_of, grid_size, solve
@@ -88,14 +85,14 @@ def render_transport(
     view: View,
     params: TransportParams,
     seed: int,
-    guides: Guides | None = None,
+    prepared: Preparation | None = None,
 ) -> tuple[Channels, dict[str, int]]:
     """Return the channels of a `transport` frame, float32 (H, W): light and picture.
 
-    And the statistics of `Transport`. `seed` is the view's own seed, `guides` as in `transport_of`.
-    Raises `InputError` in a scalar variant, and for a panorama.
+    And the statistics of `Transport`. `seed` is the view's own seed, `prepared` as in
+    `transport_of`. Raises `InputError` in a scalar variant, and for a panorama.
     """
-    found = transport_of(render_scene, view, params, seed, guides)
+    found = transport_of(render_scene, view, params, seed, prepared)
     bands = {TRANSPORT_DIRECT: found.direct, TRANSPORT_INDIRECT: found.indirect, RGB: found.color}
     channels = {
         name: np.ascontiguousarray(image[..., band])
@@ -110,25 +107,24 @@ def transport_of(
     view: View,
     params: TransportParams,
     seed: int,
-    guides: Guides | None = None,
+    prepared: Preparation | None = None,
     quality: Quality = "high",
 ) -> Transport:
     """Compute the light transport of a view; as `render_transport`.
 
-    `guides`: what `fast_guides` returns for this view, if it is known already. `quality`: the
-    denoiser's, of the picture.
+    `prepared`: what `prepare` returns for this view, if it is known already; its light plan has a
+    seed of its own. `quality`: the denoiser's, of the picture.
     """
     if not integrator.available():
         raise InputError("transport needs a variant other than scalar_rgb; see pbrnet doctor")
     if view.is_panorama:
         raise InputError(f"{view.view_id}: transport needs a perspective view, not a panorama")
     launcher = _launcher(render_scene)
-    scene, home = render_scene.neutral(None).mitsuba, render_scene.scene
-    if not scene.emitters():
+    prepared = prepared or prepare(render_scene, view, seed)
+    lights = prepared.lights
+    if lights is None:
         dark = np.zeros((view.height, view.width, 3), dtype=np.float32)
         return Transport(dark, dark, dark, dark, dark, dark)
-    plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms))
-    lights = PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
     pixels = view.width * view.height
     size = grid_size(params.surfels or surfels_for(pixels), view.width, view.height)
     surfels = launcher.surfels(lights, view, size, seed)
@@ -136,7 +132,7 @@ def transport_of(
     images = gathered(launcher, lights, view, surfels, samples, params.bounces, seed)
     lost = np.max([images[name] for name in LOST], axis=0)
     noisy = {band: images["color"][..., k] for k, band in enumerate(RGB)}
-    clean = denoise(noisy, *(guides or fast_guides(render_scene, view)), quality)
+    clean = denoise(noisy, *prepared.guides, quality)
     return Transport(
         images["direct"],
         images["indirect"],

@@ -95,12 +95,18 @@ class MaterialTable:
         return (np.append(self.of_shape, -1)[shapes] + 1).astype(np.uint32)
 
     def values(
-        self, geometry: SceneGeometry, hits: Hits, eye: Float64Array, directions: Float64Array
+        self,
+        geometry: SceneGeometry,
+        hits: Hits,
+        eye: Float64Array,
+        directions: Float64Array,
+        textures: list[AnyArray] | None = None,
     ) -> tuple[MaterialValues, BoolArray]:
         """Return the values at the hits of rays from `eye` (3,), and which hits have bumps (P,).
 
         The normals are in the world and on the shading side of the camera; where a ray hits
-        nothing, all is 0. Textures and tangents are evaluated only if a visible material has some.
+        nothing, all is 0. `textures` is what `raycast.textures` returns for the `slots` and these
+        rays, if it is known already; else it is evaluated if a visible material has textures.
         """
         count = len(directions)
         found = MaterialValues(*(np.zeros((count, 3) if i in (2, 3) else count) for i in range(6)))
@@ -115,7 +121,9 @@ class MaterialTable:
         for name, values in vars(found).items():
             values[rows] = getattr(self._constants, name)[side]
         if textured:
-            *sampled, s, du, dv = raycast.textures(geometry, self._slots, eye, directions)
+            if textures is None:
+                textures = raycast.textures(geometry, self.slots, eye, directions)
+            *sampled, s, du, dv = textures
             frames = np.stack([s, du, dv]).astype(np.float64)
         for number in textured:
             rows = np.flatnonzero(material == number)
@@ -196,7 +204,7 @@ class MaterialTable:
         return {way: int(start) for way, start in zip(_BANDS, ends, strict=False)}
 
     @cached_property
-    def _slots(self) -> tuple[TextureSlot, ...]:
+    def slots(self) -> tuple[TextureSlot, ...]:
         """The textures of each shape's material, slot by slot."""
         slots = []
         for way, count in self._slots_of_way.items():

@@ -61,12 +61,15 @@ class Cells:
 
     def find(self, points: Float32Array, normals: Float32Array) -> Int64Array:
         """Return the cell of each point (N,); the number of cells where none is found."""
-        wanted = _keys(points, normals, self.origin)
-        place = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
-        found = self.keys[place] == wanted
-        level = np.argmax(found, axis=0)
-        cell = np.take_along_axis(place, level[None], axis=0)[0]
-        return np.where(found.any(axis=0), cell, len(self.keys))
+        cell = np.full(len(points), len(self.keys), dtype=np.int64)
+        missing = np.arange(len(points))
+        for wanted in _keys(points, normals, self.origin):
+            keys = wanted[missing]
+            place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+            found = self.keys[place] == keys
+            cell[missing[found]] = place[found]
+            missing = missing[~found]
+        return cell
 
     def means(self, light: Float32Array) -> Float32Array:
         """Return the means over each cell's surfels of light (M, N): (C + 1, N).

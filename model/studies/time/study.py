@@ -39,6 +39,7 @@ from model.evaluation.predict import (
     Rendered,
     compute_transport,
     example_of,
+    prepared_for,
     resized,
     surfaces_seen,
     trace_samples,
@@ -71,7 +72,8 @@ from pipeline.passes.denoise import denoise, denoiser_version
 from pipeline.passes.groundtruth import render_color, render_truth
 from pipeline.passes.illumination import render_illumination
 from pipeline.passes.inputs import render_inputs
-from pipeline.passes.registry import render_truths, sample_guides, traced_together
+from pipeline.passes.preparation import sample_guides
+from pipeline.passes.registry import render_truths, traced_together
 from pipeline.passes.transport import samples_for
 from pipeline.progress import Progress
 from pipeline.render.scene import RenderScene, renderer_version, set_variant
@@ -277,11 +279,11 @@ class ViewBenchmark:
     def _hybrid_turn(self, method: str) -> None:
         """A network that takes noisy samples, with each number of `HYBRID_SAMPLES`.
 
-        Light transport has made their guides.
+        Light transport has made their guides and light plan.
         """
-        guided = sample_guides(self.scene, self.view)
+        prepared = prepared_for(self.scene, self.view, self.params)
         for spp in HYBRID_SAMPLES:
-            trace = partial(trace_samples, self.scene, self.view, self.params, spp, guided)
+            trace = partial(trace_samples, self.scene, self.view, self.params, spp, prepared)
             noisy = self._timed(f"samples_{spp}", trace)
             given = with_noisy_samples(self.example, noisy, spp)
             prediction = self._timed(method, partial(self.networks.predict, method, given))

@@ -9,6 +9,7 @@ results.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 from functools import partial
 from types import ModuleType
 from typing import Any
@@ -74,6 +75,19 @@ def textures(
     derivatives of the position; 0 where nothing is hit.
     """
     return _in_chunks(partial(_backend().textures, geometry, slots), origins, directions)
+
+
+def textured_surfaces(
+    geometry: SceneGeometry,
+    slots: tuple[TextureSlot, ...],
+    origins: npt.ArrayLike,
+    directions: npt.ArrayLike,
+) -> tuple[Hits, list[AnyArray]]:
+    """Return what `surfaces` and `textures` return, from one trace."""
+    trace = partial(_backend().textured_surfaces, geometry, slots)
+    found = _in_chunks(trace, origins, directions)
+    count = len(fields(Hits))
+    return Hits(*found[:count]), found[count:]
 
 
 def objects_along(

@@ -100,6 +100,17 @@ def textures(
     return (*single, *tangents)
 
 
+def textured_surfaces(
+    geometry: SceneGeometry,
+    slots: tuple[TextureSlot, ...],
+    origins: AnyArray,
+    directions: AnyArray,
+) -> tuple[AnyArray, ...]:
+    """Return the fields of `Hits`, in order, then what `textures` returns."""
+    hits = surfaces(geometry, True, origins, directions)
+    return *hits, *textures(geometry, slots, origins, directions)
+
+
 def objects_along(
     geometry: SceneGeometry,
     numbers: AnyArray,

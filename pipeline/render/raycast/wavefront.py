@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any
 
@@ -25,9 +25,16 @@ from pipeline.render.raycast.triangles import (
     partners_of,
     triangles_of,
 )
-from pipeline.render.scene_geometry import MAX_LAYERS, MAX_SURFACES, SceneGeometry, TextureSlot
+from pipeline.render.scene_geometry import (
+    MAX_LAYERS,
+    MAX_SURFACES,
+    Hits,
+    SceneGeometry,
+    TextureSlot,
+)
 from scenes.arrays import AnyArray
 
+_HIT_FIELDS = len(fields(Hits))
 _MAX_RECORDINGS, _NEVER = 8, 1 << 30  # numbers of rays; Dr.Jit would warn of many
 
 
@@ -52,15 +59,24 @@ def surfaces(
         found = _recorded(geometry, _surfaces)(_tables(geometry)["twins"], ray)
     else:
         found = _surfaces(geometry, None, ray)
-    number, metres, position, geometric, shading, colour = to_numpy(*found)
-    return number, metres, position, geometric, shading, np.clip(colour, 0, 1)
+    *others, colour = to_numpy(*found)
+    return *others, np.clip(colour, 0, 1)
 
 
 def _surfaces(geometry: SceneGeometry, twins: Any, ray: Any) -> list[Any]:
     """Return the fields of `Hits`; `twins` are the reflectance twins, None without colours."""
+    return _hits(twins, *_met(geometry, ray))
+
+
+def _met(geometry: SceneGeometry, ray: Any) -> tuple[Any, Any, Any]:
+    """Return shape, distance and surface interaction of the first surface along rays."""
     shape, distance, hit, ray = _first_hit(geometry, ray, True)
+    return shape, distance, hit.compute_surface_interaction(ray, mi.RayFlags.All, shape >= 0)
+
+
+def _hits(twins: Any, shape: Any, distance: Any, si: Any) -> list[Any]:
+    """Return the fields of `Hits` of what was met; `twins` as in `_surfaces`."""
     valid = shape >= 0
-    si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
     reflectance = mi.Color3f(0)
     if twins is not None:
         bsdf = dr.gather(mi.BSDFPtr, twins, dr.reinterpret_array(mi.UInt32, si.shape), valid)
@@ -85,9 +101,41 @@ def _textures(
     geometry: SceneGeometry, slots: tuple[TextureSlot, ...], numbers: list[Any], ray: Any
 ) -> list[Any]:
     """Return what `textures` does; `numbers` are those of `_texture_numbers`."""
-    shape, _, hit, ray = _first_hit(geometry, ray, True)
+    shape, _, si = _met(geometry, ray)
+    return _texture_values(slots, numbers, shape, si)
+
+
+def textured_surfaces(
+    geometry: SceneGeometry,
+    slots: tuple[TextureSlot, ...],
+    origins: AnyArray,
+    directions: AnyArray,
+) -> tuple[AnyArray, ...]:
+    """Return the fields of `Hits`, in order, then what `textures` returns."""
+    numbers = [column(mi.UInt32, _texture_numbers(slot)) for slot in slots]
+    trace = _recorded(geometry, _textured_surfaces)
+    found = to_numpy(*trace(_tables(geometry)["twins"], slots, numbers, _ray(origins, directions)))
+    *others, colour = found[:_HIT_FIELDS]
+    return *others, np.clip(colour, 0, 1), *found[_HIT_FIELDS:]
+
+
+def _textured_surfaces(
+    geometry: SceneGeometry,
+    twins: Any,
+    slots: tuple[TextureSlot, ...],
+    numbers: list[Any],
+    ray: Any,
+) -> list[Any]:
+    """Return what `_surfaces` and `_textures` do, from one trace."""
+    shape, distance, si = _met(geometry, ray)
+    return [*_hits(twins, shape, distance, si), *_texture_values(slots, numbers, shape, si)]
+
+
+def _texture_values(
+    slots: tuple[TextureSlot, ...], numbers: list[Any], shape: Any, si: Any
+) -> list[Any]:
+    """Return what `textures` does, where surfaces were met."""
     valid = shape >= 0
-    si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
     values = (
         _evaluated(slot, number, shape, si, valid)
         for slot, number in zip(slots, numbers, strict=True)

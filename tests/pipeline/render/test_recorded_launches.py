@@ -13,6 +13,8 @@ import pytest
 from PIL import Image
 
 from pipeline.frames import Channels
+from pipeline.passes.inputs import render_inputs
+from pipeline.passes.materials import render_materials
 from pipeline.passes.registry import render_surfaces
 from pipeline.render.raycast import wavefront
 from pipeline.render.scene import RenderScene, open_scene
@@ -110,6 +112,13 @@ def test_neither_another_scene_nor_new_materials_disturb_them(
     scene.neutral(0.5)  # materials of its own, beside the scene's
     assert same(images(scene, VIEWS[0]), known[0])
     assert same(images(scene, VIEWS[0]), known[0])
+
+
+def test_one_trace_of_surfaces_and_textures_has_the_bits_of_two(tmp_path: Path) -> None:
+    scene = room(tmp_path / "a", quad("leaf", (0, 2.5, 1.5), (0, -1, 0), (1, 1), LEAF))
+    for view in VIEWS:
+        apart = render_inputs(scene, view) | render_materials(scene, view)[0]
+        assert same(images(scene, view), apart)
 
 
 def test_they_go_with_their_scene(tmp_path: Path) -> None:

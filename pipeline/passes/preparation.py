@@ -1,0 +1,40 @@
+"""What light transport and path-traced samples of one view share: guides and light plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pipeline.passes.denoise import Guides, guides
+from pipeline.passes.groundtruth import planned_lights
+from pipeline.pathtrace import integrator
+from pipeline.pathtrace.light_sampling import PlannedLights
+from pipeline.render.scene import RenderScene
+from pipeline.transport.guides import fast_guides
+from pipeline.views import View
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """Guides for the denoiser, and emitter sampling and path guiding of a view.
+
+    `lights` is None where nothing is planned: in a scene without lights, in a scalar variant, and
+    for a panorama.
+    """
+
+    guides: Guides
+    lights: PlannedLights | None
+
+
+def prepare(scene: RenderScene, view: View, seed: int) -> Preparation:
+    """Prepare a view in the scene's own colours; `seed` is that of the light plan."""
+    form = scene.neutral(None).mitsuba
+    planned = integrator.available() and not view.is_panorama and form.emitters()
+    lights = planned_lights(scene, form, view, seed) if planned else None
+    return Preparation(sample_guides(scene, view), lights)
+
+
+def sample_guides(scene: RenderScene, view: View) -> Guides:
+    """Return guides that cost less than the samples they guide, where the variant has them."""
+    if integrator.available() and not view.is_panorama:
+        return fast_guides(scene, view)
+    return guides(scene, view)
