@@ -1,4 +1,4 @@
-"""What light transport and path-traced samples of one view share: guides and light plan."""
+"""Preparation of a view: light plan and guides that transport and path-traced samples share."""
 
 from __future__ import annotations
 
