@@ -26,7 +26,12 @@ ENTRIES: dict[str, tuple[str, ...]] = {
         "pipeline/passes/video.py",
     ),
     "illumination": ("pipeline/passes/illumination.py", "pipeline/passes/visibility.py"),
-    "groundtruth": ("pipeline/passes/groundtruth.py", "pipeline/passes/denoise.py"),
+    "groundtruth": (
+        "pipeline/passes/groundtruth.py",
+        "pipeline/passes/denoise.py",
+        "pipeline/passes/light.py",
+        "pipeline/passes/transport.py",
+    ),
     "dataset": ("pipeline/dataset/pack.py",),
     "backbone": ("model/training/backbone.py",),
     "train_shading": _TRAINING,
