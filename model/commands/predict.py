@@ -143,7 +143,7 @@ def predict(
     if method in PREVIEWS:
         how = quality or "high"
         return _predict_preview(params, data, method, how, exr, with_truth, out, **source)
-    if quality:
+    if quality and seconds is None:
         raise click.UsageError(f"--denoiser is for --method {' and '.join(PREVIEWS)}")
     if (source["spp"] or 0) > MAX_SAMPLES:
         raise click.UsageError(f"--spp: networks take at most {MAX_SAMPLES} samples per pixel")

@@ -19,7 +19,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from model.evaluation import predict as prediction
-from model.evaluation.budget import Effort, choose, efforts_for
+from model.evaluation.budget import Choice, Effort, choose, efforts_for
 from model.evaluation.inference import Prediction, load_networks
 from model.evaluation.predict import from_frames
 from model.release import pretrained
@@ -33,6 +33,7 @@ from pipeline.photograph import photograph
 from pipeline.tonemap import Exposure, tonemap
 from scenes.errors import InputError, MachineError
 from scenes.files import digest_file
+from tests.fixtures.paths import ROOT
 from tests.fixtures.predict import box_camera, box_frames, box_room
 from tests.fixtures.predictor import untrained_models
 
@@ -185,6 +186,25 @@ def test_a_time_budget_chooses_method_and_samples(room: Path) -> None:
         asked = (*view, *wrong) if wrong else FRAMES
         refused = predict(*asked, "--seconds", "1")
         assert refused.exit_code == 2 and words in refused.output
+
+
+@pytest.mark.usefixtures("wavefront")
+@pytest.mark.parametrize("method", ["hybrid", "radiosity", "denoised"])
+def test_every_method_that_a_time_budget_may_choose_is_predicted(
+    room: Path, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    shutil.copytree(ROOT / "weights", "weights")
+    monkeypatch.setattr(
+        "model.commands.predict.choose", lambda *_: Choice(Effort(method, 1), 0.1, 1)
+    )
+    view = (room, "--view", "east", "--size", "36x20")
+    done = predict(*view, "--seconds", "2", "--out", "chosen.png")
+    assert done.exit_code == 0, done.output
+    assert f"--method {method} --spp 1: 0.10 s" in done.output
+    again = predict(*view, "--method", method, "--spp", "1", "--out", "asked.png")
+    assert again.exit_code == 0, again.output
+    same = [read_picture(Path(name).read_bytes()) for name in ("chosen.png", "asked.png")]
+    assert np.array_equal(*same)
 
 
 def test_the_best_effort_that_fits() -> None:
