@@ -48,24 +48,24 @@ from benchmarks.cycles import (
 from benchmarks.results import OtherLoad, measured_on, processor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Clock, Spent, spend, spread
-from model.data.encoding import MAX_SAMPLES
-from model.evaluation.inference import Networks, available, load_networks
-from model.evaluation.metrics import flip_map, ssim
-from model.evaluation.predict import example_of, rendered_for
-from pipeline.channels import RGB
-from pipeline.frames import Channels
-from pipeline.images import contact_sheet, jpeg_bytes
-from pipeline.params import TRANSPORT_SAMPLES, GroundTruthParams, Params
-from pipeline.passes.denoise import Quality, denoise
-from pipeline.passes.groundtruth import render_color, render_truth
-from pipeline.passes.preparation import sample_guides
-from pipeline.passes.transport import transport_of
-from pipeline.pathtrace import integrator
-from pipeline.render.scene import RenderScene, open_scene
-from pipeline.tonemap import exposure_of, to_bytes, tonemap
-from pipeline.views import View
-from scenes.arrays import Float32Array
-from scenes.files import atomic_file, digest_bytes, digest_file, write_json
+from pbrnet.model.data.encoding import MAX_SAMPLES
+from pbrnet.model.evaluation.inference import Networks, available, load_networks
+from pbrnet.model.evaluation.metrics import flip_map, ssim
+from pbrnet.model.evaluation.predict import example_of, rendered_for
+from pbrnet.pipeline.channels import RGB
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.images import contact_sheet, jpeg_bytes
+from pbrnet.pipeline.params import TRANSPORT_SAMPLES, GroundTruthParams, Params
+from pbrnet.pipeline.passes.denoise import Quality, denoise
+from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
+from pbrnet.pipeline.passes.preparation import sample_guides
+from pbrnet.pipeline.passes.transport import transport_of
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.tonemap import exposure_of, to_bytes, tonemap
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float32Array
+from pbrnet.scenes.files import atomic_file, digest_bytes, digest_file, write_json
 
 NAME = "ours in every time budget"
 # Most samples of the methods that take samples.

@@ -16,15 +16,15 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.portals import portal_rectangles
-from pipeline.render.scene import RenderScene
-from pipeline.views import View
-from scenes.arrays import Float64Array
-from scenes.contract import Light, Portal, Scene, load_scene, save_scene, writing_scene
-from scenes.files import write_json
-from scenes.formats.ply import write_ply
-from scenes.geometry.mesh import Mesh
-from scenes.seeds import generator
+from pbrnet.pipeline.pathtrace.portals import portal_rectangles
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import Light, Portal, Scene, load_scene, save_scene, writing_scene
+from pbrnet.scenes.files import write_json
+from pbrnet.scenes.formats.ply import write_ply
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.seeds import generator
 
 SKY = 1.0  # radiance
 _SHAPE = (

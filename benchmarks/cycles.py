@@ -25,11 +25,11 @@ from benchmarks.clay import SKY, camera_for_blender, write_clay
 from benchmarks.rendering import plain_render
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, spend, spread
-from pipeline.params import GroundTruthParams
-from pipeline.passes.groundtruth import render_both, render_truth
-from pipeline.pathtrace import integrator
-from pipeline.render.scene import RenderScene, open_scene
-from pipeline.views import View
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes.groundtruth import render_both, render_truth
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.views import View
 
 PROGRAM = ROOT / "benchmarks" / "blender_program.py"
 NAME = "ours / Blender Cycles"

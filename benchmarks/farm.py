@@ -14,7 +14,7 @@ from functools import partial
 from benchmarks.bench import Bench, python
 from benchmarks.rows import Row, at_least, at_most
 from benchmarks.timing import by_turns, ratio
-from pipeline.pathtrace import integrator
+from pbrnet.pipeline.pathtrace import integrator
 
 
 def farm_rows(bench: Bench) -> Iterator[Row]:
@@ -67,6 +67,6 @@ def _stage(bench: Bench, workers: int) -> None:
     allowed = os.sched_getaffinity(0)
     os.sched_setaffinity(0, sorted(allowed)[:workers])  # children inherit it
     try:
-        python("-m", "pipeline.cli", "groundtruth", "--workers", str(workers), *where)
+        python("-m", "pbrnet.pipeline.cli", "groundtruth", "--workers", str(workers), *where)
     finally:
         os.sched_setaffinity(0, allowed)

@@ -26,14 +26,14 @@ from benchmarks.bench import Bench
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.shards import KINDS, frames_of, keep_channels_of_rows, read_exr, views_of
 from benchmarks.timing import by_turns, ratio, spread
-from pipeline.channels import dataset_channels
-from pipeline.dataset.checks import Frames
-from pipeline.dataset.light import in_row_unit
-from pipeline.dataset.parquet import image_cell, images_of
-from pipeline.dataset.rows import image_cells
-from pipeline.frames import frame_path, read_frame
-from pipeline.views import View
-from scenes.arrays import AnyArray
+from pbrnet.pipeline.channels import dataset_channels
+from pbrnet.pipeline.dataset.checks import Frames
+from pbrnet.pipeline.dataset.light import in_row_unit
+from pbrnet.pipeline.dataset.parquet import image_cell, images_of
+from pbrnet.pipeline.dataset.rows import image_cells
+from pbrnet.pipeline.frames import frame_path, read_frame
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray
 
 Images = dict[str, AnyArray]  # of one row, by column
 _TURNS = 5

@@ -18,8 +18,8 @@ import click
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.costs.ledger import read_ledger
-from pipeline.params import (
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.params import (
     CameraParams,
     FarmParams,
     GroundTruthParams,
@@ -27,15 +27,15 @@ from pipeline.params import (
     ImageParams,
     Params,
 )
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.stages.illumination import run_illumination
-from pipeline.stages.inputs import run_inputs
-from pipeline.stages.scenes import run_scenes
-from pipeline.views import load_cameras, save_cameras
-from scenes.contract import load_scene, save_scene, scene_folders
-from scenes.files import atomic_file
-from scenes.params import SceneParams
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.illumination import run_illumination
+from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.pipeline.views import load_cameras, save_cameras
+from pbrnet.scenes.contract import load_scene, save_scene, scene_folders
+from pbrnet.scenes.files import atomic_file
+from pbrnet.scenes.params import SceneParams
 
 STAGES = {"inputs": run_inputs, "illumination": run_illumination, "truth": run_groundtruth}
 _COLORS = ("#1f6fb2", "#c9541a", "#2c8a4b")

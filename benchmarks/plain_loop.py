@@ -15,11 +15,11 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.params import Params, load_params
-from pipeline.passes.groundtruth import render_both
-from pipeline.render.scene import open_scene, set_variant
-from pipeline.views import View, load_cameras
-from scenes.contract import load_scene, scene_folders
+from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.passes.groundtruth import render_both
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.views import View, load_cameras
+from pbrnet.scenes.contract import load_scene, scene_folders
 
 
 def plain_sensor(view: View, sampler: str) -> Any:

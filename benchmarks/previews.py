@@ -8,12 +8,12 @@ from dataclasses import replace
 from benchmarks.bench import Bench, resized
 from benchmarks.rows import Row, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
-from pipeline.params import NoisyParams
-from pipeline.passes.denoise import guides
-from pipeline.passes.registry import render_noisy, render_samples
-from pipeline.passes.transport import transport_of
-from pipeline.pathtrace import integrator
-from pipeline.transport.guides import fast_guides
+from pbrnet.pipeline.params import NoisyParams
+from pbrnet.pipeline.passes.denoise import guides
+from pbrnet.pipeline.passes.registry import render_noisy, render_samples
+from pbrnet.pipeline.passes.transport import transport_of
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.transport.guides import fast_guides
 
 
 def preview_rows(bench: Bench) -> Iterator[Row]:

@@ -18,8 +18,8 @@ from dataclasses import replace
 from benchmarks.bench import Bench, resized
 from benchmarks.rows import Row, missing
 from benchmarks.timing import spend, spread
-from pipeline.passes.groundtruth import Truths, render_both
-from pipeline.pathtrace import integrator
+from pbrnet.pipeline.passes.groundtruth import Truths, render_both
+from pbrnet.pipeline.pathtrace import integrator
 
 SIZE = (640, 480)
 HYPERSIM = 231 * 365.25 * 24 / 77_400 * (640 * 480) / (1024 * 768)  # core-hours

@@ -21,14 +21,14 @@ from pathlib import Path
 import click
 
 from benchmarks.submissions import submissions
-from model.benchmark.pictures import Task
-from model.benchmark.score import METRICS, score_folder, table
-from model.benchmark.views import pin_views, save_views
-from pipeline.commands.release import processor
-from pipeline.export.rows import DatasetRows
-from pipeline.imports import ROOT
-from pipeline.release.recipe import RECIPES, load_recipe, load_record
-from scenes.files import write_json
+from pbrnet.model.benchmark.pictures import Task
+from pbrnet.model.benchmark.score import METRICS, score_folder, table
+from pbrnet.model.benchmark.views import pin_views, save_views
+from pbrnet.pipeline.commands.release import processor
+from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.imports import ROOT
+from pbrnet.pipeline.release.recipe import RECIPES, load_recipe, load_record
+from pbrnet.scenes.files import write_json
 
 TOPICS = ("tiny", "quick", "sample", "benchmark", "plan")
 PLANNED = "indoor-75k"
@@ -94,7 +94,7 @@ def main(only: tuple[str, ...], recipes: Path, out: Path, workers: int | None) -
 
 def _release(name: str, folder: Path, recipes: Path, workers: int | None, *options: str) -> None:
     """Make a release in a process of its own; its failure ends this one."""
-    command = [sys.executable, "-m", "pipeline.cli", "release", name, *options]
+    command = [sys.executable, "-m", "pbrnet.pipeline.cli", "release", name, *options]
     command += ["--out", str(folder), "--recipes", str(recipes)]
     command += [] if workers is None else ["--workers", str(workers)]
     if subprocess.run(command).returncode:
@@ -112,7 +112,7 @@ def _renew(sample: Path, dataset: Path) -> None:
 def _forecast(measured: Sequence[Path], out: Path) -> None:
     """Write what the planned release would cost, from the ledgers of these folders."""
     first, *others = map(str, measured)
-    command = [sys.executable, "-m", "pipeline.cli", "cost", "--json", "--recipe", PLANNED]
+    command = [sys.executable, "-m", "pbrnet.pipeline.cli", "cost", "--json", "--recipe", PLANNED]
     command += ["--data", first, *(word for other in others for word in ("--also", other))]
     found = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     write_json(out, {"recipe": PLANNED, "machine": processor(), **found})

@@ -18,19 +18,19 @@ from benchmarks.bench import ROOT, Bench, resized
 from benchmarks.plain_loop import plain_sensor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
-from pipeline.params import EnvironmentParams, IlluminationParams, LightParams
-from pipeline.passes.environment import render_environment
-from pipeline.passes.groundtruth import render_both
-from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.registry import (
+from pbrnet.pipeline.params import EnvironmentParams, IlluminationParams, LightParams
+from pbrnet.pipeline.passes.environment import render_environment
+from pbrnet.pipeline.passes.groundtruth import render_both
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.registry import (
     render_surfaces,
     render_truths,
 )
-from pipeline.pathtrace import integrator as joint
-from pipeline.render.scene import RenderScene
-from pipeline.stages import view_sampling
-from pipeline.views import CameraFile, View, as_matrix
+from pbrnet.pipeline.pathtrace import integrator as joint
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.stages import view_sampling
+from pbrnet.pipeline.views import CameraFile, View, as_matrix
 
 _LAMPS = 8  # with a light group of their own
 PANORAMA = IlluminationParams(width=360)
@@ -229,9 +229,9 @@ import json, sys
 from pathlib import Path
 from benchmarks.rendering import plain_render
 from benchmarks.timing import spend
-from pipeline.render.scene import open_scene, set_variant
-from pipeline.views import load_cameras
-from scenes.contract import load_scene
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.contract import load_scene
 set_variant(sys.argv[1])
 data, name, spp = Path(sys.argv[2]), sys.argv[3], int(sys.argv[4])
 scene = open_scene(load_scene(data / "scenes" / name))

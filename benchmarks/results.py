@@ -19,10 +19,10 @@ import psutil
 
 from benchmarks.rows import Row
 from benchmarks.timing import now
-from pipeline.render.scene import renderer_version
-from pipeline.versions import code_version
-from scenes.errors import InputError
-from scenes.files import read_json, write_json, write_text
+from pbrnet.pipeline.render.scene import renderer_version
+from pbrnet.pipeline.versions import code_version
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json, write_json, write_text
 
 TITLES = {
     "render": "One view",

@@ -30,7 +30,7 @@ from benchmarks.rows import Row
 from benchmarks.sets import set_rows
 from benchmarks.shards import shard_rows
 from benchmarks.strategies import strategy_rows
-from pipeline.render.scene import set_variant
+from pbrnet.pipeline.render.scene import set_variant
 
 Topic = Callable[[Bench], Iterator[Row]]
 

@@ -21,24 +21,24 @@ from pathlib import Path
 import click
 from defusedxml import ElementTree
 
-from pipeline.dataset.pack import pack_dataset
-from pipeline.frames import frame_path, read_frame
-from pipeline.images import contact_sheet, png_bytes, tone_picture
-from pipeline.inspection.sizes import triangles_of
-from pipeline.params import Params, ToneParams, load_params
-from pipeline.render.leaks import Leak, find_leaks
-from pipeline.render.scene import open_scene, set_variant
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.stages.illumination import run_illumination
-from pipeline.stages.inputs import run_inputs
-from pipeline.stages.runner import StageError
-from pipeline.stages.scene_jobs import scene_name
-from pipeline.tonemap import exposure_of
-from pipeline.views import load_cameras
-from scenes.checked import build
-from scenes.contract import Scene, load_scene
-from scenes.files import read_json, write_json, write_text
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.frames import frame_path, read_frame
+from pbrnet.pipeline.images import contact_sheet, png_bytes, tone_picture
+from pbrnet.pipeline.inspection.sizes import triangles_of
+from pbrnet.pipeline.params import Params, ToneParams, load_params
+from pbrnet.pipeline.render.leaks import Leak, find_leaks
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.illumination import run_illumination
+from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.pipeline.stages.scene_jobs import scene_name
+from pbrnet.pipeline.tonemap import exposure_of
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.files import read_json, write_json, write_text
 
 ROOT = Path(__file__).resolve().parent.parent
 TEMPLATE = "main_template_color.xml"  # of a house of the PBRS release, beside other settings
@@ -54,7 +54,7 @@ groundtruth: {{spp: {spp}, block_spp: 8}}
 IMPORT = """
 import atexit, sys
 from pathlib import Path
-from pipeline.cli import main
+from pbrnet.pipeline.cli import main
 status = Path("/proc/self/status")
 atexit.register(lambda: print(status.read_text().split("VmHWM:")[1].split()[0], file=sys.stderr))
 sys.exit(main())

@@ -12,12 +12,18 @@ import pyarrow.parquet as pq
 from benchmarks.bench import Bench, resized
 from benchmarks.rows import Row, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
-from pipeline.channels import KINDS, ChannelSet, Kind
-from pipeline.dataset.columns import dataset_columns
-from pipeline.dataset.pack import pack_dataset
-from pipeline.frames import frame_path, kinds_of, write_frame
-from pipeline.params import EnvironmentParams, IlluminationParams, ImageParams, LightParams, Params
-from pipeline.passes.registry import (
+from pbrnet.pipeline.channels import KINDS, ChannelSet, Kind
+from pbrnet.pipeline.dataset.columns import dataset_columns
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.frames import frame_path, kinds_of, write_frame
+from pbrnet.pipeline.params import (
+    EnvironmentParams,
+    IlluminationParams,
+    ImageParams,
+    LightParams,
+    Params,
+)
+from pbrnet.pipeline.passes.registry import (
     PASSES,
     SURFACES,
     Result,
@@ -26,9 +32,9 @@ from pipeline.passes.registry import (
     render_surfaces,
     render_truths,
 )
-from pipeline.pathtrace import integrator
-from pipeline.render.scene import RenderScene
-from pipeline.views import CameraFile, View, as_matrix, save_cameras
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import CameraFile, View, as_matrix, save_cameras
 
 _LAMPS = 8  # with a light group of their own
 _STEP = 0.06  # metres from frame to frame of a walk

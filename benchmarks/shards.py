@@ -24,18 +24,18 @@ import pyarrow.parquet as pq
 from benchmarks.bench import Bench
 from benchmarks.rows import Row, at_least
 from benchmarks.timing import Clock, Spent, by_turns, ratio, spread
-from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
-from pipeline.channels import RGB, TINT, Kind
-from pipeline.dataset.pack import pack_dataset
-from pipeline.dataset.parquet import images_of
-from pipeline.dataset.shards import LZ4_LEVEL
-from pipeline.frames import frame_path, read_frame, write_pixels
-from pipeline.params import ImageParams, Params
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.stages.illumination import run_illumination
-from pipeline.stages.inputs import run_inputs
-from pipeline.views import View, load_cameras
+from pbrnet.model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
+from pbrnet.pipeline.channels import RGB, TINT, Kind
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.dataset.parquet import images_of
+from pbrnet.pipeline.dataset.shards import LZ4_LEVEL
+from pbrnet.pipeline.frames import frame_path, read_frame, write_pixels
+from pbrnet.pipeline.params import ImageParams, Params
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.illumination import run_illumination
+from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.views import View, load_cameras
 
 KINDS: tuple[Kind, ...] = ("inputs", "illumination", "visibility", "shading", "color")
 Denoise = Literal["none", "oidn"]

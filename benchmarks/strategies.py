@@ -20,11 +20,11 @@ from benchmarks.bench import Bench, Reference, pixels, resized
 from benchmarks.rendering import plain_render
 from benchmarks.rows import Row, at_most, missing
 from benchmarks.timing import Spread, spend, spread
-from pipeline.params import GroundTruthParams
-from pipeline.passes.groundtruth import render_both
-from pipeline.pathtrace import integrator
-from pipeline.render.scene import RenderScene
-from pipeline.views import View
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes.groundtruth import render_both
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import View
 
 Images = dict[str, np.ndarray]  # "color", "shading", or both, (H, W, 3)
 Way = Callable[[int, int], Images]  # by samples a pixel and seed

@@ -16,17 +16,17 @@ import click
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from model.benchmark.pictures import Task
-from model.benchmark.views import ViewList
-from model.data.reader import Dataset, Example
-from model.evaluation.inference import Networks, load_networks
-from pipeline.costs.ledger import read_ledger
-from pipeline.export.images import rgb_planes, write_exr
-from pipeline.tonemap import tonemap
-from scenes.arrays import AnyArray
-from scenes.color import decode_srgb, luminance
-from scenes.errors import InputError
-from scenes.files import write_json
+from pbrnet.model.benchmark.pictures import Task
+from pbrnet.model.benchmark.views import ViewList
+from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.evaluation.inference import Networks, load_networks
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.export.images import rgb_planes, write_exr
+from pbrnet.pipeline.tonemap import tonemap
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.color import decode_srgb, luminance
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import write_json
 
 WEIGHTS = Path("weights")
 _MATT = 0.5  # mean reflectance that the rules for albedo take for granted

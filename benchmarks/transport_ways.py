@@ -5,7 +5,7 @@
 DATA is a data folder with scenes, cameras and colour frames. Prints a Markdown table: SSIM and FLIP
 of the first view of each scene against its colour frame, each picture exposed by itself, and the
 processor seconds of the indirect light alone, kernels compiled before. All ways share direct light,
-gloss and emission of `pipeline.passes.transport`.
+gloss and emission of `pbrnet.pipeline.passes.transport`.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from model.evaluation.metrics import measure
-from pipeline.frames import frame_path, read_frame
-from pipeline.params import ToneParams, TransportParams
-from pipeline.passes.groundtruth import rooms_box
-from pipeline.passes.transport import gathered, samples_for, surfels_for
-from pipeline.pathtrace.guiding import (
+from pbrnet.model.evaluation.metrics import measure
+from pbrnet.pipeline.frames import frame_path, read_frame
+from pbrnet.pipeline.params import ToneParams, TransportParams
+from pbrnet.pipeline.passes.groundtruth import rooms_box
+from pbrnet.pipeline.passes.transport import gathered, samples_for, surfels_for
+from pbrnet.pipeline.pathtrace.guiding import (
     _lit_by_lamps,
     _lit_surface_irradiance,
     plan_guiding,
 )
-from pipeline.pathtrace.irradiance import sunlit_surfaces
-from pipeline.pathtrace.light_pilot import plan_lights
-from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.render.drjit_arrays import column, vector
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.tonemap import exposure_of, tonemap
-from pipeline.transport.launches import TransportLauncher
-from pipeline.transport.pixels import Samples
-from pipeline.transport.radiosity import Surfels, grid_size
-from pipeline.views import View, load_cameras
-from scenes.arrays import AnyArray, Float32Array
-from scenes.contract import load_scene
-from scenes.geometry.directions import fibonacci_sphere
-from scenes.seeds import generator
+from pbrnet.pipeline.pathtrace.irradiance import sunlit_surfaces
+from pbrnet.pipeline.pathtrace.light_pilot import plan_lights
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.render.drjit_arrays import column, vector
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.tonemap import exposure_of, tonemap
+from pbrnet.pipeline.transport.launches import TransportLauncher
+from pbrnet.pipeline.transport.pixels import Samples
+from pbrnet.pipeline.transport.radiosity import Surfels, grid_size
+from pbrnet.pipeline.views import View, load_cameras
+from pbrnet.scenes.arrays import AnyArray, Float32Array
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.geometry.directions import fibonacci_sphere
+from pbrnet.scenes.seeds import generator
 
 SEED = 7
 _PANORAMA = 4608

@@ -1,6 +1,8 @@
 """Map of the code: modules, imports between them, the picture of the packages.
 
-Everything is derived from the source text; nothing of the project is imported.
+Everything is derived
+from the source text; nothing of the project
+is imported.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Rectangle
 
-from pipeline.imports import LAYERS, ROOT, imported_files, modules
+from pbrnet.pipeline.imports import LAYERS, ROOT, imported_files, modules
 
 COLORS = {"scenes": "#dcebd9", "pipeline": "#dae6f3", "model": "#f3e2d5"}
 WIDTH, ROW, CELL = 13.0, 0.62, 1.62  # inches: the picture, a row of boxes, a box
@@ -60,12 +62,12 @@ def parts_of(layer: str, code: Code) -> dict[str, set[str]]:
     """
     graph: dict[str, set[str]] = defaultdict(set)
     for module in code.modules:
-        if module.startswith(f"{layer}."):
-            graph[module.split(".")[1]]
+        if module.startswith(f"pbrnet.{layer}."):
+            graph[module.split(".")[2]]
     for importer, imported in code.edges:
         a, b = importer.split("."), imported.split(".")
-        if a[0] == b[0] == layer and len(a) > 1 and len(b) > 1 and a[1] != b[1]:
-            graph[a[1]].add(b[1])
+        if a[1] == b[1] == layer and len(a) > 2 and len(b) > 2 and a[2] != b[2]:
+            graph[a[2]].add(b[2])
     reach: dict[str, set[str]] = {}
     for part in TopologicalSorter(graph).static_order():
         reach[part] = graph[part].union(*(reach[other] for other in graph[part]))
@@ -180,7 +182,7 @@ def module_index(code: Code) -> str:
         "[architecture.md](architecture.md).",
     ]
     packages = [name for name, path in code.modules.items() if path.name == "__init__.py"]
-    for package in sorted(packages, key=lambda name: (LAYERS.index(name.split(".")[0]), name)):
+    for package in sorted(packages, key=lambda name: (LAYERS.index(name.split(".")[1]), name)):
         folder = package.replace(".", "/")
         lines += ["", f"## {folder}/", "", code.summary(package)]
         inside = [

@@ -47,7 +47,7 @@ class Commands(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Return a section a command."""
-        from pipeline.cli import cli
+        from pbrnet.pipeline.cli import cli
 
         return [self._section(path, text) for path, text in sorted(helps(cli, "pbrnet"))]
 

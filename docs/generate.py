@@ -26,10 +26,10 @@ from typing import Any
 from code_map import Code, module_index, picture
 from study_tables import clay_budget_table, clay_budget_words, study_tables
 
-from model.benchmark.pictures import Task
-from model.benchmark.score import METRICS as METRICS_OF_TASK
-from model.titles import METHOD_TITLES as TITLES
-from pipeline.imports import ROOT
+from pbrnet.model.benchmark.pictures import Task
+from pbrnet.model.benchmark.score import METRICS as METRICS_OF_TASK
+from pbrnet.model.titles import METHOD_TITLES as TITLES
+from pbrnet.pipeline.imports import ROOT
 
 METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (less is better)", 3)}
 QUICK_START = ROOT / "docs" / "data" / "quick-start.json"

@@ -11,10 +11,10 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
-from model.studies.illumination.results import CHANGES
-from model.studies.time.results import PARTS, RENDERERS
-from model.studies.trials.results import LABELS
-from model.titles import METHOD_TITLES
+from pbrnet.model.studies.illumination.results import CHANGES
+from pbrnet.model.studies.time.results import PARTS, RENDERERS
+from pbrnet.model.studies.trials.results import LABELS
+from pbrnet.model.titles import METHOD_TITLES
 
 TRIALS = ("loss", "composition", "noise", "generalisation", "decomposition", "table")
 BUDGETS = (0.1, 0.2, 0.5, 1, 2, 5)  # seconds
@@ -53,7 +53,7 @@ def trials_table(found: dict[str, Any]) -> Rows:
     """Rows of a study that compares trainings; the last column is relative to its reference."""
     labels = {
         **LABELS,
-        **importlib.import_module(f"model.studies.{found['study']}.results").LABELS,
+        **importlib.import_module(f"pbrnet.model.studies.{found['study']}.results").LABELS,
     }
     reference = found["reference"]
     rows = [row for row in found["rows"] if row["label"] != "truth"]

@@ -19,14 +19,14 @@ from typing import Literal
 
 from torch import nn
 
-from model.baselines import can, cyclegan, end_to_end, pix2pix, unet
-from model.data.reader import Extra
-from model.networks.hybrid import HybridNet
-from model.networks.objective import ExposedLoss, Objective, PairedLoss, Setting, Target
-from model.networks.pbrnet import Architecture, composition_network, shading_network
-from model.networks.plus import PlusNet
-from pipeline.params import TrainParams
-from scenes.errors import InputError
+from pbrnet.model.baselines import can, cyclegan, end_to_end, pix2pix, unet
+from pbrnet.model.data.reader import Extra
+from pbrnet.model.networks.hybrid import HybridNet
+from pbrnet.model.networks.objective import ExposedLoss, Objective, PairedLoss, Setting, Target
+from pbrnet.model.networks.pbrnet import Architecture, composition_network, shading_network
+from pbrnet.model.networks.plus import PlusNet
+from pbrnet.pipeline.params import TrainParams
+from pbrnet.scenes.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Adam:
 
 @dataclass(frozen=True)
 class Method:
-    """A network and its training. All networks take inputs of `model.data.encoding.encode`.
+    """A network and its training. All networks take inputs of `pbrnet.model.data.encoding.encode`.
 
     `own_loss` describes a loss other than the part-perceptual one in the model card. A method with
     `adam` has the optimiser of its paper, others the learning rate and decay of the parameters.
@@ -61,7 +61,7 @@ class Method:
 
     @property
     def inputs(self) -> dict[str, bool]:
-        """Arguments of `model.data.encoding.encode` that select the network's inputs."""
+        """Arguments of `pbrnet.model.data.encoding.encode` that select the network's inputs."""
         return {
             "panorama": self.uses_panorama,
             "transport": self.uses_transport,

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from pipeline.commands.options import Size
+from pbrnet.pipeline.commands.options import Size
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -25,7 +25,7 @@ def models_option(help_text: str = "Folder of trained networks.") -> Decorator:
 def found_models_option() -> Decorator:
     """Option `--models` of commands that may use the pretrained networks; by default None.
 
-    `model.release.pretrained.find_models` turns it into a folder.
+    `pbrnet.model.release.pretrained.find_models` turns it into a folder.
     """
     return click.option(
         "--models",

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from scenes.errors import MachineError, PbrnetError
+from pbrnet.scenes.errors import MachineError, PbrnetError
 
 UNEXPECTED = 70  # exit code of a fault of pbrnet, as in sysexits.h
 _LONG_LINE, _LONG_MESSAGE = 1000, 3500  # characters; a hostile file may put any number into one
@@ -20,80 +20,101 @@ _LONG_LINE, _LONG_MESSAGE = 1000, 3500  # characters; a hostile file may put any
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Stages, in the order of dvc.yaml": {
         "assets": (
-            "pipeline.commands.stages:assets",
+            "pbrnet.pipeline.commands.stages:assets",
             "Fetch and convert furniture catalogues (optional).",
         ),
-        "scenes": ("pipeline.commands.stages:scenes", "Generate procedural homes, import scenes."),
-        "cameras": ("pipeline.commands.stages:cameras", "Sample views that see much furniture."),
-        "inputs": ("pipeline.commands.stages:inputs", "Render depth, normals and reflectance."),
+        "scenes": (
+            "pbrnet.pipeline.commands.stages:scenes",
+            "Generate procedural homes, import scenes.",
+        ),
+        "cameras": (
+            "pbrnet.pipeline.commands.stages:cameras",
+            "Sample views that see much furniture.",
+        ),
+        "inputs": (
+            "pbrnet.pipeline.commands.stages:inputs",
+            "Render depth, normals and reflectance.",
+        ),
         "illumination": (
-            "pipeline.commands.stages:illumination",
+            "pbrnet.pipeline.commands.stages:illumination",
             "Render panoramas of the visible light sources.",
         ),
         "groundtruth": (
-            "pipeline.commands.stages:groundtruth",
+            "pbrnet.pipeline.commands.stages:groundtruth",
             "Path-trace shading and colour of every view.",
         ),
         "dataset": (
-            "pipeline.commands.data:dataset",
+            "pbrnet.pipeline.commands.data:dataset",
             "Check the frames and pack them into Parquet.",
         ),
         "backbone": (
-            "model.commands.networks:backbone",
+            "pbrnet.model.commands.networks:backbone",
             "Get the pretrained features of the perceptual loss.",
         ),
-        "train": ("model.commands.networks:train", "Train a network or a baseline."),
+        "train": ("pbrnet.model.commands.networks:train", "Train a network or a baseline."),
         "evaluate": (
-            "model.commands.networks:evaluate",
+            "pbrnet.model.commands.networks:evaluate",
             "Measure the networks on the test scenes.",
         ),
-        "report": ("model.commands.report:report", "Write a self-contained HTML report."),
+        "report": ("pbrnet.model.commands.report:report", "Write a self-contained HTML report."),
     },
     "All stages at once": {
         "run": (
-            "pipeline.commands.run:run",
+            "pbrnet.pipeline.commands.run:run",
             "Run the stages from assets to the dataset on any data folder.",
         ),
     },
     "Halves of groundtruth": {
-        "shading": ("pipeline.commands.stages:shading", "Path-trace textureless shading only."),
-        "color": ("pipeline.commands.stages:color", "Path-trace colour only."),
+        "shading": (
+            "pbrnet.pipeline.commands.stages:shading",
+            "Path-trace textureless shading only.",
+        ),
+        "color": ("pbrnet.pipeline.commands.stages:color", "Path-trace colour only."),
     },
     "Tools": {
         "import": (
-            "pipeline.commands.import_scene:import_command",
+            "pbrnet.pipeline.commands.import_scene:import_command",
             "Import one scene file.",
         ),
-        "inspect": ("pipeline.commands.data:inspect", "Describe a file and draw it."),
-        "study": ("model.studies.commands:study", "Run the studies of the paper."),
-        "predict": ("model.commands.predict:predict", "Render images with the trained networks."),
+        "inspect": ("pbrnet.pipeline.commands.data:inspect", "Describe a file and draw it."),
+        "study": ("pbrnet.model.studies.commands:study", "Run the studies of the paper."),
+        "predict": (
+            "pbrnet.model.commands.predict:predict",
+            "Render images with the trained networks.",
+        ),
         "score": (
-            "model.commands.score:score",
+            "pbrnet.model.commands.score:score",
             "Score pictures of a list of views against the truth.",
         ),
         "pretrained": (
-            "model.commands.networks:pretrained",
+            "pbrnet.model.commands.networks:pretrained",
             "Pack trained networks for distribution.",
         ),
         "reference": (
-            "model.commands.networks:reference",
+            "pbrnet.model.commands.networks:reference",
             "Save a run's metrics and pictures as reference.",
         ),
         "export": (
-            "model.commands.networks:export",
+            "pbrnet.model.commands.networks:export",
             "Export the networks to ONNX.",
         ),
         "release": (
-            "pipeline.commands.release:release",
+            "pbrnet.pipeline.commands.release:release",
             "Make a dataset from a recipe and compare its checksums.",
         ),
         "export-data": (
-            "pipeline.commands.export_data:export_data",
+            "pbrnet.pipeline.commands.export_data:export_data",
             "Write the dataset in a format of other projects.",
         ),
-        "cost": ("pipeline.commands.cost:cost", "Forecast the core-hours of a run."),
-        "preset": ("pipeline.commands.setup:preset", "Copy a parameter preset to params.yaml."),
-        "doctor": ("pipeline.commands.setup:doctor", "Report what this machine has and lacks."),
+        "cost": ("pbrnet.pipeline.commands.cost:cost", "Forecast the core-hours of a run."),
+        "preset": (
+            "pbrnet.pipeline.commands.setup:preset",
+            "Copy a parameter preset to params.yaml.",
+        ),
+        "doctor": (
+            "pbrnet.pipeline.commands.setup:doctor",
+            "Report what this machine has and lacks.",
+        ),
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}

@@ -1,6 +1,6 @@
 """Frames: self-describing OpenEXR files, one per view and kind, complete or absent.
 
-Channels are linear and scene-referred; `pipeline.channels` lists them. The kinds:
+Channels are linear and scene-referred; `pbrnet.pipeline.channels` lists them. The kinds:
 
 * `inputs`: depth, normal, reflectance, valid mask, object index
 * `illumination`: panorama of the visible light sources: intensity, distance, tint
@@ -21,7 +21,7 @@ Channels are linear and scene-referred; `pipeline.channels` lists them. The kind
 Attributes: `worldToCamera` (4x4, OpenCV axes) and `pbrnet`, a JSON object with the view, the seed,
 spp, noise, renderer, `fingerprint` of everything that determines the pixels, and `digest` of the
 pixels. Frames of radiance in half floats store it in a unit of their own, `radiance_scale`, also an
-attribute of the file, `radianceScale`; reading multiplies by it (`pipeline.radiance`).
+attribute of the file, `radianceScale`; reading multiplies by it (`pbrnet.pipeline.radiance`).
 
 Files are read and written with the package OpenEXR, because Mitsuba's bitmap code hangs if its
 thread pool has one thread.
@@ -40,14 +40,14 @@ from typing import Any, BinaryIO
 import numpy as np
 import OpenEXR
 
-from pipeline.channels import RGB, Kind, kinds_of_sets, layout
-from pipeline.params import Params
-from pipeline.radiance import HALF_MAX, is_scale, radiance_halves, scale_for
-from pipeline.views import View
-from scenes.arrays import AnyArray, Float32Array
-from scenes.checked import build, plain, shown
-from scenes.errors import InputError, MachineError
-from scenes.files import atomic_file, digest_bytes, parse_json, regular_file
+from pbrnet.pipeline.channels import RGB, Kind, kinds_of_sets, layout
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.radiance import HALF_MAX, is_scale, radiance_halves, scale_for
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray, Float32Array
+from pbrnet.scenes.checked import build, plain, shown
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import atomic_file, digest_bytes, parse_json, regular_file
 
 Channels = dict[str, AnyArray]
 

@@ -17,10 +17,10 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
-from pipeline.tonemap import Exposure, to_bytes, tonemap
-from scenes.arrays import AnyArray, FloatingArray, UInt8Array
-from scenes.color import encode_srgb
-from scenes.image_files import open_image
+from pbrnet.pipeline.tonemap import Exposure, to_bytes, tonemap
+from pbrnet.scenes.arrays import AnyArray, FloatingArray, UInt8Array
+from pbrnet.scenes.color import encode_srgb
+from pbrnet.scenes.image_files import open_image
 
 Picture = UInt8Array
 

@@ -7,7 +7,9 @@ from collections.abc import Collection, Iterator
 from functools import lru_cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from pbrnet.scenes.installation import IMPORT_FOLDER
+
+ROOT = IMPORT_FOLDER
 LAYERS = ("scenes", "pipeline", "model")  # each imports only itself and those before it
 
 
@@ -15,7 +17,7 @@ def modules(root: Path = ROOT) -> dict[str, Path]:
     """Return the files of all modules of the layers by dotted name, packages by their own."""
     found = {}
     for layer in LAYERS:
-        for path in sorted((root / layer).rglob("*.py")):
+        for path in sorted((root / "pbrnet" / layer).rglob("*.py")):
             name = ".".join(path.relative_to(root).with_suffix("").parts)
             found[name.removesuffix(".__init__")] = path
     return found

@@ -21,8 +21,9 @@ from typing import BinaryIO
 
 import psutil
 
-from scenes.errors import InputError, MachineError, ParameterError, PbrnetError
-from scenes.files import temporary_folder
+from pbrnet.scenes.errors import InputError, MachineError, ParameterError, PbrnetError
+from pbrnet.scenes.files import temporary_folder
+from pbrnet.scenes.installation import IMPORT_FOLDER
 
 _ERRORS: tuple[type[PbrnetError], ...] = (
     ParameterError,
@@ -33,7 +34,6 @@ _ERRORS: tuple[type[PbrnetError], ...] = (
 _THREADED = ("drjit", "torch", "pyarrow")  # libraries with threads that a fork loses
 _INTERVAL = 0.1  # seconds between two checks
 _LENGTH = 8  # bytes of the number of bytes that follow
-_PACKAGES = Path(__file__).resolve().parents[1]  # the folder that holds `pipeline`
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def _forked(work: Callable[[], object], reader: int, writer: int, folder: Path) 
 def _started(work: Callable[[], object], reader: int, writer: int, folder: Path) -> Iterator[int]:
     """A fresh interpreter that calls `work`; yields the number of its process."""
     known = os.environ.get("PYTHONPATH", "")
-    path = os.pathsep.join(filter(None, (str(_PACKAGES), known)))
+    path = os.pathsep.join(filter(None, (str(IMPORT_FOLDER), known)))
     with subprocess.Popen(
         [sys.executable, "-m", __name__, str(writer)],
         stdin=subprocess.PIPE,

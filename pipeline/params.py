@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 import yaml
 
-from pipeline.channels import SETS, ChannelSet
-from scenes.checked import OPTIONAL, build, shown, within
-from scenes.errors import InputError, ParameterError
-from scenes.files import exists, regular_file
-from scenes.params import AssetParams, SceneParams
+from pbrnet.pipeline.channels import SETS, ChannelSet
+from pbrnet.scenes.checked import OPTIONAL, build, shown, within
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.files import exists, regular_file
+from pbrnet.scenes.params import AssetParams, SceneParams
 
 _MAX_BYTES = 2**20  # of a parameter file
 MAX_SEED = 2**63 - 1
@@ -82,7 +82,7 @@ class FarmParams:
 
 @dataclass(frozen=True)
 class TrajectoryFile:
-    """A file of camera poses, see `pipeline.cameras.trajectory_files`, and the scene's id."""
+    """A file of camera poses, see `cameras.trajectory_files`, and the scene's id."""
 
     scene: str
     file: str

@@ -2,7 +2,7 @@
 
 Metering, white balance and curve follow what cameras do, so that pictures have the contrast,
 the clipped windows and the dark nights of photographs. Networks are trained on and measured by
-another operator, Reinhard's in `pipeline.tonemap`; nothing here changes a stored channel.
+another operator, Reinhard's in `pbrnet.pipeline.tonemap`; nothing here changes a stored channel.
 
 * **Exposure**: the log-average luminance becomes middle grey, but for a part of the difference to
   a room by day (`_ADAPTATION`), so that nights stay darker, as they do for the exposure program
@@ -28,12 +28,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
-from pipeline.images import jpeg_bytes, read_picture
-from pipeline.tonemap import block_means, to_bytes
-from scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
-from scenes.color import encode_srgb, luminance
-from scenes.photometry import LUMEN
-from scenes.seeds import generator
+from pbrnet.pipeline.images import jpeg_bytes, read_picture
+from pbrnet.pipeline.tonemap import block_means, to_bytes
+from pbrnet.scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
+from pbrnet.scenes.color import encode_srgb, luminance
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.seeds import generator
 
 GREY = 0.18  # linear display value of middle grey
 WHITE_STOPS = 3.6  # from middle grey to the exposed radiance that clips
@@ -66,8 +66,8 @@ class PhotoSettings:
 def meter(image: FloatingArray) -> PhotoSettings:
     """Return the settings of an automatic camera for linear radiance (H, W, 3).
 
-    Radiance is in the renderer's unit (`scenes.photometry`): it decides how dark a night is. An
-    image of another unit is exposed within two stops of what it would be. An all-black image has
+    Radiance is in the renderer's unit (`pbrnet.scenes.photometry`): it decides how dark a night is.
+    An image of another unit is exposed within two stops of what it would be. An all-black image has
     gain 1.
     """
     pixels = _radiance(image).astype(np.float64)

@@ -1,7 +1,7 @@
 """Style of the charts that matplotlib draws: colours, sizes and grid, for PNG files and the report.
 
 Colours of series and ink are fixed values, which the report replaces by colours of its light or
-dark theme (`model.figures.charts.inline_svg`).
+dark theme (`pbrnet.model.figures.charts.inline_svg`).
 """
 
 from __future__ import annotations

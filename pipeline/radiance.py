@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.channels import KINDS, RADIANCE, channels_of, dataset_channels, layout
-from scenes.arrays import AnyArray
+from pbrnet.pipeline.channels import KINDS, RADIANCE, channels_of, dataset_channels, layout
+from pbrnet.scenes.arrays import AnyArray
 
 HALF_MAX = float(np.finfo(np.float16).max)
 _HEADROOM = 6  # stops that an image may lie below its typical exposure to save its highlights

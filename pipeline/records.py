@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from scenes.errors import PbrnetError
-from scenes.files import machine_errors, write_json
+from pbrnet.scenes.errors import PbrnetError
+from pbrnet.scenes.files import machine_errors, write_json
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Reinhard's photographic tone mapping with the parameters key and burn of PBRS.
 
-It is what networks are trained on and measured by; `pipeline.photograph` makes pictures for people.
+It is what networks are trained on and measured by; `pbrnet.pipeline.photograph` makes pictures for
+people.
 
 Reinhard et al., *Photographic Tone Reproduction for Digital Images* (2002), equations 1, 2 and 4,
 with `burn` as in the renderer of PBRS: 0 compresses all luminance, 1 clips all luminance above the
@@ -13,15 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.params import ToneParams
-from scenes.arrays import (
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.scenes.arrays import (
     ArrayOrTensor,
     Float32Array,
     FloatingArray,
     UInt8Array,
     array_namespace,
 )
-from scenes.color import decode_srgb, encode_srgb, luminance
+from pbrnet.scenes.color import decode_srgb, encode_srgb, luminance
 
 Image = FloatingArray
 

@@ -12,19 +12,20 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.imports import ROOT, import_closure
-from scenes.errors import MachineError
-from scenes.files import digest_bytes, digest_file
+from pbrnet.pipeline.imports import ROOT, import_closure
+from pbrnet.scenes.errors import MachineError
+from pbrnet.scenes.files import digest_bytes, digest_file
+from pbrnet.scenes.installation import PACKAGE
 
-_PACKAGES = ("pipeline", "scenes")
-PACKED = ROOT / "weights"  # pretrained networks: a checkout's, or an installation's
+_LAYERS = ("pipeline", "scenes")
+PACKED = PACKAGE / "weights"  # pretrained networks: a checkout's, or an installation's
 
 
 @lru_cache(maxsize=1)
 def code_version() -> str:
     """Return a short digest of the sources of `pipeline` and `scenes`, by name and content."""
-    sources = (path for package in _PACKAGES for path in (ROOT / package).rglob("*.py"))
-    return _digest(ROOT, sorted(sources))[:12]
+    sources = (path for folder in _LAYERS for path in (PACKAGE / folder).rglob("*.py"))
+    return _digest(PACKAGE, sorted(sources))[:12]
 
 
 def require_code(wanted: str) -> None:

@@ -9,12 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.params import ImageParams, Projection
-from scenes.arrays import Float64Array
-from scenes.checked import OPTIONAL, build, check_name, plain
-from scenes.errors import InputError
-from scenes.files import read_json, write_json
-from scenes.geometry.directions import equirectangular_directions, pixel_directions, turned, unit
+from pbrnet.pipeline.params import ImageParams, Projection
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.checked import OPTIONAL, build, check_name, plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json, write_json
+from pbrnet.scenes.geometry.directions import (
+    equirectangular_directions,
+    pixel_directions,
+    turned,
+    unit,
+)
 
 MAX_SIDE = 16_384  # pixels
 MAX_NUMBER = 1e7  # metres in a pose, pixels in K

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from scenes.errors import ParameterError, PbrnetError
+from pbrnet.scenes.errors import ParameterError, PbrnetError
 
 T = TypeVar("T")
 

@@ -15,10 +15,10 @@ import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 
-from scenes.errors import InputError, MachineError
-from scenes.source_options import load
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.installation import IMPORT_FOLDER
+from pbrnet.scenes.source_options import load
 
-_PACKAGES = Path(__file__).resolve().parents[1]  # the folder that holds `scenes`
 _MOST_SAID = 300  # characters of a message of the library
 _REFUSED, _FAILED = 3, 4  # exit status of a child that leaves a message
 
@@ -42,7 +42,7 @@ def run_child(
     """
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PXR_")}
     known = environment.get("PYTHONPATH", "")
-    environment["PYTHONPATH"] = os.pathsep.join(filter(None, (str(_PACKAGES), known)))
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, (str(IMPORT_FOLDER), known)))
     with tempfile.TemporaryDirectory() as folder:
         message = Path(folder) / "message"
         command = [sys.executable, "-m", __name__, function, str(message), str(seconds),

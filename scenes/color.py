@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
+from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
 
 Color = tuple[float, float, float]  # linear Rec. 709 RGB
 REC709 = np.array([0.2126, 0.7152, 0.0722])  # luminance of linear RGB

@@ -20,9 +20,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from scenes.checked import build, check_name, plain
-from scenes.errors import InputError
-from scenes.files import atomic_directory, read_json, write_json
+from pbrnet.scenes.checked import build, check_name, plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import atomic_directory, read_json, write_json
 
 SCHEMA = 1
 MAX_EXTENT = 1e6  # metres across, skies and grounds included

@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from scenes.errors import InputError, MachineError
+from pbrnet.scenes.errors import InputError, MachineError
 
 _PARTIAL = ".partial-"
 _FLUSHERS = 16

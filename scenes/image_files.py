@@ -16,7 +16,7 @@ from pathlib import Path
 import opengl_basisu
 from PIL import Image, ImageOps
 
-from scenes.errors import InputError
+from pbrnet.scenes.errors import InputError
 
 FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "PPM", "WEBP")
 MAX_PIXELS = 100_000_000

@@ -6,13 +6,13 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from scenes.checked import check_name
-from scenes.ifc.options import IfcOptions
-from scenes.mitsuba.options import MitsubaOptions
-from scenes.models.options import ModelOptions
-from scenes.pbrt.options import PbrtOptions
-from scenes.source_options import SourceOptions
-from scenes.sweethome.options import SweetHomeOptions
+from pbrnet.scenes.checked import check_name
+from pbrnet.scenes.ifc.options import IfcOptions
+from pbrnet.scenes.mitsuba.options import MitsubaOptions
+from pbrnet.scenes.models.options import ModelOptions
+from pbrnet.scenes.pbrt.options import PbrtOptions
+from pbrnet.scenes.source_options import SourceOptions
+from pbrnet.scenes.sweethome.options import SweetHomeOptions
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from scenes.files import digest_file, digest_folder
+from pbrnet.scenes.files import digest_file, digest_folder
 
 _MAX_FILES = 50_000  # of a folder that is searched by name
 

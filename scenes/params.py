@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from scenes.checked import within
-from scenes.import_options import ImportEntry
+from pbrnet.scenes.checked import within
+from pbrnet.scenes.import_options import ImportEntry
 
 LightSetting = Literal["day", "evening", "night", "mixed"]
 Aspect = Literal["finishes", "furniture", "light", "outdoors"]
@@ -51,7 +51,7 @@ class SceneParams:
     # Light settings, dealt out in turn so that every split sees each.
     lighting: tuple[LightSetting, ...] = ("day", "evening", "night", "mixed")
     styles: tuple[StyleName, ...] = STYLES  # of the homes' interiors, drawn per home
-    # Pixels a side; a parameter file may say `auto`, see `pipeline.params.texture_size_for`.
+    # Pixels a side; a parameter file may say `auto`, see `pbrnet.pipeline.params.texture_size_for`.
     texture_size: int = field(default=256, metadata=within(64, 4096))
     # Share of the furniture that comes from the catalogues of the `assets` stage, where those
     # have something fitting; 0: all of it is the generator's own.

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from scenes.color import REC709, XYZ_TO_RGB, Color
+from pbrnet.scenes.color import REC709, XYZ_TO_RGB, Color
 
 LUMEN = 1.6e-5  # radiometric power, in `sunsky`'s units x m^2, of one lumen of white light
 

@@ -1,6 +1,6 @@
 """Import of scene files by the source that reads files of their suffix.
 
-The registry of sources is the list of base classes of `scenes.import_options.ImportEntry`.
+The registry of sources is the list of base classes of `pbrnet.scenes.import_options.ImportEntry`.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scenes.checked import build, check_name
-from scenes.contract import Scene, load_scene, save_scene, writing_scene
-from scenes.errors import InputError, ParameterError
-from scenes.files import copy_files, regular_file, resolved
-from scenes.formats.scene_xml import check_scene_xml
-from scenes.import_options import SOURCES as ALL_SOURCES
-from scenes.import_options import option_names
-from scenes.opened_files import OpenedFiles
-from scenes.source_options import load
+from pbrnet.scenes.checked import build, check_name
+from pbrnet.scenes.contract import Scene, load_scene, save_scene, writing_scene
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.files import copy_files, regular_file, resolved
+from pbrnet.scenes.formats.scene_xml import check_scene_xml
+from pbrnet.scenes.import_options import SOURCES as ALL_SOURCES
+from pbrnet.scenes.import_options import option_names
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.source_options import load
 
 # (file, scene folder to write, scene id, options, files that it opens) -> the scene
 Importer = Callable[[Path, Path, str, Any, OpenedFiles], Scene]
@@ -84,7 +84,7 @@ def import_scene(
     `path` is a file with a suffix in `SOURCES`, or a scene folder (with `scene.json`), which is
     checked and copied. `scene_id` defaults to the name of `out`. `opened` (of `path`'s folder, or
     of `path` if that is a folder) records the files that the import looked for. `options` are
-    fields of the source's options, see `scenes.import_options`. Raises `InputError`, and
+    fields of the source's options, see `pbrnet.scenes.import_options`. Raises `InputError`, and
     `ParameterError` for options that the source does not take; `out` is complete or absent.
     """
     path, out = Path(path), Path(out)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.files import digest_bytes
+from pbrnet.scenes.files import digest_bytes
 
 
 def derive(root: int, *names: str | int) -> int:

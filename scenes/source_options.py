@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-from scenes.checked import within
+from pbrnet.scenes.checked import within
 
 _SWITCHED = "Sweet Home 3D homes"  # files whose lamps can be all on or all off
 

@@ -38,7 +38,7 @@ def forked_imports() -> Iterator[None]:
     `tests/pipeline/test_import_limits.py` tests both ways, in processes of its own.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipeline.limits._can_fork", lambda: True)
+        patch.setattr("pbrnet.pipeline.limits._can_fork", lambda: True)
         yield
 
 
@@ -46,16 +46,16 @@ def forked_imports() -> Iterator[None]:
 def few_walks() -> Iterator[None]:
     """Imports look for gaps with few random walks; for tests of what else an import does."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("scenes.reconstruction.enclosure._WALKS", 1024)
-        patch.setattr("scenes.reconstruction.gap_sealing._WALKS", 1024)
-        patch.setattr("scenes.reconstruction.hidden_openings._WALKS_PER_ROOM", 512)
+        patch.setattr("pbrnet.scenes.reconstruction.enclosure._WALKS", 1024)
+        patch.setattr("pbrnet.scenes.reconstruction.gap_sealing._WALKS", 1024)
+        patch.setattr("pbrnet.scenes.reconstruction.hidden_openings._WALKS_PER_ROOM", 512)
         yield
 
 
 @pytest.fixture(scope="session")
 def variant() -> str:
     """The renderer's variant on this machine, chosen for this process."""
-    from pipeline.render.scene import set_variant
+    from pbrnet.pipeline.render.scene import set_variant
 
     return set_variant()
 

@@ -14,10 +14,10 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.baselines.layers import BatchNorm, Stack
-from model.data.encoding import Tensors
-from model.networks.objective import PairedLoss, Setting
-from model.networks.pbrnet import Architecture
+from pbrnet.model.baselines.layers import BatchNorm, Stack
+from pbrnet.model.data.encoding import Tensors
+from pbrnet.model.networks.objective import PairedLoss, Setting
+from pbrnet.model.networks.pbrnet import Architecture
 
 LEAK = 0.2
 

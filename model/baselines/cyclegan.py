@@ -13,10 +13,10 @@ Cycle-Consistent Adversarial Networks*, ICCV 2017, and its appendix.
 `width` is the number of filters in the first layer (64 in the paper), `levels` the number of R
 blocks.
 
-One of the two domains is here the stack of inputs (`model.baselines.layers.stacked`). The generator
-of this domain has no tanh. The identity loss needs images of one domain as input for the generator
-from the other: a colour image becomes a stack with this colour as reflectance and all other
-channels 0 (docs/networks.md).
+One of the two domains is here the stack of inputs (`pbrnet.model.baselines.layers.stacked`). The
+generator of this domain has no tanh. The identity loss needs images of one domain as input for the
+generator from the other: a colour image becomes a stack with this colour as reflectance and all
+other channels 0 (docs/networks.md).
 """
 
 from __future__ import annotations
@@ -28,11 +28,19 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.baselines.layers import IMAGES, STACKED, InstanceNorm, display, gaussian, padded, stacked
-from model.baselines.pix2pix import PatchDiscriminator
-from model.data.encoding import CHANNELS, Tensors, centred
-from model.networks.objective import Batch, Objective, Setting
-from model.networks.pbrnet import Architecture
+from pbrnet.model.baselines.layers import (
+    IMAGES,
+    STACKED,
+    InstanceNorm,
+    display,
+    gaussian,
+    padded,
+    stacked,
+)
+from pbrnet.model.baselines.pix2pix import PatchDiscriminator
+from pbrnet.model.data.encoding import CHANNELS, Tensors, centred
+from pbrnet.model.networks.objective import Batch, Objective, Setting
+from pbrnet.model.networks.pbrnet import Architecture
 
 CYCLE, IDENTITY = 10.0, 5.0  # weights of the cycle consistency and identity losses
 BUFFER_SIZE = 50  # images

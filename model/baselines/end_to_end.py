@@ -10,8 +10,8 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from model.data.encoding import Tensors
-from model.networks.pbrnet import Architecture, composition_network, shading_network
+from pbrnet.model.data.encoding import Tensors
+from pbrnet.model.networks.pbrnet import Architecture, composition_network, shading_network
 
 
 class EndToEnd(nn.Module):

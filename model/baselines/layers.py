@@ -6,8 +6,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.data.encoding import CHANNELS, Tensors
-from model.networks.pbrnet import NormalPanorama, Panorama, log_panorama
+from pbrnet.model.data.encoding import CHANNELS, Tensors
+from pbrnet.model.networks.pbrnet import NormalPanorama, Panorama, log_panorama
 
 IMAGES = ("depth", "normal", "reflectance")
 STACKED = sum(CHANNELS.values())  # channels of `stacked`

@@ -23,10 +23,18 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.baselines.layers import STACKED, BatchNorm, Stack, display, gaussian, padded, stacked
-from model.data.encoding import Tensors, centred
-from model.networks.objective import Batch, Objective, Setting
-from model.networks.pbrnet import Architecture
+from pbrnet.model.baselines.layers import (
+    STACKED,
+    BatchNorm,
+    Stack,
+    display,
+    gaussian,
+    padded,
+    stacked,
+)
+from pbrnet.model.data.encoding import Tensors, centred
+from pbrnet.model.networks.objective import Batch, Objective, Setting
+from pbrnet.model.networks.pbrnet import Architecture
 
 WIDEST = 8  # maximum number of filters, as a multiple of the first layer's
 DROPOUT_LAYERS = 3  # number of decoder layers with dropout, from the bottleneck on

@@ -1,14 +1,14 @@
 """Direct U-Net: a single network from all inputs to colour.
 
 O. Ronneberger, P. Fischer, T. Brox: *U-Net: Convolutional Networks for Biomedical Image
-Segmentation*, MICCAI 2015. It has the layers of our networks (`model.networks.pbrnet.UNet`). The
-comparison shows whether two networks with shading between them are better than one. The loss of its
-paper is for classification, so it is only trained with ours.
+Segmentation*, MICCAI 2015. It has the layers of our networks (`pbrnet.model.networks.pbrnet.UNet`).
+The comparison shows whether two networks with shading between them are better than one. The loss of
+its paper is for classification, so it is only trained with ours.
 """
 
 from __future__ import annotations
 
-from model.networks.pbrnet import Architecture, GuidedNet
+from pbrnet.model.networks.pbrnet import Architecture, GuidedNet
 
 INPUTS = ("depth", "normal", "reflectance")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import AnyArray, BoolArray, Float64Array
+from pbrnet.scenes.arrays import AnyArray, BoolArray, Float64Array
 
 WITHIN = (11.25, 22.5, 30.0)  # degrees
 

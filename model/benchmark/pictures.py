@@ -12,12 +12,12 @@ from typing import Literal
 import numpy as np
 import OpenEXR
 
-from pipeline.export.rows import ViewRow
-from scenes.arrays import AnyArray, Float32Array
-from scenes.color import decode_srgb
-from scenes.errors import InputError
-from scenes.files import read_json, regular_file
-from scenes.image_files import UnreadableImage, open_image
+from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.scenes.arrays import AnyArray, Float32Array
+from pbrnet.scenes.color import decode_srgb
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json, regular_file
+from pbrnet.scenes.image_files import UnreadableImage, open_image
 
 Task = Literal["color", "albedo", "normal"]
 SUFFIXES = (".exr", ".png")

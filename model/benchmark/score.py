@@ -9,19 +9,19 @@ from typing import Any, Literal
 
 import numpy as np
 
-from model.benchmark.metrics import local_rmse, normal_errors, scale_invariant_rmse
-from model.benchmark.pictures import SUFFIXES, Task, find_picture, read_picture, read_seconds
-from model.benchmark.views import ViewList, truths
-from model.evaluation.metrics import bootstrap, measure
-from pipeline.export.rows import Content, DatasetRows, ViewRow
-from pipeline.params import ToneParams
-from pipeline.progress import Progress
-from pipeline.tonemap import exposure_of, tonemap
-from scenes.arrays import AnyArray
-from scenes.checked import plain
-from scenes.color import luminance
-from scenes.errors import InputError
-from scenes.files import read_json
+from pbrnet.model.benchmark.metrics import local_rmse, normal_errors, scale_invariant_rmse
+from pbrnet.model.benchmark.pictures import SUFFIXES, Task, find_picture, read_picture, read_seconds
+from pbrnet.model.benchmark.views import ViewList, truths
+from pbrnet.model.evaluation.metrics import bootstrap, measure
+from pbrnet.pipeline.export.rows import Content, DatasetRows, ViewRow
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.tonemap import exposure_of, tonemap
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json
 
 # Metrics of each task in the order of the table, and the digits of each.
 METRICS: dict[Task, dict[str, int]] = {

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.export.rows import Content, DatasetRows, ViewRow
-from scenes.checked import build, plain
-from scenes.errors import InputError
-from scenes.files import digest_bytes, read_json, write_json
+from pbrnet.pipeline.export.rows import Content, DatasetRows, ViewRow
+from pbrnet.scenes.checked import build, plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_bytes, read_json, write_json
 
 TRUTH = ("color", "reflectance", "normal", "valid")
 

@@ -8,20 +8,20 @@ from typing import Any
 
 import click
 
-from model.evaluation import evaluate as evaluation
-from model.evaluation import reference as kept
-from model.evaluation.inference import PREDICTABLE, load_networks, needed
-from model.evaluation.metrics import NAMES
-from model.methods import BASELINES
-from model.options import FILE, FOLDER, found_models_option, models_option
-from model.release.onnx_export import EXPORTABLE, OUTPUTS, export_onnx, exported_inputs
-from model.release.pretrained import find_models, pack
-from model.titles import NETWORK_TITLES
-from model.training.backbone import make_backbone
-from model.training.train import Folders, train_network
-from pipeline.commands.options import common_options
-from pipeline.params import Params
-from scenes.files import atomic_file, write_json
+from pbrnet.model.evaluation import evaluate as evaluation
+from pbrnet.model.evaluation import reference as kept
+from pbrnet.model.evaluation.inference import PREDICTABLE, load_networks, needed
+from pbrnet.model.evaluation.metrics import NAMES
+from pbrnet.model.methods import BASELINES
+from pbrnet.model.options import FILE, FOLDER, found_models_option, models_option
+from pbrnet.model.release.onnx_export import EXPORTABLE, OUTPUTS, export_onnx, exported_inputs
+from pbrnet.model.release.pretrained import find_models, pack
+from pbrnet.model.titles import NETWORK_TITLES
+from pbrnet.model.training.backbone import make_backbone
+from pbrnet.model.training.train import Folders, train_network
+from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.files import atomic_file, write_json
 
 
 @click.command(

@@ -9,32 +9,32 @@ from typing import Any
 import click
 import numpy as np
 
-from model.data.encoding import MAX_SAMPLES
-from model.evaluation import predict as prediction
-from model.evaluation.budget import Effort, choose, efforts_for, stopwatch
-from model.evaluation.inference import PREDICTABLE, Networks, load_networks
-from model.evaluation.predict import ViewSource
-from model.evaluation.previews import (
+from pbrnet.model.data.encoding import MAX_SAMPLES
+from pbrnet.model.evaluation import predict as prediction
+from pbrnet.model.evaluation.budget import Effort, choose, efforts_for, stopwatch
+from pbrnet.model.evaluation.inference import PREDICTABLE, Networks, load_networks
+from pbrnet.model.evaluation.predict import ViewSource
+from pbrnet.model.evaluation.previews import (
     DENOISED,
     MOST_DENOISED,
     PREVIEWS,
     Preview,
     write_rendering,
 )
-from model.networks.tiles import MIN_TILE
-from model.options import FILE, FOLDER, found_models_option, size_option
-from model.release.pretrained import find_models
-from pipeline.commands.options import common_options
-from pipeline.images import png_bytes
-from pipeline.params import Params
-from pipeline.passes.denoise import Quality
-from pipeline.pathtrace import integrator
-from pipeline.photograph import photograph
-from pipeline.progress import Progress
-from pipeline.views import View, intrinsics_of
-from scenes.contract import load_scene
-from scenes.errors import InputError
-from scenes.files import atomic_file
+from pbrnet.model.networks.tiles import MIN_TILE
+from pbrnet.model.options import FILE, FOLDER, found_models_option, size_option
+from pbrnet.model.release.pretrained import find_models
+from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.images import png_bytes
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.denoise import Quality
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.photograph import photograph
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.views import View, intrinsics_of
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import atomic_file
 
 HYBRID = "hybrid"
 _EITHER = click.Path(path_type=Path)

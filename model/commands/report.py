@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
-from model.report.page import Places, write_report
-from pipeline.commands.options import common_options
-from pipeline.params import Params
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.params import Params
 
 
 @click.command(

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from model.benchmark.pictures import Task
-from model.benchmark.score import METRICS, ExposureRule, score_folder, table
-from model.benchmark.views import load_views, pin_views, save_views
-from model.options import FILE, FOLDER
-from pipeline.dataset.splits import SPLITS
-from pipeline.export.rows import DatasetRows
-from scenes.files import write_json
+from pbrnet.model.benchmark.pictures import Task
+from pbrnet.model.benchmark.score import METRICS, ExposureRule, score_folder, table
+from pbrnet.model.benchmark.views import load_views, pin_views, save_views
+from pbrnet.model.options import FILE, FOLDER
+from pbrnet.pipeline.dataset.splits import SPLITS
+from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.scenes.files import write_json
 
 
 @click.command(

@@ -1,8 +1,8 @@
 """Direct lighting of a view by the light sources that its panorama shows.
 
-The positions and intensities of the sources come from `pipeline.passes.panorama_lights`, the
-shadows from `pipeline.passes.visibility` if the view has them. The result lacks indirect light and
-the light of lamps that are not visible from the camera position.
+The positions and intensities of the sources come from `pbrnet.pipeline.passes.panorama_lights`, the
+shadows from `pbrnet.pipeline.passes.visibility` if the view has them. The result lacks indirect
+light and the light of lamps that are not visible from the camera position.
 
 The study of illumination shows it beside the networks, which do not take it.
 """
@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.data.reader import Example
-from pipeline.passes.panorama_lights import sources, unshadowed_irradiance
-from scenes.arrays import AnyArray
-from scenes.geometry.directions import pixel_directions
+from pbrnet.model.data.reader import Example
+from pbrnet.pipeline.passes.panorama_lights import sources, unshadowed_irradiance
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.geometry.directions import pixel_directions
 
 
 def direct_light(view: Example, albedo: float) -> tuple[AnyArray, AnyArray]:

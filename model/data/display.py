@@ -1,7 +1,7 @@
 """Tone mapping of batches (N, 3, H, W), differentiable, for networks and losses.
 
-`pipeline.tonemap` does the same for single images (H, W, 3). All functions have finite gradients
-everywhere and use only operators that ONNX has.
+`pbrnet.pipeline.tonemap` does the same for single images (H, W, 3). All functions have finite
+gradients everywhere and use only operators that ONNX has.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 import torch
 from torch.nn import functional
 
-from pipeline.params import ToneParams
-from scenes.color import REC709, decode_srgb, encode_srgb
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.scenes.color import REC709, decode_srgb, encode_srgb
 
 BLOCK = 8  # side in pixels of the blocks whose means the log average takes, see `exposure_of`
 
@@ -30,7 +30,8 @@ def tint_display(display: torch.Tensor, color: torch.Tensor) -> torch.Tensor:
 
 
 def tonemap_exposed(scaled: torch.Tensor, white: torch.Tensor | float) -> torch.Tensor:
-    """Exposed radiance (N, 3, H, W) to display values in [0, 1], see `pipeline.tonemap.tonemap`.
+    """Exposed radiance (N, 3, H, W) to display values in [0, 1], see
+    `pbrnet.pipeline.tonemap.tonemap`.
 
     `white` is a number or (N, 1, 1, 1).
     """
@@ -41,8 +42,9 @@ def tonemap_exposed(scaled: torch.Tensor, white: torch.Tensor | float) -> torch.
 def log_average(lum: torch.Tensor) -> torch.Tensor:
     """Log-average luminance (N, 1, 1, 1) of luminance (N, 1, H, W).
 
-    exp of the mean logarithm of all block means above 0, as in `pipeline.tonemap.exposure_of`. For
-    an image that is black everywhere it is the key of the tone mapping.
+    exp of the mean logarithm of all block means above 0, as in
+    `pbrnet.pipeline.tonemap.exposure_of`. For an image that is black everywhere it is the key of
+    the tone mapping.
     """
     height, width = lum.shape[-2:]
     pad = (0, -width % BLOCK, 0, -height % BLOCK)

@@ -6,8 +6,8 @@ Light transport and noisy samples keep the unit, and so do the networks that tak
 compress the ranges: a bare bulb is 10^5 times as bright as a dim wall. Images are centred about 0:
 otherwise a short training learns brightness but not colour.
 
-The encoder takes NumPy arrays. While a network is exported (`model.release.onnx_export`) it takes
-tensors, and torch's exporter traces it.
+The encoder takes NumPy arrays. While a network is exported (`pbrnet.model.release.onnx_export`) it
+takes tensors, and torch's exporter traces it.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from typing import Literal, TypeVar
 import numpy as np
 import torch
 
-from model.data.display import log_average
-from model.data.reader import Example, ViewInputs
-from pipeline.tonemap import Exposure, tonemap
-from scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
-from scenes.color import encode_srgb
-from scenes.errors import InputError
+from pbrnet.model.data.display import log_average
+from pbrnet.model.data.reader import Example, ViewInputs
+from pbrnet.pipeline.tonemap import Exposure, tonemap
+from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
+from pbrnet.scenes.color import encode_srgb
+from pbrnet.scenes.errors import InputError
 
 Value = TypeVar("Value", AnyArray, torch.Tensor)
 Policy = Literal["own", "shared"]

@@ -23,7 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from pipeline.dataset.parquet import (
+from pbrnet.pipeline.dataset.parquet import (
     check_filled,
     check_types,
     fill_image,
@@ -31,13 +31,13 @@ from pipeline.dataset.parquet import (
     open_parquet,
     reading,
 )
-from pipeline.radiance import RADIANCE_SCALE, RADIANCES, is_scale
-from pipeline.tonemap import Exposure
-from scenes.arrays import AnyArray, ArrayOrTensor, UInt8Array
-from scenes.checked import check_name
-from scenes.errors import InputError
-from scenes.files import digest_bytes, digest_file
-from scenes.seeds import generator
+from pbrnet.pipeline.radiance import RADIANCE_SCALE, RADIANCES, is_scale
+from pbrnet.pipeline.tonemap import Exposure
+from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, UInt8Array
+from pbrnet.scenes.checked import check_name
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_bytes, digest_file
+from pbrnet.scenes.seeds import generator
 
 Split = Literal["train", "validation", "test"]
 ImageType = tuple[np.dtype[Any], tuple[int, ...]]  # of a column: NumPy type and shape
@@ -108,7 +108,7 @@ class ViewInputs:
     tint: ArrayOrTensor | None = None
     # float32 (H, W), [0, 1], share of the sources' direct light that is not shadowed; None: 1
     visibility: ArrayOrTensor | None = None
-    # Light transport, float32 (H, W, 3) in the unit of radiance, `pipeline.passes.transport`
+    # Light transport, float32 (H, W, 3) in the unit of radiance, `pbrnet.pipeline.passes.transport`
     transport_direct: ArrayOrTensor | None = None  # irradiance / pi by direct light
     transport_indirect: ArrayOrTensor | None = None  # the same of indirect light
     transport_color: ArrayOrTensor | None = None  # picture of the method `radiosity`

@@ -11,13 +11,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from model.evaluation.inference import Networks
-from model.evaluation.predict import example_of, rendered_for
-from model.evaluation.previews import DENOISED, RADIOSITY, denoised, radiosity
-from pipeline.params import Params
-from pipeline.passes.denoise import Quality
-from pipeline.render.scene import RenderScene
-from pipeline.views import View
+from pbrnet.model.evaluation.inference import Networks
+from pbrnet.model.evaluation.predict import example_of, rendered_for
+from pbrnet.model.evaluation.previews import DENOISED, RADIOSITY, denoised, radiosity
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.denoise import Quality
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import View
 
 # Methods and samples per pixel, each with less error than the one before, at 160x120 and 480x360;
 # from 64 and 32 denoised samples on taken for granted.

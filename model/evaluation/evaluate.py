@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from model.data.encoding import color_exposure
-from model.data.reader import (
+from pbrnet.model.data.encoding import color_exposure
+from pbrnet.model.data.reader import (
     MATERIAL_IMAGES,
     NOISY_IMAGES,
     TRANSPORT_IMAGES,
@@ -24,28 +24,28 @@ from model.data.reader import (
     Example,
     image_columns,
 )
-from model.evaluation.inference import (
+from pbrnet.model.evaluation.inference import (
     PREDICTABLE,
     PRODUCTS,
     Networks,
     available,
     load_networks,
 )
-from model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
-from model.methods import BASELINES, METHODS, extras_of
-from model.training.store import ModelCard
-from model.training.train import Folders
-from pipeline.costs.ledger import read_ledger
-from pipeline.dataset.held_out import kept_back
-from pipeline.images import error_picture, png_bytes
-from pipeline.params import Params
-from pipeline.progress import Progress
-from pipeline.tonemap import to_bytes, tonemap
-from scenes.arrays import AnyArray
-from scenes.checked import plain
-from scenes.errors import InputError
-from scenes.files import atomic_directory, read_json, write_json, write_text
-from scenes.seeds import derive
+from pbrnet.model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
+from pbrnet.model.methods import BASELINES, METHODS, extras_of
+from pbrnet.model.training.store import ModelCard
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.dataset.held_out import kept_back
+from pbrnet.pipeline.images import error_picture, png_bytes
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.tonemap import to_bytes, tonemap
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import atomic_directory, read_json, write_json, write_text
+from pbrnet.scenes.seeds import derive
 
 EVALUATED_METHODS = (*PREDICTABLE, "radiosity", "denoised", "ceiling")
 EXAMPLES = 4  # number of best views, and of worst views, with example images

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from model.data.encoding import (
+from pbrnet.model.data.encoding import (
     Tensors,
     color_exposure,
     encode,
@@ -23,15 +23,15 @@ from model.data.encoding import (
     to_batch,
     to_image,
 )
-from model.data.reader import Example
-from model.evaluation.product import linear_product, product, product_linear
-from model.methods import BASELINES, METHODS
-from model.networks.tiles import margin, tiled
-from model.training.store import ModelCard, load_model
-from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
-from scenes.arrays import AnyArray
-from scenes.errors import InputError
+from pbrnet.model.data.reader import Example
+from pbrnet.model.evaluation.product import linear_product, product, product_linear
+from pbrnet.model.methods import BASELINES, METHODS
+from pbrnet.model.networks.tiles import margin, tiled
+from pbrnet.model.training.store import ModelCard, load_model
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.errors import InputError
 
 PRODUCTS = {"product": product, "product_linear": product_linear}
 PREDICTABLE = ("pbrnet", *PRODUCTS, *BASELINES)

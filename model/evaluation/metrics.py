@@ -17,10 +17,10 @@ import torch
 from skimage.metrics import structural_similarity
 from torch import nn
 
-from model.training.backbone import hub_folder
-from scenes.arrays import AnyArray
-from scenes.errors import InputError
-from scenes.seeds import generator
+from pbrnet.model.training.backbone import hub_folder
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.seeds import generator
 
 ALEXNET_FILE = "alexnet-owt-7be5be79.pth"
 HEADS_FILE = "weights/v0.1/alex.pth"  # within the package `lpips`

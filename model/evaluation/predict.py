@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from model.data.encoding import color_exposure
-from model.data.reader import MATERIAL_IMAGES, Example
-from model.evaluation.inference import Networks, Prediction
-from model.evaluation.metrics import flip_map, measure
-from model.methods import METHODS
-from model.training.store import ModelCard
-from pipeline.channels import DENOISED, HALF, RGB, TINT, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
-from pipeline.frames import (
+from pbrnet.model.data.encoding import color_exposure
+from pbrnet.model.data.reader import MATERIAL_IMAGES, Example
+from pbrnet.model.evaluation.inference import Networks, Prediction
+from pbrnet.model.evaluation.metrics import flip_map, measure
+from pbrnet.model.methods import METHODS
+from pbrnet.model.training.store import ModelCard
+from pbrnet.pipeline.channels import DENOISED, HALF, RGB, TINT, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
+from pbrnet.pipeline.frames import (
     Channels,
     Frame,
     check_frame,
@@ -31,23 +31,23 @@ from pipeline.frames import (
     view_of,
     write_pixels,
 )
-from pipeline.images import Picture, contact_sheet, error_picture, reflectance_picture
-from pipeline.params import NoisyParams, Params, ToneParams
-from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import inputs_of, visible_surfaces
-from pipeline.passes.materials import materials_of
-from pipeline.passes.preparation import Preparation, prepare
-from pipeline.passes.registry import render_samples, render_truths
-from pipeline.passes.transport import render_transport
-from pipeline.photograph import meter, photograph
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.tonemap import Exposure, exposure_of, tonemap
-from pipeline.views import View, as_matrix, load_cameras, look
-from scenes.arrays import AnyArray
-from scenes.checked import plain
-from scenes.contract import load_scene
-from scenes.errors import InputError
-from scenes.seeds import derive
+from pbrnet.pipeline.images import Picture, contact_sheet, error_picture, reflectance_picture
+from pbrnet.pipeline.params import NoisyParams, Params, ToneParams
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.inputs import inputs_of, visible_surfaces
+from pbrnet.pipeline.passes.materials import materials_of
+from pbrnet.pipeline.passes.preparation import Preparation, prepare
+from pbrnet.pipeline.passes.registry import render_samples, render_truths
+from pbrnet.pipeline.passes.transport import render_transport
+from pbrnet.pipeline.photograph import meter, photograph
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap
+from pbrnet.pipeline.views import View, as_matrix, load_cameras, look
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.seeds import derive
 
 # Channels that each kind of frame must have; the key tells the kinds apart.
 _NEEDED = {

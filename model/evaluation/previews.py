@@ -8,23 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from model.evaluation.metrics import flip_map, measure
-from model.evaluation.predict import known_truth, trace_truth
-from pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
-from pipeline.frames import Channels, write_pixels
-from pipeline.images import Picture, contact_sheet, error_picture
-from pipeline.params import TRANSPORT_SAMPLES, Params
-from pipeline.passes.denoise import Quality
-from pipeline.passes.registry import trace_denoised
-from pipeline.passes.transport import Transport, transport_of
-from pipeline.photograph import meter, photograph
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.tonemap import exposure_of, tonemap
-from pipeline.views import View
-from scenes.arrays import Float32Array
-from scenes.contract import load_scene
-from scenes.errors import ParameterError
-from scenes.seeds import derive
+from pbrnet.model.evaluation.metrics import flip_map, measure
+from pbrnet.model.evaluation.predict import known_truth, trace_truth
+from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
+from pbrnet.pipeline.frames import Channels, write_pixels
+from pbrnet.pipeline.images import Picture, contact_sheet, error_picture
+from pbrnet.pipeline.params import TRANSPORT_SAMPLES, Params
+from pbrnet.pipeline.passes.denoise import Quality
+from pbrnet.pipeline.passes.registry import trace_denoised
+from pbrnet.pipeline.passes.transport import Transport, transport_of
+from pbrnet.pipeline.photograph import meter, photograph
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.tonemap import exposure_of, tonemap
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float32Array
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import ParameterError
+from pbrnet.scenes.seeds import derive
 
 RADIOSITY, DENOISED = "radiosity", "denoised"
 PREVIEWS: tuple[str, ...] = (RADIOSITY, DENOISED)  # methods without a network

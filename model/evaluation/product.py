@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from model.training.store import ModelCard
-from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
-from scenes.arrays import AnyArray
-from scenes.color import encode_srgb
+from pbrnet.model.training.store import ModelCard
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.color import encode_srgb
 
 
 def product(

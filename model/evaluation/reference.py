@@ -12,19 +12,19 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from model.data.reader import Dataset, Example
-from model.evaluation.evaluate import EVALUATED_METHODS, image_of, open_split, true_color
-from model.evaluation.inference import PREDICTABLE, available, load_networks
-from model.evaluation.metrics import NAMES, bootstrap
-from model.methods import METHODS
-from model.training.train import Folders
-from pipeline.images import contact_sheet, enlarge, png_bytes
-from pipeline.params import Params
-from pipeline.tonemap import to_bytes
-from scenes.checked import plain
-from scenes.errors import InputError
-from scenes.files import read_json
-from scenes.seeds import derive
+from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.evaluation.evaluate import EVALUATED_METHODS, image_of, open_split, true_color
+from pbrnet.model.evaluation.inference import PREDICTABLE, available, load_networks
+from pbrnet.model.evaluation.metrics import NAMES, bootstrap
+from pbrnet.model.methods import METHODS
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.images import contact_sheet, enlarge, png_bytes
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.tonemap import to_bytes
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json
+from pbrnet.scenes.seeds import derive
 
 BASELINES = ("unet", "can", "pix2pix", "cyclegan")  # of the paper, trained with its loss
 PAIRS = (

@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from pipeline.plotting import INK, RULE, SERIES, SIZE, SOFT_INK, add_legend, new_chart
+from pbrnet.pipeline.plotting import INK, RULE, SERIES, SIZE, SOFT_INK, add_legend, new_chart
 
 Points = Sequence[tuple[float, float]]
 _THEME = {

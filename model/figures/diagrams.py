@@ -1,8 +1,8 @@
 """Diagrams of the report as inline SVG: the chain of stages, and the guide to a panorama.
 
-They are layouts of boxes, pictures and labels, not charts of data (`model.figures.charts`), so
-they are written as SVG elements. Each function returns one `<svg>` element with escaped text; its
-classes (`box`, `flow`, `outline`, ...) get their colours from the page's style sheet.
+They are layouts of boxes, pictures and labels, not charts of data (`pbrnet.model.figures.charts`),
+so they are written as SVG elements. Each function returns one `<svg>` element with escaped text;
+its classes (`box`, `flow`, `outline`, ...) get their colours from the page's style sheet.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup, escape
 
-from scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array
 
 Box = tuple[float, float, float, float]  # x, y, width, height
 

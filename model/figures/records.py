@@ -12,15 +12,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from model.figures.row_pictures import uri
-from pipeline.dataset.parquet import check_types, images_of
-from pipeline.images import Picture, fit, read_picture
-from pipeline.radiance import RADIANCE_SCALE, RADIANCES
-from pipeline.views import load_cameras
-from scenes.checked import build, check_name
-from scenes.contract import Scene, load_scene, scene_folders
-from scenes.errors import InputError
-from scenes.files import read_json
+from pbrnet.model.figures.row_pictures import uri
+from pbrnet.pipeline.dataset.parquet import check_types, images_of
+from pbrnet.pipeline.images import Picture, fit, read_picture
+from pbrnet.pipeline.radiance import RADIANCE_SCALE, RADIANCES
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.checked import build, check_name
+from pbrnet.scenes.contract import Scene, load_scene, scene_folders
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json
 
 Result = TypeVar("Result")
 METRICS = {

@@ -6,11 +6,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from model.figures.charts import line_chart, strip_plot
-from model.figures.records import METRICS, Records
-from model.figures.row_pictures import MODALITIES, draw, shrink, tone_mapped, uri
-from model.titles import METHOD_TITLES, NETWORK_TITLES
-from pipeline.images import Picture
+from pbrnet.model.figures.charts import line_chart, strip_plot
+from pbrnet.model.figures.records import METRICS, Records
+from pbrnet.model.figures.row_pictures import MODALITIES, draw, shrink, tone_mapped, uri
+from pbrnet.model.titles import METHOD_TITLES, NETWORK_TITLES
+from pbrnet.pipeline.images import Picture
 
 EXAMPLE_PARTS = {
     "prediction": "Prediction",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.images import (
+from pbrnet.pipeline.images import (
     Picture,
     contact_sheet,
     depth_picture,
@@ -27,8 +27,8 @@ from pipeline.images import (
     tint_picture,
     tone_picture,
 )
-from pipeline.photograph import meter, photograph
-from pipeline.tonemap import Exposure
+from pbrnet.pipeline.photograph import meter, photograph
+from pbrnet.pipeline.tonemap import Exposure
 
 THUMBNAIL = 320  # largest width, pixels
 MODALITIES = {

@@ -8,7 +8,7 @@ from typing import Any
 from jinja2 import Environment
 from markupsafe import Markup
 
-from pipeline.templating import templates
+from pbrnet.pipeline.templating import templates
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.data.encoding import Tensors
-from model.networks.pbrnet import UNet, convolution
+from pbrnet.model.data.encoding import Tensors
+from pbrnet.model.networks.pbrnet import UNet, convolution
 
 GEOMETRY = ("depth", "normal", "materials")  # inputs that all bands share
 GEOMETRY_CHANNELS = 8

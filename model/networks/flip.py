@@ -1,8 +1,8 @@
 """FLIP as a loss: LDR-FLIP in torch, with finite gradients everywhere.
 
 Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild: *FLIP: a difference evaluator for
-alternating images*, HPG 2020. `model.evaluation.metrics.flip_map` measures with the authors' own
-library, which has no gradient; a test compares both.
+alternating images*, HPG 2020. `pbrnet.model.evaluation.metrics.flip_map` measures with the authors'
+own library, which has no gradient; a test compares both.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from scenes.arrays import AnyArray
-from scenes.color import XYZ_TO_RGB, decode_srgb
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.color import XYZ_TO_RGB, decode_srgb
 
 PIXELS_PER_DEGREE = 67.0
 

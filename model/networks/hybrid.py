@@ -1,11 +1,11 @@
 """PBR-Net hybrid: a few path-traced samples a pixel, denoised, then corrected by a network.
 
 Two pictures of the view err independently: the denoised samples, by noise that the denoiser takes
-for light, and light transport (`pipeline.passes.transport`), which has little noise but leaves
-things out. The network starts from a mixture of them that is nearer to the truth than either. The
-more samples there are, of a pixel and of the image, the less of it is light transport. The network
-also knows the difference of two halves of the samples, and their number: one set of weights serves
-for 1 to 8.
+for light, and light transport (`pbrnet.pipeline.passes.transport`), which has little noise but
+leaves things out. The network starts from a mixture of them that is nearer to the truth than
+either. The more samples there are, of a pixel and of the image, the less of it is light transport.
+The network also knows the difference of two halves of the samples, and their number: one set of
+weights serves for 1 to 8.
 
 For each pixel and band it predicts the share of light transport in the mixture, how far the picture
 moves towards the raw samples, and the logarithm of a factor. At first the share is that of
@@ -21,11 +21,11 @@ import math
 import torch
 from torch import nn
 
-from model.data.display import log_average
-from model.data.encoding import MAX_SAMPLES, Tensors
-from model.networks.bands import BandNet, bounded, geometry_of, log_light
-from model.networks.pbrnet import Architecture
-from scenes.color import decode_srgb
+from pbrnet.model.data.display import log_average
+from pbrnet.model.data.encoding import MAX_SAMPLES, Tensors
+from pbrnet.model.networks.bands import BandNet, bounded, geometry_of, log_light
+from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.scenes.color import decode_srgb
 
 # A band's samples, denoised samples, transport's picture, difference of the samples' halves, direct
 # and indirect light, reflectance

@@ -17,9 +17,9 @@ from typing import Any, Literal
 import torch
 from torch import nn
 
-from model.data.display import tonemap_exposed
-from model.data.encoding import Tensors
-from model.networks.flip import Flip
+from pbrnet.model.data.display import tonemap_exposed
+from pbrnet.model.data.encoding import Tensors
+from pbrnet.model.networks.flip import Flip
 
 Criterion = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 Target = Literal["shading", "color"]

@@ -15,8 +15,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.data.encoding import CHANNELS, Policy, Tensors, centred
-from scenes.checked import within
+from pbrnet.model.data.encoding import CHANNELS, Policy, Tensors, centred
+from pbrnet.scenes.checked import within
 
 Panorama = Literal["resize", "normal"]
 
@@ -28,7 +28,7 @@ WIDEST = 8  # levels double their width up to this many times the first level's
 class Architecture:
     """Hyperparameters of a network; part of its model card."""
 
-    kind: str  # `Method.kind` of `model.methods.METHODS`
+    kind: str  # `Method.kind` of `pbrnet.model.methods.METHODS`
     width: int = field(metadata=within(1, 1024))  # channels of the first level
     levels: int = field(
         metadata=within(1, 32)

@@ -1,8 +1,8 @@
 """PBR-Net plus: light transport, corrected by a network.
 
-Light transport (`pipeline.passes.transport`) gives each pixel's direct and indirect light without
-the reflectance of what is seen, and the picture that follows from both. It knows lamps out of
-sight, shadows and bounces. The network corrects what the computation leaves out: gloss in the
+Light transport (`pbrnet.pipeline.passes.transport`) gives each pixel's direct and indirect light
+without the reflectance of what is seen, and the picture that follows from both. It knows lamps out
+of sight, shadows and bounces. The network corrects what the computation leaves out: gloss in the
 exchange of light, light behind rough glass, places between its samples, loss of energy.
 
 For each pixel and band the network predicts logarithms of three factors, of direct light, of
@@ -18,10 +18,10 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from model.data.encoding import Tensors
-from model.networks.bands import BandNet, bounded, geometry_of, log_light
-from model.networks.pbrnet import Architecture
-from scenes.color import decode_srgb
+from pbrnet.model.data.encoding import Tensors
+from pbrnet.model.networks.bands import BandNet, bounded, geometry_of, log_light
+from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.scenes.color import decode_srgb
 
 SIGNALS = 4  # a band's direct light, indirect light, rest of the picture, and reflectance
 MAX_LOG_FACTOR = 2.0  # bound of the predicted logarithms: a factor is at most exp(2), about 7

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import torch
 
-from model.data.encoding import Tensors
-from model.networks.bands import FOLD
-from model.networks.pbrnet import Architecture
-from scenes.errors import InputError
+from pbrnet.model.data.encoding import Tensors
+from pbrnet.model.networks.bands import FOLD
+from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.scenes.errors import InputError
 
 # Inputs that are not images of the view: each tile gets them whole.
 WHOLE = ("intensity", "distance", "level", "samples")

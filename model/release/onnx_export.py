@@ -1,7 +1,7 @@
 """ONNX export of trained networks: one model from the images of a view to its picture.
 
 Programs that run the model need neither torch nor this package. The graph includes the encoding of
-the inputs, traced from `model.data.encoding`, so its inputs are columns of the dataset.
+the inputs, traced from `pbrnet.model.data.encoding`, so its inputs are columns of the dataset.
 """
 
 from __future__ import annotations
@@ -16,15 +16,21 @@ from typing import Any
 import torch
 from torch import nn
 
-from model.data.display import log_average, luminance, tonemap_exposed
-from model.data.encoding import DEFAULT_WHITE, Tensors, encode
-from model.data.reader import MATERIAL_IMAGES, NOISY_IMAGES, NOISY_SPP, TRANSPORT_IMAGES, ViewInputs
-from model.evaluation.inference import Networks, needed
-from model.methods import METHODS
-from model.networks.pbrnet import GRID
-from scenes.checked import plain
-from scenes.errors import MachineError
-from scenes.files import atomic_file
+from pbrnet.model.data.display import log_average, luminance, tonemap_exposed
+from pbrnet.model.data.encoding import DEFAULT_WHITE, Tensors, encode
+from pbrnet.model.data.reader import (
+    MATERIAL_IMAGES,
+    NOISY_IMAGES,
+    NOISY_SPP,
+    TRANSPORT_IMAGES,
+    ViewInputs,
+)
+from pbrnet.model.evaluation.inference import Networks, needed
+from pbrnet.model.methods import METHODS
+from pbrnet.model.networks.pbrnet import GRID
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import MachineError
+from pbrnet.scenes.files import atomic_file
 
 OPSET = 20
 EXPORTABLE = ("pbrnet", "plus", "hybrid")
@@ -93,7 +99,8 @@ def _picture(image: torch.Tensor) -> torch.Tensor:
 
 
 def averaged_panorama(inputs: Tensors) -> Tensors:
-    """The inputs with the panorama averaged to `GRID`, as in `model.networks.pbrnet.averaged`.
+    """The inputs with the panorama averaged to `GRID`, as in
+    `pbrnet.model.networks.pbrnet.averaged`.
 
     That function uses adaptive pooling of any size, which ONNX lacks. For a panorama of the size
     `GRID` it is the identity.

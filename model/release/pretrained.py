@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 import torch
 
-from model.data.reader import Dataset, Example, Extra
-from model.evaluation.inference import Networks, available, load_networks, needed
-from model.methods import METHODS, extras_of
-from model.titles import NETWORK_TITLES
-from model.training.store import ModelCard, load_model
-from model.training.weights import write_weights
-from pipeline.templating import templates
-from pipeline.versions import PACKED
-from scenes.checked import plain
-from scenes.errors import InputError
-from scenes.files import atomic_directory, digest_file, read_json, write_json
+from pbrnet.model.data.reader import Dataset, Example, Extra
+from pbrnet.model.evaluation.inference import Networks, available, load_networks, needed
+from pbrnet.model.methods import METHODS, extras_of
+from pbrnet.model.titles import NETWORK_TITLES
+from pbrnet.model.training.store import ModelCard, load_model
+from pbrnet.model.training.weights import write_weights
+from pbrnet.pipeline.templating import templates
+from pbrnet.pipeline.versions import PACKED
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import atomic_directory, digest_file, read_json, write_json
 
 LIMIT = 16_000_000  # maximum size of the folder in bytes
 # Maximum and mean difference allowed between predictions of a packed and the original network, in
@@ -203,7 +203,7 @@ def _card(packed: Networks, differences: Sequence[Difference], figures: dict[str
     licences = sorted({licence for card in cards for licence in card.data.licences})
     credits = sorted({line for card in cards for line in card.data.attributions})
     shown, held_out = [*packed.methods, "denoised", "ceiling"], figures.get("kept_back")
-    environment = templates("model.release", markup=False)
+    environment = templates("pbrnet.model.release", markup=False)
     environment.filters["json"] = lambda value: json.dumps(value, sort_keys=True)
     return environment.get_template("model_card.md").render(
         methods=packed.methods,

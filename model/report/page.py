@@ -19,17 +19,17 @@ import pyarrow as pa
 import yaml
 from markupsafe import Markup
 
-from model.figures.charts import inline_svg
-from model.figures.diagrams import TALL, WIDE, Node, chain, panorama_guide
-from model.figures.records import METRICS, Places, Records
-from model.figures.results import (
+from pbrnet.model.figures.charts import inline_svg
+from pbrnet.model.figures.diagrams import TALL, WIDE, Node, chain, panorama_guide
+from pbrnet.model.figures.records import METRICS, Places, Records
+from pbrnet.model.figures.results import (
     best_and_worst,
     figure_of,
     learning_curves,
     result_table,
     score_strips,
 )
-from model.figures.row_pictures import (
+from pbrnet.model.figures.row_pictures import (
     MODALITIES,
     THUMBNAIL,
     draw,
@@ -41,17 +41,17 @@ from model.figures.row_pictures import (
     shrink,
     uri,
 )
-from model.figures.section import page_templates
-from model.studies.registry import report_sections
-from pipeline.costs.charts import LedgerChart, ledger_charts
-from pipeline.costs.ledger import read_ledger
-from pipeline.dataset.checks import REASONS
-from pipeline.images import Picture, enlarge, fit, png_facts, read_picture
-from pipeline.params import Params
-from pipeline.plotting import new_chart
-from scenes.checked import plain
-from scenes.errors import InputError
-from scenes.files import write_text
+from pbrnet.model.figures.section import page_templates
+from pbrnet.model.studies.registry import report_sections
+from pbrnet.pipeline.costs.charts import LedgerChart, ledger_charts
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.dataset.checks import REASONS
+from pbrnet.pipeline.images import Picture, enlarge, fit, png_facts, read_picture
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.plotting import new_chart
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import write_text
 
 SHEET_VIEWS = 12
 _FURTHER_VIEWS = 3  # of which the parts of the light and the surroundings are shown
@@ -80,7 +80,7 @@ class _Page:
         rows = self.records.rows({*wanted, *(key for group in examples.values() for key in group)})
         sheet = [rows[key] for key in wanted if key in rows]
         return (
-            page_templates("model.report")
+            page_templates("pbrnet.model.report")
             .get_template("report.html")
             .render(
                 headline=self._headline(),

@@ -6,7 +6,7 @@ import importlib
 
 import click
 
-from model.studies.registry import STUDIES, study_command
+from pbrnet.model.studies.registry import STUDIES, study_command
 
 ALL = "all"  # the command that makes the figures of docs/results.md, model/studies/complete.py
 
@@ -21,7 +21,7 @@ class StudyGroup(click.Group):
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         """Import and return a study's command; None for an unknown name."""
         if name == ALL:
-            found: click.Command = importlib.import_module("model.studies.complete").command
+            found: click.Command = importlib.import_module("pbrnet.model.studies.complete").command
             return found
         return study_command(name) if name in STUDIES else None
 

@@ -17,15 +17,15 @@ from pathlib import Path
 
 import click
 
-from model.data.reader import Dataset
-from model.evaluation.inference import available
-from model.options import FOLDER
-from pipeline.commands.options import common_options
-from pipeline.params import Params
-from scenes.checked import plain
-from scenes.errors import InputError
-from scenes.files import atomic_file, digest_bytes, digest_file, read_json, write_json
-from scenes.image_files import open_image
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.evaluation.inference import available
+from pbrnet.model.options import FOLDER
+from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import atomic_file, digest_bytes, digest_file, read_json, write_json
+from pbrnet.scenes.image_files import open_image
 
 STUDIES_FOLDER = Path("metrics/studies")
 RECORD = STUDIES_FOLDER / "all.json"

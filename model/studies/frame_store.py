@@ -9,17 +9,23 @@ from pathlib import Path
 
 import numpy as np
 
-from model.data.reader import Dataset, Example
-from pipeline.channels import Kind
-from pipeline.frames import Channels, Frame, frame_path, holds, read_frame, write_frame
-from pipeline.params import Params
-from pipeline.passes.illumination import render_illumination
-from pipeline.passes.registry import TRUTHS, camera_of, frame_fingerprint, pass_seed, render_truths
-from pipeline.render.scene import RenderScene, free_memory, open_scene, renderer_version
-from pipeline.views import View, load_cameras
-from scenes.arrays import AnyArray
-from scenes.contract import Scene, load_scene
-from scenes.errors import InputError
+from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.frames import Channels, Frame, frame_path, holds, read_frame, write_frame
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.registry import (
+    TRUTHS,
+    camera_of,
+    frame_fingerprint,
+    pass_seed,
+    render_truths,
+)
+from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene, renderer_version
+from pbrnet.pipeline.views import View, load_cameras
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.errors import InputError
 
 _TOLERANCE = 0.02  # largest relative difference of two panoramas of one scene
 

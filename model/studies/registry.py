@@ -13,8 +13,8 @@ from typing import Any
 
 import click
 
-from model.figures.records import Records
-from model.figures.section import Section
+from pbrnet.model.figures.records import Records
+from pbrnet.model.figures.section import Section
 
 # Name: its line in `pbrnet study --help`. The report has the sections in this order.
 STUDIES = {

@@ -22,18 +22,18 @@ from safetensors.torch import load_file
 from torch import nn
 from torch.nn import functional
 
-from model.training.weights import write_weights
-from pipeline.params import BackboneParams
-from scenes.checked import build, plain
-from scenes.errors import InputError, MachineError
-from scenes.files import digest_file, read_json, write_json
-from scenes.seeds import generator
+from pbrnet.model.training.weights import write_weights
+from pbrnet.pipeline.params import BackboneParams
+from pbrnet.scenes.checked import build, plain
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import digest_file, read_json, write_json
+from pbrnet.scenes.seeds import generator
 
 Network = Literal["vgg19", "efficientnet_lite0"]
 
 LAYERS = ("conv1_2", "conv2_2", "conv3_2", "conv4_2", "conv5_2")
 # Mean change of each VGG layer for a unit change of the image. Chen and Koltun (2017) divide by it:
-# the inverse of `model.training.loss.LAMBDA` for the five layers, 1.5 / 10 for conv5_2.
+# the inverse of `pbrnet.model.training.loss.LAMBDA` for the five layers, 1.5 / 10 for conv5_2.
 BALANCE = (2.6, 4.8, 3.7, 5.6, 0.15)
 
 VGG_URL = "https://download.pytorch.org/models/vgg19-dcbb9e9d.pth"

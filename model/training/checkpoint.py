@@ -8,10 +8,10 @@ from typing import Any
 
 import torch
 
-from model.networks.objective import Objective
-from scenes.checked import plain
-from scenes.errors import InputError
-from scenes.files import atomic_file
+from pbrnet.model.networks.objective import Objective
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import atomic_file
 
 Optimisers = dict[str, torch.optim.Adam]  # by the names of the objective's modules
 

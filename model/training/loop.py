@@ -10,15 +10,15 @@ from collections.abc import Iterator, Sequence
 
 import torch
 
-from model.data.encoding import encode, radiances, targets
-from model.data.reader import Dataset, Example, coin_flips, mirrored
-from model.methods import Method
-from model.networks.objective import Batch, Objective
-from model.training.checkpoint import Checkpoint, CurvePoint, Optimisers, State
-from pipeline.params import Params
-from pipeline.progress import Progress
-from scenes.errors import InputError, PbrnetError
-from scenes.seeds import derive, derive32
+from pbrnet.model.data.encoding import encode, radiances, targets
+from pbrnet.model.data.reader import Dataset, Example, coin_flips, mirrored
+from pbrnet.model.methods import Method
+from pbrnet.model.networks.objective import Batch, Objective
+from pbrnet.model.training.checkpoint import Checkpoint, CurvePoint, Optimisers, State
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.progress import Progress
+from pbrnet.scenes.errors import InputError, PbrnetError
+from pbrnet.scenes.seeds import derive, derive32
 
 
 class TrainingError(PbrnetError):

@@ -11,14 +11,14 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file
 from torch import nn
 
-from model.data.encoding import Policy
-from model.methods import build_network, is_current
-from model.networks.pbrnet import Architecture, channels_last
-from model.training.weights import write_weights
-from pipeline.params import NoisyParams, ToneParams
-from scenes.checked import build, plain, shown
-from scenes.errors import InputError, ParameterError
-from scenes.files import digest_file, read_json, regular_file, write_json
+from pbrnet.model.data.encoding import Policy
+from pbrnet.model.methods import build_network, is_current
+from pbrnet.model.networks.pbrnet import Architecture, channels_last
+from pbrnet.model.training.weights import write_weights
+from pbrnet.pipeline.params import NoisyParams, ToneParams
+from pbrnet.scenes.checked import build, plain, shown
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.files import digest_file, read_json, regular_file, write_json
 
 
 @dataclass(frozen=True)

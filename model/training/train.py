@@ -22,20 +22,20 @@ from typing import Any
 import torch
 from torch import nn
 
-from model.data.reader import MATERIAL_IMAGES, NOISY_SPP, Dataset, Example, Extra
-from model.methods import METHODS, Method, build_network
-from model.networks.objective import Objective, Setting
-from model.networks.pbrnet import Architecture, channels_last
-from model.training.backbone import Backbone, load_backbone
-from model.training.checkpoint import Checkpoint, CurvePoint
-from model.training.loop import Run, train_steps
-from model.training.loss import PerceptualLoss
-from model.training.store import ModelCard, TrainingData, load_model, save_model
-from pipeline.params import Params, StageTrainParams, TrainParams
-from scenes.checked import plain
-from scenes.errors import InputError
-from scenes.files import digest_bytes, digest_file, write_json, write_text
-from scenes.seeds import derive32
+from pbrnet.model.data.reader import MATERIAL_IMAGES, NOISY_SPP, Dataset, Example, Extra
+from pbrnet.model.methods import METHODS, Method, build_network
+from pbrnet.model.networks.objective import Objective, Setting
+from pbrnet.model.networks.pbrnet import Architecture, channels_last
+from pbrnet.model.training.backbone import Backbone, load_backbone
+from pbrnet.model.training.checkpoint import Checkpoint, CurvePoint
+from pbrnet.model.training.loop import Run, train_steps
+from pbrnet.model.training.loss import PerceptualLoss
+from pbrnet.model.training.store import ModelCard, TrainingData, load_model, save_model
+from pbrnet.pipeline.params import Params, StageTrainParams, TrainParams
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_bytes, digest_file, write_json, write_text
+from pbrnet.scenes.seeds import derive32
 
 VALIDATION_VIEWS = 32  # maximum number of views for the validation loss
 LICENCE = "MIT"

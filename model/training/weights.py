@@ -10,8 +10,8 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import save_file
 
-from scenes.errors import MachineError
-from scenes.files import atomic_file
+from pbrnet.scenes.errors import MachineError
+from pbrnet.scenes.files import atomic_file
 
 
 def write_weights(path: Path, state: dict[str, torch.Tensor]) -> None:

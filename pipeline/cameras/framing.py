@@ -1,6 +1,6 @@
 """Framing of a view as in photographs: no blank wall or lamp that fills it, a subject on a third.
 
-Measured on the small id image of `pipeline.stages.view_sampling`. PBRS has no such rule; the
+Measured on the small id image of `pbrnet.pipeline.stages.view_sampling`. PBRS has no such rule; the
 parameter `cameras.framing` chooses.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from scenes.contract import Scene
+from pbrnet.scenes.contract import Scene
 
 LARGEST_BLANK = 0.25  # of the view, one blank surface
 LARGEST_LAMP = 0.12  # of the view, one lamp

@@ -17,9 +17,9 @@ import shapely
 from scipy.sparse import csr_array
 from shapely.geometry import Polygon
 
-from pipeline.render.scene import RenderScene, cast
-from scenes.arrays import BoolArray, Float64Array, Int32Array
-from scenes.contract import Room
+from pbrnet.pipeline.render.scene import RenderScene, cast
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int32Array
+from pbrnet.scenes.contract import Room
 
 _CELL = 0.05  # metres
 _MOST_CELLS = 200_000  # of a storey; larger storeys have larger cells

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.render.scene import RenderScene, cast
-from scenes.arrays import Float64Array
-from scenes.geometry.directions import pixel_directions, turned, unit
+from pbrnet.pipeline.render.scene import RenderScene, cast
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.directions import pixel_directions, turned, unit
 
 _WIDTH = 48  # pixels of the views that are compared
 _TOLERANCE = 2e-4  # of the distance

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.views import View
-from scenes.arrays import BoolArray, Float64Array, FloatingArray
-from scenes.geometry.directions import pixel_directions, turned
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import BoolArray, Float64Array, FloatingArray
+from pbrnet.scenes.geometry.directions import pixel_directions, turned
 
 _MIN_DEPTH = 1e-5  # metres before a camera
 

@@ -16,11 +16,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.params import CameraParams
-from pipeline.views import Matrix, check_pose
-from scenes.checked import build
-from scenes.errors import InputError
-from scenes.files import digest_file, exists, read_json, regular_file
+from pbrnet.pipeline.params import CameraParams
+from pbrnet.pipeline.views import Matrix, check_pose
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_file, exists, read_json, regular_file
 
 _MAX_BYTES = 1 << 24
 _MAX_FRAMES = 10_000

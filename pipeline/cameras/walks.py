@@ -17,8 +17,8 @@ import scipy.ndimage
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from pipeline.cameras.free_floor import BODY, FreeFloor
-from scenes.arrays import Float64Array, Int32Array
+from pbrnet.pipeline.cameras.free_floor import BODY, FreeFloor
+from pbrnet.scenes.arrays import Float64Array, Int32Array
 
 REVISION = 2  # raise it when a change of code changes walks
 _SAMPLE = 0.02  # metres between points of a way

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import click
 
-from pipeline.channels import KINDS
-from pipeline.commands.options import Size, common_options
-from pipeline.costs.forecast import (
+from pbrnet.pipeline.channels import KINDS
+from pbrnet.pipeline.commands.options import Size, common_options
+from pbrnet.pipeline.costs.forecast import (
     TOGETHER,
     HeldOut,
     fit_costs,
@@ -19,11 +19,11 @@ from pipeline.costs.forecast import (
     joined,
     samples_of,
 )
-from pipeline.costs.ledger import read_ledger
-from pipeline.frames import kinds_of
-from pipeline.params import Params
-from pipeline.release.recipe import RECIPES, load_recipe
-from scenes.errors import ParameterError
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.frames import kinds_of
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.release.recipe import RECIPES, load_recipe
+from pbrnet.scenes.errors import ParameterError
 
 
 @click.command(

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import click
 
-from pipeline.commands.options import common_options
-from pipeline.dataset.checksums import verify_sums
-from pipeline.dataset.description.card import DatasetSummary
-from pipeline.dataset.pack import pack_dataset
-from pipeline.images import png_bytes
-from pipeline.inspection.datasets import inspect_diversity, inspect_realism
-from pipeline.inspection.describe import inspect_path
-from pipeline.inspection.scenes import with_leaks
-from pipeline.params import Params
-from scenes.files import atomic_file
+from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.dataset.checksums import verify_sums
+from pbrnet.pipeline.dataset.description.card import DatasetSummary
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.images import png_bytes
+from pbrnet.pipeline.inspection.datasets import inspect_diversity, inspect_realism
+from pbrnet.pipeline.inspection.describe import inspect_path
+from pbrnet.pipeline.inspection.scenes import with_leaks
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.files import atomic_file
 
 
 @click.command(

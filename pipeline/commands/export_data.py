@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from pipeline.dataset.splits import SPLITS
-from pipeline.export.parts import ExportOptions, Job, run_export
-from pipeline.export.registry import FORMATS
-from pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.dataset.splits import SPLITS
+from pbrnet.pipeline.export.parts import ExportOptions, Job, run_export
+from pbrnet.pipeline.export.registry import FORMATS
+from pbrnet.pipeline.export.rows import DatasetRows
 
 _DEFAULT = ExportOptions()
 

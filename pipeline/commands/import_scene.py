@@ -13,17 +13,17 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import click
 
-from pipeline.inspection.sizes import triangles_of
-from pipeline.limits import Limits, run_limited
-from scenes.checked import check_name
-from scenes.contract import Scene, load_scene
-from scenes.errors import InputError, MachineError, ParameterError
-from scenes.files import sweep
-from scenes.import_options import SOURCES, option_names, source_of
-from scenes.params import SceneParams
-from scenes.registry import import_scene
-from scenes.seeds import derive
-from scenes.variants.vary import vary_scene
+from pbrnet.pipeline.inspection.sizes import triangles_of
+from pbrnet.pipeline.limits import Limits, run_limited
+from pbrnet.scenes.checked import check_name
+from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.errors import InputError, MachineError, ParameterError
+from pbrnet.scenes.files import sweep
+from pbrnet.scenes.import_options import SOURCES, option_names, source_of
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.seeds import derive
+from pbrnet.scenes.variants.vary import vary_scene
 
 
 def _sections() -> dict[str, list[str]]:

@@ -11,8 +11,8 @@ from typing import Any
 
 import click
 
-from pipeline.params import load_params
-from scenes.files import resolved
+from pbrnet.pipeline.params import load_params
+from pbrnet.scenes.files import resolved
 
 Command = Callable[..., Any]
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import click
 
-from pipeline.commands import run
-from pipeline.commands.options import farm_options
-from pipeline.costs.ledger import read_ledger
-from pipeline.dataset.description.card import DatasetSummary
-from pipeline.dataset.pack import pack_dataset
-from pipeline.params import Params
-from pipeline.release.recipe import (
+from pbrnet.pipeline.commands import run
+from pbrnet.pipeline.commands.options import farm_options
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.dataset.description.card import DatasetSummary
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.release.recipe import (
     RECIPES,
     Record,
     add_to_card,
@@ -27,10 +27,10 @@ from pipeline.release.recipe import (
     save_record,
     sums_of,
 )
-from pipeline.stages.runner import StageError
-from pipeline.versions import instruction_set
-from scenes.errors import PbrnetError
-from scenes.files import resolved
+from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.pipeline.versions import instruction_set
+from pbrnet.scenes.errors import PbrnetError
+from pbrnet.scenes.files import resolved
 
 STAGES = tuple(stage for name, stage in run.STAGES.items() if name != "dataset")
 

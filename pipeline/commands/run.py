@@ -7,18 +7,18 @@ from pathlib import Path
 
 import click
 
-from pipeline.commands.data import summary_lines
-from pipeline.commands.options import common_options, farm_options
-from pipeline.dataset.pack import pack_dataset
-from pipeline.params import Params
-from pipeline.stages.assets import run_assets
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.stages.illumination import run_illumination
-from pipeline.stages.inputs import run_inputs
-from pipeline.stages.runner import StageError
-from pipeline.stages.scenes import run_scenes
-from scenes.errors import PbrnetError
+from pbrnet.pipeline.commands.data import summary_lines
+from pbrnet.pipeline.commands.options import common_options, farm_options
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.stages.assets import run_assets
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.illumination import run_illumination
+from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.scenes.errors import PbrnetError
 
 
 def _dataset(data: Path, params: Params, scheduler: str | None) -> str:

@@ -18,10 +18,10 @@ import drjit
 import psutil
 import torch
 
-from pipeline.params import Baseline, load_params
-from pipeline.versions import PACKED
-from scenes.errors import InputError, ParameterError
-from scenes.files import exists, regular_file, write_text
+from pbrnet.pipeline.params import Baseline, load_params
+from pbrnet.pipeline.versions import PACKED
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.files import exists, regular_file, write_text
 
 
 @dataclass(frozen=True)

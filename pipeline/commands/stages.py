@@ -6,15 +6,15 @@ from pathlib import Path
 
 import click
 
-from pipeline.commands.options import common_options, farm_options
-from pipeline.params import Params
-from pipeline.stages.assets import run_assets
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.stages.illumination import run_illumination
-from pipeline.stages.inputs import run_inputs
-from pipeline.stages.runner import Summary
-from pipeline.stages.scenes import run_scenes
+from pbrnet.pipeline.commands.options import common_options, farm_options
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.stages.assets import run_assets
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.illumination import run_illumination
+from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.runner import Summary
+from pbrnet.pipeline.stages.scenes import run_scenes
 
 
 @click.command(

@@ -16,7 +16,7 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.plotting import SERIES, add_legend, style_axes
+from pbrnet.pipeline.plotting import SERIES, add_legend, style_axes
 
 STAGES = ("scenes", "cameras", "inputs", "illumination", "visibility", "shading", "color")
 _TRUTHS = ("shading", "color", "light")

@@ -17,10 +17,10 @@ import numpy.typing as npt
 import pyarrow as pa
 from scipy.optimize import nnls
 
-from pipeline.params import Params
-from scenes.arrays import BoolArray, Float64Array
-from scenes.errors import InputError
-from scenes.seeds import generator
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.seeds import generator
 
 SCENE_STAGES = ("scenes", "cameras")
 # "truth" is all that one trace of paths makes of a view: shading, colour, light

@@ -15,8 +15,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from scenes.errors import InputError
-from scenes.files import atomic_file, regular_file
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import atomic_file, regular_file
 
 KEY = ("stage", "scene_id", "view_id")
 # Largest credible values; a ledger may come from elsewhere.

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from pipeline.costs.charts import stages_first
-from pipeline.costs.ledger import SCHEMA
-from scenes.arrays import Float64Array
+from pbrnet.pipeline.costs.charts import stages_first
+from pbrnet.pipeline.costs.ledger import SCHEMA
+from pbrnet.scenes.arrays import Float64Array
 
 
 def is_ledger(schema: pa.Schema) -> bool:

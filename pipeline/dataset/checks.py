@@ -16,20 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.channels import Kind, channels_of, layout
-from pipeline.dataset.environment_checks import environment_fault
-from pipeline.dataset.flow_checks import flow_fault
-from pipeline.dataset.label_checks import label_fault, material_fault
-from pipeline.dataset.light import light_fault
-from pipeline.frames import Channels, Frame, frame_path, read_frame
-from pipeline.params import CheckParams
-from pipeline.radiance import HALF_MAX
-from pipeline.views import View
-from scenes.arrays import Float32Array
-from scenes.checked import plain, shown
-from scenes.color import luminance
-from scenes.errors import InputError
-from scenes.files import read_json
+from pbrnet.pipeline.channels import Kind, channels_of, layout
+from pbrnet.pipeline.dataset.environment_checks import environment_fault
+from pbrnet.pipeline.dataset.flow_checks import flow_fault
+from pbrnet.pipeline.dataset.label_checks import label_fault, material_fault
+from pbrnet.pipeline.dataset.light import light_fault
+from pbrnet.pipeline.frames import Channels, Frame, frame_path, read_frame
+from pbrnet.pipeline.params import CheckParams
+from pbrnet.pipeline.radiance import HALF_MAX
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float32Array
+from pbrnet.scenes.checked import plain, shown
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json
 
 Size = tuple[int, int]  # width, height
 Frames = dict[Kind, Frame]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from scenes.errors import InputError
-from scenes.files import digest_file, write_text
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_file, write_text
 
 SUMS = "SHA256SUMS"
 _LINE = re.compile(r"([0-9a-f]{64})  ([^/\0]+)")

@@ -1,9 +1,9 @@
 """Columns of the dataset: types, shapes, units and meaning.
 
 The Parquet schema, the dataset card and the Croissant description are made from this module.
-An image is a `.npy` file of its byte planes in a binary cell (`pipeline.dataset.parquet`), so that
-NumPy alone restores it whatever program reads the table; type and shape also stand in the field's
-metadata. Small matrices are nested lists. docs/dataset.md compares this form with others.
+An image is a `.npy` file of its byte planes in a binary cell (`pbrnet.pipeline.dataset.parquet`),
+so that NumPy alone restores it whatever program reads the table; type and shape also stand in the
+field's metadata. Small matrices are nested lists. docs/dataset.md compares this form with others.
 """
 
 from __future__ import annotations
@@ -17,9 +17,16 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from pipeline.channels import RADIANCE, SETS, ChannelSet, Kind, dataset_channels, kinds_of_sets
-from pipeline.dataset.label_tables import CLASSES, json_text
-from pipeline.params import Projection
+from pbrnet.pipeline.channels import (
+    RADIANCE,
+    SETS,
+    ChannelSet,
+    Kind,
+    dataset_channels,
+    kinds_of_sets,
+)
+from pbrnet.pipeline.dataset.label_tables import CLASSES, json_text
+from pbrnet.pipeline.params import Projection
 
 
 @dataclass(frozen=True)

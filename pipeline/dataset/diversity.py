@@ -15,16 +15,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import ndimage
 
-from pipeline.dataset.parquet import (
+from pbrnet.pipeline.dataset.parquet import (
     check_filled,
     check_types,
     images_of,
     open_parquet,
     reading,
 )
-from scenes.arrays import BoolArray, Float64Array
-from scenes.color import luminance
-from scenes.errors import InputError
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.errors import InputError
 
 _COLUMNS = ("source", "objects", "depth", "valid", "color", "reflectance", "intensity")
 _BINS = 24

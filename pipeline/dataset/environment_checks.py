@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from pipeline.channels import NORMAL
-from pipeline.frames import Channels
-from pipeline.views import View
-from scenes.geometry.directions import pixel_directions
+from pbrnet.pipeline.channels import NORMAL
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.geometry.directions import pixel_directions
 
 _SLACK = 0.05  # of the distance, beyond those of the panorama's pixels around a direction
 _COSINE = 0.7  # of the angle between the normals

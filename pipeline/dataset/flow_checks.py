@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.channels import VIDEO_BANDS
-from pipeline.frames import Channels
-from pipeline.views import Matrix, View
-from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.directions import pixel_directions
+from pbrnet.pipeline.channels import VIDEO_BANDS
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.views import Matrix, View
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.geometry.directions import pixel_directions
 
 MOST_ERROR = 0.01  # pixels
 _ROUNDING = 1e-6  # of the flow's length: float32

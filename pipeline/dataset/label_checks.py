@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.channels import BUMPED, SPECULAR
-from pipeline.frames import Channels, Frame
-from pipeline.views import View
-from scenes.arrays import AnyArray, Float64Array, FloatingArray
-from scenes.importing.semantics import NYU13_OF_NYU40, NYU40_OF_CATEGORY
+from pbrnet.pipeline.channels import BUMPED, SPECULAR
+from pbrnet.pipeline.frames import Channels, Frame
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray, Float64Array, FloatingArray
+from pbrnet.scenes.importing.semantics import NYU13_OF_NYU40, NYU40_OF_CATEGORY
 
 _BOX_SLACK = 1e-4  # metres, and of the distance: rounding of depth, and of the hit point
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from pipeline.views import View
-from scenes.checked import plain
-from scenes.contract import Scene
-from scenes.importing.semantics import (
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.importing.semantics import (
     CATEGORY_LABELS,
     NYU13_NAMES,
     NYU13_OF_NYU40,

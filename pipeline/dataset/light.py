@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.channels import (
+from pbrnet.pipeline.channels import (
     ALBEDO,
     DIFFUSE,
     DIRECT,
@@ -24,9 +24,9 @@ from pipeline.channels import (
     dataset_channels,
     light_bands,
 )
-from pipeline.frames import Frame
-from pipeline.radiance import fitting_scale, radiance_halves
-from scenes.arrays import AnyArray, Float32Array
+from pbrnet.pipeline.frames import Frame
+from pbrnet.pipeline.radiance import fitting_scale, radiance_halves
+from pbrnet.scenes.arrays import AnyArray, Float32Array
 
 _TOLERANCE = 1e-3  # of colour
 _DARK = 0.01  # of colour's mean: a darker pixel is compared with that

@@ -20,30 +20,30 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pipeline.channels import layout
-from pipeline.dataset.checks import Rejection, Size, check_frames, load_frames, read_failures
-from pipeline.dataset.checksums import write_sums
-from pipeline.dataset.columns import Column, dataset_columns
-from pipeline.dataset.description.card import (
+from pbrnet.pipeline.channels import layout
+from pbrnet.pipeline.dataset.checks import Rejection, Size, check_frames, load_frames, read_failures
+from pbrnet.pipeline.dataset.checksums import write_sums
+from pbrnet.pipeline.dataset.columns import Column, dataset_columns
+from pbrnet.pipeline.dataset.description.card import (
     DatasetSummary,
     attribution_of,
     dataset_card,
     licence_of,
 )
-from pipeline.dataset.description.citation import citation_file
-from pipeline.dataset.description.croissant import write_croissant
-from pipeline.dataset.description.facts import DatasetFacts, ViewFacts, view_facts
-from pipeline.dataset.label_tables import CLASSES
-from pipeline.dataset.rows import make_row
-from pipeline.dataset.shards import ShardWriter
-from pipeline.dataset.splits import SPLITS, Source, read_sources, split_plans
-from pipeline.frames import Channels, frame_path, kinds_of, read_frame
-from pipeline.params import Params
-from pipeline.progress import Progress
-from pipeline.records import data_lock
-from pipeline.views import View
-from scenes.errors import InputError
-from scenes.files import atomic_directory, remove_partials, write_json, write_text
+from pbrnet.pipeline.dataset.description.citation import citation_file
+from pbrnet.pipeline.dataset.description.croissant import write_croissant
+from pbrnet.pipeline.dataset.description.facts import DatasetFacts, ViewFacts, view_facts
+from pbrnet.pipeline.dataset.label_tables import CLASSES
+from pbrnet.pipeline.dataset.rows import make_row
+from pbrnet.pipeline.dataset.shards import ShardWriter
+from pbrnet.pipeline.dataset.splits import SPLITS, Source, read_sources, split_plans
+from pbrnet.pipeline.frames import Channels, frame_path, kinds_of, read_frame
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.records import data_lock
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import atomic_directory, remove_partials, write_json, write_text
 
 A = TypeVar("A")
 B = TypeVar("B")

@@ -24,11 +24,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.dataset.columns import FORMAT, dataset_columns
-from scenes.arrays import AnyArray, UInt8Array
-from scenes.checked import shown
-from scenes.errors import InputError
-from scenes.files import parse_json, regular_file
+from pbrnet.pipeline.dataset.columns import FORMAT, dataset_columns
+from pbrnet.scenes.arrays import AnyArray, UInt8Array
+from pbrnet.scenes.checked import shown
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import parse_json, regular_file
 
 MAX_BYTES = 2**34  # of a file; row groups are read one at a time
 MAX_PIXELS = 2**28  # values of an image

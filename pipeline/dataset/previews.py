@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.dataset.columns import PREVIEWS
-from pipeline.images import (
+from pbrnet.pipeline.dataset.columns import PREVIEWS
+from pbrnet.pipeline.images import (
     Picture,
     depth_picture,
     fit,
@@ -22,7 +22,7 @@ from pipeline.images import (
     reflectance_picture,
     share_picture,
 )
-from pipeline.photograph import meter, photograph
+from pbrnet.pipeline.photograph import meter, photograph
 
 Cells = Mapping[str, Any]  # of a row, by column
 

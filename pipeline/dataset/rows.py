@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.channels import Channel, dataset_channels
-from pipeline.dataset.checks import Frames, noise_of
-from pipeline.dataset.columns import NOISE_OF_PARTS
-from pipeline.dataset.description.card import attribution_of, licence_of
-from pipeline.dataset.label_tables import json_text, room_layout
-from pipeline.dataset.light import in_row_unit, light_groups, remainders
-from pipeline.dataset.previews import preview_cells
-from pipeline.frames import Frame
-from pipeline.params import ToneParams
-from pipeline.tonemap import exposure_of
-from pipeline.views import View
-from scenes.arrays import AnyArray
-from scenes.contract import Scene
+from pbrnet.pipeline.channels import Channel, dataset_channels
+from pbrnet.pipeline.dataset.checks import Frames, noise_of
+from pbrnet.pipeline.dataset.columns import NOISE_OF_PARTS
+from pbrnet.pipeline.dataset.description.card import attribution_of, licence_of
+from pbrnet.pipeline.dataset.label_tables import json_text, room_layout
+from pbrnet.pipeline.dataset.light import in_row_unit, light_groups, remainders
+from pbrnet.pipeline.dataset.previews import preview_cells
+from pbrnet.pipeline.frames import Frame
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.tonemap import exposure_of
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.contract import Scene
 
 
 def make_row(

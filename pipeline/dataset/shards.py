@@ -10,8 +10,8 @@ from typing import Any, BinaryIO
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.dataset.columns import PREVIEW, Column, arrow_schema
-from pipeline.dataset.parquet import image_cell
+from pbrnet.pipeline.dataset.columns import PREVIEW, Column, arrow_schema
+from pbrnet.pipeline.dataset.parquet import image_cell
 
 # LZ4 is undone three times as fast as ZSTD and makes files 7 % larger: docs/dataset.md has figures.
 LZ4_LEVEL = 4

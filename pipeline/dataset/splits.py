@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.dataset.held_out import kept_back
-from pipeline.params import GroundTruthParams, NoisyParams, Params, SplitParams
-from pipeline.views import CameraFile, View, load_cameras
-from scenes.contract import Scene, load_scene, scene_folders
-from scenes.errors import InputError
-from scenes.seeds import derive, generator
+from pbrnet.pipeline.dataset.held_out import kept_back
+from pbrnet.pipeline.params import GroundTruthParams, NoisyParams, Params, SplitParams
+from pbrnet.pipeline.views import CameraFile, View, load_cameras
+from pbrnet.scenes.contract import Scene, load_scene, scene_folders
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.seeds import derive, generator
 
 SPLITS = ("train", "validation", "test")
 

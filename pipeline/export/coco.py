@@ -17,14 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.dataset.label_tables import CLASSES
-from pipeline.export.images import exposures, write_picture
-from pipeline.export.libraries import library
-from pipeline.export.parts import Advance, Format, Job, Part
-from pipeline.export.rows import ViewRow
-from pipeline.images import png_bytes
-from scenes.arrays import AnyArray, BoolArray
-from scenes.files import atomic_file, read_json, write_json
+from pbrnet.pipeline.dataset.label_tables import CLASSES
+from pbrnet.pipeline.export.images import exposures, write_picture
+from pbrnet.pipeline.export.libraries import library
+from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.pipeline.images import png_bytes
+from pbrnet.scenes.arrays import AnyArray, BoolArray
+from pbrnet.scenes.files import atomic_file, read_json, write_json
 
 # Names of categories and classes of the building itself.
 STUFF = frozenset(

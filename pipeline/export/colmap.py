@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.export.images import exposures, write_picture
-from pipeline.export.parts import Advance, Format, Job, Part
-from pipeline.export.points import Points, scene_points
-from pipeline.export.rows import ViewRow
-from pipeline.images import tone_picture
-from scenes.arrays import Int64Array
+from pbrnet.pipeline.export.images import exposures, write_picture
+from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.points import Points, scene_points
+from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.pipeline.images import tone_picture
+from pbrnet.scenes.arrays import Int64Array
 
 
 def _parts(job: Job) -> Sequence[Part]:

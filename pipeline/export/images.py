@@ -9,11 +9,11 @@ import numpy as np
 import OpenEXR
 from PIL import Image
 
-from pipeline.export.parts import ExportOptions
-from pipeline.export.rows import ViewRow
-from pipeline.images import png_bytes, tone_picture
-from pipeline.tonemap import Exposure
-from scenes.arrays import AnyArray, Float64Array
+from pbrnet.pipeline.export.parts import ExportOptions
+from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.pipeline.images import png_bytes, tone_picture
+from pbrnet.pipeline.tonemap import Exposure
+from pbrnet.scenes.arrays import AnyArray, Float64Array
 
 _DEEPEST = 65535  # of a 16-bit PNG
 

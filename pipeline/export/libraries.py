@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from scenes.errors import MachineError
+from pbrnet.scenes.errors import MachineError
 
 
 def library(name: str, purpose: str) -> Any:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.export.images import (
+from pbrnet.pipeline.export.images import (
     exposures,
     opengl_pose,
     rgb_planes,
@@ -23,11 +23,11 @@ from pipeline.export.images import (
     write_exr,
     write_picture,
 )
-from pipeline.export.parts import Advance, Format, Job, Part
-from pipeline.export.points import Points, scene_points
-from pipeline.export.rows import ViewRow
-from pipeline.images import tone_picture
-from scenes.files import write_json
+from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.points import Points, scene_points
+from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.pipeline.images import tone_picture
+from pbrnet.scenes.files import write_json
 
 _MILLIMETRES = 1000.0
 

@@ -13,11 +13,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pipeline.export.rows import DatasetRows
-from pipeline.progress import Progress
-from pipeline.records import data_lock
-from scenes.errors import InputError, PbrnetError
-from scenes.files import atomic_directory, atomic_file, read_json, sweep, write_json
+from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.records import data_lock
+from pbrnet.scenes.errors import InputError, PbrnetError
+from pbrnet.scenes.files import atomic_directory, atomic_file, read_json, sweep, write_json
 
 RECORD = "export.json"
 _LOCK = ".lock"

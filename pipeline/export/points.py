@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.export.images import camera_rays
-from pipeline.export.rows import ViewRow
-from scenes.arrays import AnyArray, BoolArray, Float64Array, Int64Array, UInt8Array
+from pbrnet.pipeline.export.images import camera_rays
+from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.scenes.arrays import AnyArray, BoolArray, Float64Array, Int64Array, UInt8Array
 
 _AGREES = 0.01  # relative difference of depth up to which two views see one point
 

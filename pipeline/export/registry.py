@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pipeline.export import coco, colmap, hypersim, nerfstudio, renderformer, tum, webdataset
+from pbrnet.pipeline.export import coco, colmap, hypersim, nerfstudio, renderformer, tum, webdataset
 
 FORMATS = {
     form.name: form

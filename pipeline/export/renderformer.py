@@ -20,18 +20,18 @@ import numpy as np
 import shapely
 import trimesh
 
-from pipeline.export.images import opengl_pose
-from pipeline.export.libraries import library
-from pipeline.export.parts import Advance, Format, Job, Part
-from pipeline.export.room_mesh import Soup, cut_room, within_budget
-from pipeline.export.rows import ViewRow
-from pipeline.render import raycast
-from pipeline.render.boxes import shape_points
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from scenes.arrays import Float64Array, Int64Array
-from scenes.color import luminance
-from scenes.contract import Portal, Room, load_scene
-from scenes.errors import InputError
+from pbrnet.pipeline.export.images import opengl_pose
+from pbrnet.pipeline.export.libraries import library
+from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.room_mesh import Soup, cut_room, within_budget
+from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.boxes import shape_points
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.contract import Portal, Room, load_scene
+from pbrnet.scenes.errors import InputError
 
 TEXELS = 32
 CHANNELS = 13

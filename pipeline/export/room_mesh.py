@@ -1,6 +1,6 @@
 """Triangles of a room within a budget: cut out of the scene, simplified, and split evenly.
 
-Pure geometry; `pipeline.export.renderformer` takes it from a loaded scene and shades it.
+Pure geometry; `pbrnet.pipeline.export.renderformer` takes it from a loaded scene and shades it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 import shapely
 import trimesh
 
-from pipeline.export.libraries import library
-from scenes.arrays import Float64Array, Int64Array
-from scenes.contract import Room
+from pbrnet.pipeline.export.libraries import library
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.contract import Room
 
 _MARGIN = 0.35  # metres around a room that belong to it: the thickness of its walls
 _LEAST = 4  # triangles that a simplified shape keeps

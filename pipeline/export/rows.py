@@ -16,15 +16,21 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.channels import KINDS, RADIANCE, SETS, dataset_channels
-from pipeline.dataset.parquet import check_filled, check_types, images_of, open_parquet, reading
-from pipeline.dataset.splits import SPLITS
-from pipeline.radiance import is_scale
-from pipeline.tonemap import Exposure
-from scenes.arrays import AnyArray, Float64Array
-from scenes.checked import check_name
-from scenes.errors import InputError
-from scenes.files import digest_bytes, digest_file
+from pbrnet.pipeline.channels import KINDS, RADIANCE, SETS, dataset_channels
+from pbrnet.pipeline.dataset.parquet import (
+    check_filled,
+    check_types,
+    images_of,
+    open_parquet,
+    reading,
+)
+from pbrnet.pipeline.dataset.splits import SPLITS
+from pbrnet.pipeline.radiance import is_scale
+from pbrnet.pipeline.tonemap import Exposure
+from pbrnet.scenes.arrays import AnyArray, Float64Array
+from pbrnet.scenes.checked import check_name
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_bytes, digest_file
 
 _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 _CAMERA = ("scene_id", "view_id", "split", "camera_to_world", "exposure_color", "white_color")

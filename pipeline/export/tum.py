@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.export.images import exposures, write_depth, write_picture
-from pipeline.export.parts import Advance, Format, Job, Part
-from pipeline.export.rows import ViewRow
-from scenes.errors import InputError
+from pbrnet.pipeline.export.images import exposures, write_depth, write_picture
+from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.scenes.errors import InputError
 
 UNITS_A_METRE = 5000.0
 

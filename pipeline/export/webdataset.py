@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.channels import light_bands
-from pipeline.export.images import rgb_planes, write_exr
-from pipeline.export.parts import Advance, Format, Job, Part
-from pipeline.export.rows import ViewRow
-from scenes.arrays import AnyArray
-from scenes.errors import InputError
-from scenes.files import temporary_folder
+from pbrnet.pipeline.channels import light_bands
+from pbrnet.pipeline.export.images import rgb_planes, write_exr
+from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import temporary_folder
 
 
 def key_of(row: ViewRow) -> str:

@@ -2,19 +2,19 @@
 
 The scheduler is that of `--scheduler`, else of `DASK_SCHEDULER_ADDRESS`, else a local cluster with
 one process per allowed CPU. Workers that share the data folder return paths and figures; others
-receive their inputs through dask (`pipeline.farm.transfer`) and return the files they made.
+receive their inputs through dask (`pbrnet.pipeline.farm.transfer`) and return the files they made.
 
 Failures and their handling:
 
 * an item raises: it is retried `retries` times in a batch of its own, then reported;
 * an item exceeds `time_limit`: its worker ends itself, as if it had died;
 * a worker is frozen, so that it cannot end itself: it is replaced from outside
-  (`pipeline.farm.liveness`);
+  (`pbrnet.pipeline.farm.liveness`);
 * a worker has opened many scenes or has grown: a fresh process replaces it
-  (`pipeline.farm.recycling`);
+  (`pbrnet.pipeline.farm.recycling`);
 * a worker dies: dask gives its batches to another worker; the items of a batch that keeps killing
   its workers run one at a time with nothing beside them, so that only the culprit is reported
-  (`pipeline.farm.dispatch`);
+  (`pbrnet.pipeline.farm.dispatch`);
 * the machine lacks something (`MachineError`: a full disk, a missing library): the run stops;
 * the scheduler goes away: `MachineError`; the same command resumes the run.
 """
@@ -42,12 +42,12 @@ from dask.system import cpu_count
 from distributed import Client, LocalCluster, Nanny
 from distributed.utils import get_mp_context, silence_logging_cmgr
 
-from pipeline.farm.dispatch import Dispatch
-from pipeline.farm.scheduling import Item
-from pipeline.farm.transfer import TransferServer, TransferService
-from pipeline.farm.worker import Outcome
-from pipeline.params import FarmParams
-from scenes.errors import MachineError, ParameterError
+from pbrnet.pipeline.farm.dispatch import Dispatch
+from pbrnet.pipeline.farm.scheduling import Item
+from pbrnet.pipeline.farm.transfer import TransferServer, TransferService
+from pbrnet.pipeline.farm.worker import Outcome
+from pbrnet.pipeline.params import FarmParams
+from pbrnet.scenes.errors import MachineError, ParameterError
 
 CONNECT_PATIENCE = 15.0  # seconds to look for a scheduler
 # A Unix socket's path has at most 107 bytes, of which `multiprocessing` takes the last 32.
@@ -214,7 +214,7 @@ class Farm:
                     dashboard_address="127.0.0.1:0",
                     silence_logs=logging.CRITICAL,
                     local_directory=folder,
-                    preload=["pipeline.farm.worker"],
+                    preload=["pbrnet.pipeline.farm.worker"],
                     env=dict(os.environ),  # the server keeps the one that it was started with
                 )
             except (OSError, RuntimeError, TimeoutError) as error:

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO
 
-from scenes.errors import InputError, MachineError
-from scenes.files import digest_file, machine_errors
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import digest_file, machine_errors
 
 CHUNK_BYTES = 4 << 20  # bytes of files in one bundle
 _ORPHANED = 60.0  # seconds after which a folder without an owner may be removed

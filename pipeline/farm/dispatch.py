@@ -15,11 +15,11 @@ from typing import Any
 from distributed import Client, Future, KilledWorker
 from distributed.comm import CommClosedError
 
-from pipeline.farm.liveness import GRACE, Liveness, restart_workers
-from pipeline.farm.scheduling import BatchQueue, Item
-from pipeline.farm.worker import Outcome, run_batch
-from pipeline.params import FarmParams
-from scenes.errors import MachineError
+from pbrnet.pipeline.farm.liveness import GRACE, Liveness, restart_workers
+from pbrnet.pipeline.farm.scheduling import BatchQueue, Item
+from pbrnet.pipeline.farm.worker import Outcome, run_batch
+from pbrnet.pipeline.params import FarmParams
+from pbrnet.scenes.errors import MachineError
 
 WORKER_PATIENCE = 300.0  # seconds without a single worker before the run is given up
 FIRST_PATIENCE = 60.0  # the same for an external scheduler that has had none in this run

@@ -1,6 +1,6 @@
 """Detection of frozen workers from outside: stopped processes and those that no longer answer.
 
-A worker ends itself when an item takes too long (`pipeline.farm.worker`). A process that is
+A worker ends itself when an item takes too long (`pbrnet.pipeline.farm.worker`). A process that is
 stopped, or whose machine swaps, cannot. Its heartbeats to the scheduler stop too.
 """
 

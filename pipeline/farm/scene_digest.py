@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.frames import fingerprint
-from scenes.contract import load_scene
-from scenes.files import digest_file
+from pbrnet.pipeline.frames import fingerprint
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.files import digest_file
 
 # Keys in scene.json's `source` that the scenes stage writes: its fingerprint, and the files that an
 # import looked for.

@@ -1,7 +1,7 @@
 """Transfer of files through dask to workers that do not see the command's data folder.
 
 A worker sends a request as an event, which the scheduler passes on to the command. The command
-answers with bundles of chunks (`pipeline.farm.content_store`) and sends each bundle when the
+answers with bundles of chunks (`pbrnet.pipeline.farm.content_store`) and sends each bundle when the
 previous one has been taken. A few threads serve all requests in turn, one bundle at a time: the
 command never holds more than those bundles in memory.
 """
@@ -20,7 +20,7 @@ from typing import Any
 
 from distributed import Client, get_worker
 
-from scenes.errors import PbrnetError
+from pbrnet.scenes.errors import PbrnetError
 
 PATIENCE = 120.0  # seconds that a worker waits for the next bundle
 _THREADS = 4

@@ -1,7 +1,7 @@
 """Execution of a batch of items inside a dask worker.
 
-The module is also the preload of the worker processes that `pipeline.farm.cluster` starts on this
-machine: dask calls `dask_setup` in each of them.
+The module is also the preload of the worker processes that `pbrnet.pipeline.farm.cluster` starts on
+this machine: dask calls `dask_setup` in each of them.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from pipeline.farm.recycling import replace_if_due
-from pipeline.farm.scheduling import Item
-from scenes.errors import MachineError
+from pbrnet.pipeline.farm.recycling import replace_if_due
+from pbrnet.pipeline.farm.scheduling import Item
+from pbrnet.scenes.errors import MachineError
 
 _MAX_RETURNED = 32 << 20  # bytes of files that a batch returns; beyond that it ends early
 _rendering = threading.Lock()  # one batch at a time per process: Dr.Jit's state is the process's

@@ -19,12 +19,18 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
-from pipeline.farm.content_store import Chunk, ContentStore, StoredFile, list_files, read_chunks
-from pipeline.farm.scene_digest import scene_digest
-from pipeline.farm.transfer import TransferService, request_bundles
-from scenes.checked import plain
-from scenes.errors import InputError, MachineError
-from scenes.files import atomic_file, digest_bytes, machine_errors
+from pbrnet.pipeline.farm.content_store import (
+    Chunk,
+    ContentStore,
+    StoredFile,
+    list_files,
+    read_chunks,
+)
+from pbrnet.pipeline.farm.scene_digest import scene_digest
+from pbrnet.pipeline.farm.transfer import TransferService, request_bundles
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import atomic_file, digest_bytes, machine_errors
 
 Transfer = Literal["auto", "shared", "send"]
 _TOKEN = ".farm-"

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.images import Picture, contact_sheet, enlarge, read_picture
-from scenes.assets.index import PREVIEW, Asset, AssetIndex, IndexEntry
-from scenes.procedural.furnishing.asset_sampler import build_kind_index
+from pbrnet.pipeline.images import Picture, contact_sheet, enlarge, read_picture
+from pbrnet.scenes.assets.index import PREVIEW, Asset, AssetIndex, IndexEntry
+from pbrnet.scenes.procedural.furnishing.asset_sampler import build_kind_index
 
 _COLUMNS = 12
 _ROWS = 2  # per category

@@ -12,20 +12,20 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pipeline.costs.charts import draw_ledger
-from pipeline.costs.ledger import read_ledger_file
-from pipeline.costs.table import is_ledger, ledger_table
-from pipeline.dataset.diversity import dataset_figures, draw_figures, summary_table
-from pipeline.dataset.parquet import check_filled, check_types, open_parquet, reading
-from pipeline.frames import read_frame
-from pipeline.images import Picture
-from pipeline.inspection.drawings import counted, draw_frame, draw_previews, picture_of
-from pipeline.inspection.realism import draw_realism, measure
-from pipeline.inspection.sections import Inspection, Table
-from pipeline.views import View
-from scenes.checked import build
-from scenes.errors import InputError
-from scenes.files import parse_json
+from pbrnet.pipeline.costs.charts import draw_ledger
+from pbrnet.pipeline.costs.ledger import read_ledger_file
+from pbrnet.pipeline.costs.table import is_ledger, ledger_table
+from pbrnet.pipeline.dataset.diversity import dataset_figures, draw_figures, summary_table
+from pbrnet.pipeline.dataset.parquet import check_filled, check_types, open_parquet, reading
+from pbrnet.pipeline.frames import read_frame
+from pbrnet.pipeline.images import Picture
+from pbrnet.pipeline.inspection.drawings import counted, draw_frame, draw_previews, picture_of
+from pbrnet.pipeline.inspection.realism import draw_realism, measure
+from pbrnet.pipeline.inspection.sections import Inspection, Table
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import parse_json
 
 
 def inspect_frame(path: Path) -> Inspection:

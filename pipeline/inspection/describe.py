@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from pipeline.inspection.datasets import inspect_frame, inspect_parquet, inspect_shards
-from pipeline.inspection.models import inspect_model
-from pipeline.inspection.scenes import (
+from pbrnet.pipeline.inspection.datasets import inspect_frame, inspect_parquet, inspect_shards
+from pbrnet.pipeline.inspection.models import inspect_model
+from pbrnet.pipeline.inspection.scenes import (
     inspect_assets,
     inspect_cameras,
     inspect_piece,
     inspect_scene,
 )
-from pipeline.inspection.sections import Inspection
-from scenes.assets.index import INDEX
-from scenes.errors import InputError
-from scenes.files import read_json
+from pbrnet.pipeline.inspection.sections import Inspection
+from pbrnet.scenes.assets.index import INDEX
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json
 
 KNOWN = (
     "a scene folder, a camera file (.json), a frame (.exr), a shard (.parquet), "

@@ -19,22 +19,22 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from pipeline.channels import RGB
-from pipeline.images import Picture
-from pipeline.params import CameraParams, GroundTruthParams, ImageParams, Params
-from pipeline.passes.denoise import denoise
-from pipeline.passes.registry import PASSES
-from pipeline.photograph import photograph
-from pipeline.render.scene import open_scene, set_variant
-from pipeline.stages.view_sampling import sample_cameras
-from pipeline.tonemap import to_bytes
-from pipeline.views import View, as_matrix
-from scenes.color import encode_srgb
-from scenes.contract import Room, Scene, load_scene
-from scenes.formats.ply import read_ply, write_ply
-from scenes.formats.scene_xml import check_scene_xml
-from scenes.geometry.mesh import Mesh
-from scenes.seeds import derive
+from pbrnet.pipeline.channels import RGB
+from pbrnet.pipeline.images import Picture
+from pbrnet.pipeline.params import CameraParams, GroundTruthParams, ImageParams, Params
+from pbrnet.pipeline.passes.denoise import denoise
+from pbrnet.pipeline.passes.registry import PASSES
+from pbrnet.pipeline.photograph import photograph
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.stages.view_sampling import sample_cameras
+from pbrnet.pipeline.tonemap import to_bytes
+from pbrnet.pipeline.views import View, as_matrix
+from pbrnet.scenes.color import encode_srgb
+from pbrnet.scenes.contract import Room, Scene, load_scene
+from pbrnet.scenes.formats.ply import read_ply, write_ply
+from pbrnet.scenes.formats.scene_xml import check_scene_xml
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.seeds import derive
 
 _WIDTH = 640  # pixels
 _SPP, _DEPTH = 16, 4

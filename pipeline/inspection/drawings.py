@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle, Wedge
 
-from pipeline.channels import (
+from pbrnet.pipeline.channels import (
     ALBEDO,
     BUMPED,
     NORMAL,
@@ -26,8 +26,8 @@ from pipeline.channels import (
     channels_of,
     light_bands,
 )
-from pipeline.frames import Frame
-from pipeline.images import (
+from pbrnet.pipeline.frames import Frame
+from pbrnet.pipeline.images import (
     Picture,
     color_map,
     contact_sheet,
@@ -44,10 +44,10 @@ from pipeline.images import (
     share_picture,
     tint_picture,
 )
-from pipeline.inspection.dollhouse import draw_dollhouse, quick_renders
-from pipeline.photograph import meter, photograph
-from pipeline.views import CameraFile, View
-from scenes.contract import Point2, Room, Scene
+from pbrnet.pipeline.inspection.dollhouse import draw_dollhouse, quick_renders
+from pbrnet.pipeline.photograph import meter, photograph
+from pbrnet.pipeline.views import CameraFile, View
+from pbrnet.scenes.contract import Point2, Room, Scene
 
 ROOM_COLORS = {
     "living": "#f2d6a2",

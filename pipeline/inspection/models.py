@@ -9,10 +9,10 @@ from typing import Any
 
 from safetensors import SafetensorError, safe_open
 
-from pipeline.inspection.drawings import counted, draw_layers
-from pipeline.inspection.sections import Inspection, Table
-from scenes.errors import InputError
-from scenes.files import read_json
+from pbrnet.pipeline.inspection.drawings import counted, draw_layers
+from pbrnet.pipeline.inspection.sections import Inspection, Table
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json
 
 
 def inspect_model(path: Path) -> Inspection:

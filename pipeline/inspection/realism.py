@@ -1,9 +1,9 @@
 """Figures of rendered views that are known of photographs, too: do homes look photographed?
 
 Everything is measured on what a data folder holds: cameras, scenes and frames of colour, drawn by
-`pipeline.photograph`. Counts are of the objects that a view's id image shows (`View.seen`), or of
-its labels where there are any, without parts of the building. Beside them stand figures of real
-photographs as published, where there are some.
+`pbrnet.pipeline.photograph`. Counts are of the objects that a view's id image shows (`View.seen`),
+or of its labels where there are any, without parts of the building. Beside them stand figures of
+real photographs as published, where there are some.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
 
-from pipeline.frames import frame_path, read_frame
-from pipeline.photograph import photograph
-from pipeline.views import View, load_cameras
-from scenes.arrays import Float64Array, FloatingArray, UInt8Array
-from scenes.color import REC709, decode_srgb, luminance
-from scenes.contract import Scene, SceneObject, load_scene
-from scenes.errors import InputError
-from scenes.importing.semantics import NYU40_NAMES, NYU40_OF_CATEGORY, category_number
+from pbrnet.pipeline.frames import frame_path, read_frame
+from pbrnet.pipeline.photograph import photograph
+from pbrnet.pipeline.views import View, load_cameras
+from pbrnet.scenes.arrays import Float64Array, FloatingArray, UInt8Array
+from pbrnet.scenes.color import REC709, decode_srgb, luminance
+from pbrnet.scenes.contract import Scene, SceneObject, load_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.semantics import NYU40_NAMES, NYU40_OF_CATEGORY, category_number
 
 _BANDS = (0.02, 0.35)  # cycles a pixel, of the fit to the power spectrum
 _BLACK = 3.0  # luma of 255 up to which a pixel is black

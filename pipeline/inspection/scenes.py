@@ -6,16 +6,27 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.inspection.asset_sheet import describe_asset, describe_index, draw_asset, draw_index
-from pipeline.inspection.drawings import counted, draw_cameras, draw_plan, draw_scene, floor_area
-from pipeline.inspection.sections import Inspection, Table
-from pipeline.inspection.sizes import scene_sizes
-from pipeline.render.leaks import find_leaks
-from pipeline.render.scene import open_scene, set_variant
-from pipeline.views import load_cameras
-from scenes.assets.index import load_asset, load_index
-from scenes.contract import load_scene
-from scenes.errors import InputError
+from pbrnet.pipeline.inspection.asset_sheet import (
+    describe_asset,
+    describe_index,
+    draw_asset,
+    draw_index,
+)
+from pbrnet.pipeline.inspection.drawings import (
+    counted,
+    draw_cameras,
+    draw_plan,
+    draw_scene,
+    floor_area,
+)
+from pbrnet.pipeline.inspection.sections import Inspection, Table
+from pbrnet.pipeline.inspection.sizes import scene_sizes
+from pbrnet.pipeline.render.leaks import find_leaks
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.assets.index import load_asset, load_index
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError
 
 
 def inspect_scene(folder: Path, renders: bool = True) -> Inspection:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.images import Picture
+from pbrnet.pipeline.images import Picture
 
 Table = list[dict[str, Any]]
 # A section is a mapping of names to values, a table, or a list of sentences.

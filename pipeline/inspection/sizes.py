@@ -6,9 +6,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from scenes.contract import Scene
-from scenes.errors import InputError
-from scenes.image_files import UnreadableImage, open_image
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.image_files import UnreadableImage, open_image
 
 _CORNER = 3 * 4  # bytes of a triangle's indices; vertices are counted by their size in the file
 _TREE = 64  # bytes per triangle of the acceleration structure, approximate

@@ -16,12 +16,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipeline.channels import RGB
-from pipeline.frames import Channels
-from pipeline.passes.inputs import render_inputs
-from pipeline.render.scene import RenderScene
-from pipeline.views import View, as_matrix
-from scenes.arrays import AnyArray, Float32Array
+from pbrnet.pipeline.channels import RGB
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import View, as_matrix
+from pbrnet.scenes.arrays import AnyArray, Float32Array
 
 SUBPIXELS = 3  # per axis, in the guides
 _WRAP = 64  # columns of the other edge that the denoiser sees beyond each edge of a panorama

@@ -15,18 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.channels import NORMAL, RGB
-from pipeline.frames import Channels
-from pipeline.params import EnvironmentParams, GroundTruthParams
-from pipeline.passes.denoise import SUBPIXELS, Image, denoise, denoiser_version
-from pipeline.passes.groundtruth import panorama_launch, render_blocks
-from pipeline.passes.illumination import Panorama
-from pipeline.passes.inputs import VisibleSurfaces, normal, reflectance
-from pipeline.render import raycast
-from pipeline.render.scene import RenderScene
-from pipeline.views import View
-from scenes.arrays import AnyArray, Float32Array, Float64Array
-from scenes.geometry.directions import equirectangular_directions, turned
+from pbrnet.pipeline.channels import NORMAL, RGB
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import EnvironmentParams, GroundTruthParams
+from pbrnet.pipeline.passes.denoise import SUBPIXELS, Image, denoise, denoiser_version
+from pbrnet.pipeline.passes.groundtruth import panorama_launch, render_blocks
+from pbrnet.pipeline.passes.illumination import Panorama
+from pbrnet.pipeline.passes.inputs import VisibleSurfaces, normal, reflectance
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray, Float32Array, Float64Array
+from pbrnet.scenes.geometry.directions import equirectangular_directions, turned
 
 REVISION = 4
 _MANTISSA = 10  # bits of a stored radiance, as in half floats; the exponent is that of float32

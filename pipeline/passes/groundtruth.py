@@ -18,27 +18,27 @@ from weakref import WeakKeyDictionary
 import mitsuba as mi
 import numpy as np
 
-from pipeline.frames import Channels
-from pipeline.params import GroundTruthParams
-from pipeline.pathtrace import integrator
-from pipeline.pathtrace.guiding import plan_guiding
-from pipeline.pathtrace.integrator import JointPath
-from pipeline.pathtrace.launches import FrozenTracer
-from pipeline.pathtrace.light_groups import LightGroups
-from pipeline.pathtrace.light_parts import LightParts, NoParts
-from pipeline.pathtrace.light_pilot import EVERYWHERE, plan_lights
-from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
-from pipeline.pathtrace.noise import BlockStatistics
-from pipeline.pathtrace.panes import panes_of, with_panes
-from pipeline.pathtrace.sphere import SphereTracer, trace_scalar
-from pipeline.render.bsdf_tables import partner_table
-from pipeline.render.material_sets import MaterialSets
-from pipeline.render.scene import RenderScene
-from pipeline.render.sensors import make_sensor
-from pipeline.views import View
-from scenes.arrays import Float32Array, Float64Array
-from scenes.contract import Room
-from scenes.seeds import derive32
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.pathtrace.guiding import plan_guiding
+from pbrnet.pipeline.pathtrace.integrator import JointPath
+from pbrnet.pipeline.pathtrace.launches import FrozenTracer
+from pbrnet.pipeline.pathtrace.light_groups import LightGroups
+from pbrnet.pipeline.pathtrace.light_parts import LightParts, NoParts
+from pbrnet.pipeline.pathtrace.light_pilot import EVERYWHERE, plan_lights
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
+from pbrnet.pipeline.pathtrace.noise import BlockStatistics
+from pbrnet.pipeline.pathtrace.panes import panes_of, with_panes
+from pbrnet.pipeline.pathtrace.sphere import SphereTracer, trace_scalar
+from pbrnet.pipeline.render.bsdf_tables import partner_table
+from pbrnet.pipeline.render.material_sets import MaterialSets
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.render.sensors import make_sensor
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float32Array, Float64Array
+from pbrnet.scenes.contract import Room
+from pbrnet.scenes.seeds import derive32
 
 REVISION = 13
 # Powers of two that are a grid of nearly equal sides, as the `multijitter` sampler needs it.
@@ -77,7 +77,7 @@ def render_truth(
 
     * `spp`: samples per pixel taken; `blocks`: number of blocks;
     * `noise`: root mean square over the pixels of the relative standard error of luminance,
-      see `pipeline.pathtrace.noise.BlockStatistics.relative_error`;
+      see `pbrnet.pipeline.pathtrace.noise.BlockStatistics.relative_error`;
     * `nan_pixels`: number of pixels where a block was not finite; the mean of the other blocks
       replaces it. `lost_pixels`: those where no block was finite; they are 0;
     * `negative_pixels`: number of pixels with a negative mean in any band. They are set to 0; skies
@@ -87,7 +87,7 @@ def render_truth(
     * `firefly_light`: share of all light in the brightest fireflies, at most a thousandth of the
       pixels.
 
-    `seed` is the view's own seed, see `scenes.seeds`. Raises `InputError` for a view whose
+    `seed` is the view's own seed, see `pbrnet.scenes.seeds`. Raises `InputError` for a view whose
     pixels are not square.
     """
     if view.is_panorama:
@@ -118,10 +118,10 @@ def render_both(
     """Path-trace colour and the shading of the grey `albedo` in one trace.
 
     Each image has the same expectation as that of `render_truth`; see
-    `pipeline.pathtrace.integrator`. With `light` also the parts of colour, see
-    `pipeline.pathtrace.light_parts`, and with `groups` an image of each; colour and shading keep
-    their bits. Requires `integrator.available()`. Raises `InputError` as `render_truth` does, and
-    for a material that has no neutral twin.
+    `pbrnet.pipeline.pathtrace.integrator`. With `light` also the parts of colour, see
+    `pbrnet.pipeline.pathtrace.light_parts`, and with `groups` an image of each; colour and shading
+    keep their bits. Requires `integrator.available()`. Raises `InputError` as `render_truth` does,
+    and for a material that has no neutral twin.
     """
     table = partner_table(render_scene.twins(albedo))
     parts = LightParts(render_scene.lobes(), groups) if light else NoParts()
@@ -350,7 +350,7 @@ def blocks_per_launch(blocks: int, samples: int) -> int:
     """Return the number of blocks that are traced in one launch: a divisor of `blocks`.
 
     `samples` is the number of samples in one block. Each launch has a fixed cost (see
-    `pipeline.pathtrace.launches`), so small images trace several blocks at once, as many as
+    `pbrnet.pipeline.pathtrace.launches`), so small images trace several blocks at once, as many as
     `_LAUNCH_SAMPLES` allows.
     """
     fitting = (

@@ -22,17 +22,17 @@ from functools import cached_property
 
 import numpy as np
 
-from pipeline.channels import TINT
-from pipeline.frames import Channels
-from pipeline.params import IlluminationParams
-from pipeline.render import raycast
-from pipeline.render.lights import Lights
-from pipeline.render.scene import RenderScene
-from pipeline.views import View
-from scenes.arrays import BoolArray, Float64Array, Int64Array
-from scenes.color import luminance
-from scenes.contract import Portal
-from scenes.geometry.directions import turned, unit
+from pbrnet.pipeline.channels import TINT
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import IlluminationParams
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.lights import Lights
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.contract import Portal
+from pbrnet.scenes.geometry.directions import turned, unit
 
 REVISION = 2
 _NARROW = 1.5  # pixels: sources of less mean width are narrow

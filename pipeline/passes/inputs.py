@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.channels import channels_of
-from pipeline.frames import Channels
-from pipeline.render import raycast
-from pipeline.render.scene import RenderScene
-from pipeline.render.scene_geometry import Hits
-from pipeline.views import View
-from scenes.arrays import AnyArray, BoolArray, Float64Array
-from scenes.geometry.directions import turned, unit
+from pbrnet.pipeline.channels import channels_of
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.render.scene_geometry import Hits
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray, BoolArray, Float64Array
+from pbrnet.scenes.geometry.directions import turned, unit
 
 REVISION = 2  # raise it when a channel is added, or a change of code changes pixels
 _MIN_DEPTH = 1e-5  # metres
@@ -95,7 +95,8 @@ RENDERERS: dict[str, Callable[[VisibleSurfaces], AnyArray]] = {
 
 
 def render_inputs(render_scene: RenderScene, view: View) -> Channels:
-    """Return the channels of an `inputs` frame, each (H, W); `pipeline.channels` describes them.
+    """Return the channels of an `inputs` frame, each (H, W); `pbrnet.pipeline.channels` describes
+    them.
 
     Where `valid` is 0 there is no surface, and all other channels are 0.
     """

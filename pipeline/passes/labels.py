@@ -14,16 +14,16 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.channels import channels_of
-from pipeline.frames import Channels
-from pipeline.passes.inputs import VisibleSurfaces, object_index, visible_surfaces
-from pipeline.render import raycast
-from pipeline.render.scene import RenderScene
-from pipeline.views import View
-from scenes.arrays import AnyArray, BoolArray, Float64Array
-from scenes.contract import Light
-from scenes.geometry.directions import turned
-from scenes.importing.semantics import NYU13_OF_NYU40, NYU40_OF_CATEGORY, category_number
+from pbrnet.pipeline.channels import channels_of
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.inputs import VisibleSurfaces, object_index, visible_surfaces
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray, BoolArray, Float64Array
+from pbrnet.scenes.contract import Light
+from pbrnet.scenes.geometry.directions import turned
+from pbrnet.scenes.importing.semantics import NYU13_OF_NYU40, NYU40_OF_CATEGORY, category_number
 
 REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
 _GRID = 8  # points per axis of a box that are tested against the image's border

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.channels import DIFFUSE, DIRECT, IRRADIANCE, RGB
-from pipeline.frames import Channels, as_stored, frame_scale, pixels_digest
-from pipeline.passes.denoise import Image, denoise, denoiser_version, grey_guide
-from pipeline.passes.groundtruth import REMAINDERS, Truths
-from pipeline.pathtrace.light_groups import LightGroups
-from pipeline.pathtrace.light_parts import group_names
-from scenes.arrays import Float32Array
+from pbrnet.pipeline.channels import DIFFUSE, DIRECT, IRRADIANCE, RGB
+from pbrnet.pipeline.frames import Channels, as_stored, frame_scale, pixels_digest
+from pbrnet.pipeline.passes.denoise import Image, denoise, denoiser_version, grey_guide
+from pbrnet.pipeline.passes.groundtruth import REMAINDERS, Truths
+from pbrnet.pipeline.pathtrace.light_groups import LightGroups
+from pbrnet.pipeline.pathtrace.light_parts import group_names
+from pbrnet.scenes.arrays import Float32Array
 
 REVISION = 3  # raise it when a channel is added, or a change of code changes pixels
 _GREY = 0.5  # albedo guide of irradiance, which no texture marks

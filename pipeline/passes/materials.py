@@ -1,7 +1,8 @@
 """Materials of what a view sees: a renderer for each channel of a `materials` frame.
 
 The rays are those of the inputs: one through each pixel centre, past clear glass, so the images
-are noise-free and equal in every run. `pipeline.render.materials` has the rules and conventions.
+are noise-free and equal in every run. `pbrnet.pipeline.render.materials` has the rules and
+conventions.
 """
 
 from __future__ import annotations
@@ -13,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.channels import channels_of
-from pipeline.frames import Channels
-from pipeline.passes.inputs import VisibleSurfaces, facing_normals, visible_surfaces
-from pipeline.render import raycast
-from pipeline.render.materials import MaterialValues
-from pipeline.render.scene import RenderScene
-from pipeline.views import View
-from scenes.arrays import AnyArray, BoolArray
-from scenes.geometry.directions import turned
+from pbrnet.pipeline.channels import channels_of
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.inputs import VisibleSurfaces, facing_normals, visible_surfaces
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.materials import MaterialValues
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray, BoolArray
+from pbrnet.scenes.geometry.directions import turned
 
 REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
 

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
-from scenes.color import luminance
+from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
+from pbrnet.scenes.color import luminance
 
 CELLS = (32, 64)  # rows and columns of the grid over the sphere that collects the sources
 NEAREST = 0.15  # metres: lower bound of the distance, since real sources are no points

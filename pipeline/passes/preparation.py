@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pipeline.passes.denoise import Guides, guides
-from pipeline.passes.groundtruth import planned_lights
-from pipeline.pathtrace import integrator
-from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.render.scene import RenderScene
-from pipeline.transport.guides import fast_guides
-from pipeline.views import View
+from pbrnet.pipeline.passes.denoise import Guides, guides
+from pbrnet.pipeline.passes.groundtruth import planned_lights
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.transport.guides import fast_guides
+from pbrnet.pipeline.views import View
 
 
 @dataclass(frozen=True)

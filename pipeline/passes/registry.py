@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pipeline.channels import DENOISED, DENOISED_SHADING, HALF, NOISY_SHADING, RGB, Kind
-from pipeline.frames import Channels, fingerprint
-from pipeline.params import GroundTruthParams, Params
-from pipeline.passes import (
+from pbrnet.pipeline.channels import DENOISED, DENOISED_SHADING, HALF, NOISY_SHADING, RGB, Kind
+from pbrnet.pipeline.frames import Channels, fingerprint
+from pbrnet.pipeline.params import GroundTruthParams, Params
+from pbrnet.pipeline.passes import (
     environment,
     groundtruth,
     illumination,
@@ -26,27 +26,34 @@ from pipeline.passes import (
     video,
     visibility,
 )
-from pipeline.passes.denoise import Guides, Quality, denoise, denoiser_version, grey_guide, guides
-from pipeline.passes.environment import render_environment
-from pipeline.passes.groundtruth import render_both, render_color, render_truth
-from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import inputs_of, render_inputs, visible_surfaces
-from pipeline.passes.labels import labels_of, render_labels
-from pipeline.passes.light import light_of
-from pipeline.passes.materials import materials_of, render_materials
-from pipeline.passes.preparation import Preparation, sample_guides
-from pipeline.passes.transport import render_transport
-from pipeline.passes.video import render_video, video_of
-from pipeline.passes.visibility import render_visibility
-from pipeline.pathtrace import integrator
-from pipeline.pathtrace.light_groups import group_lights
-from pipeline.pathtrace.noise import residual_noise
-from pipeline.render.scene import RenderScene
-from pipeline.transport import guides as fast
-from pipeline.views import View
-from scenes.checked import plain
-from scenes.errors import InputError
-from scenes.seeds import derive
+from pbrnet.pipeline.passes.denoise import (
+    Guides,
+    Quality,
+    denoise,
+    denoiser_version,
+    grey_guide,
+    guides,
+)
+from pbrnet.pipeline.passes.environment import render_environment
+from pbrnet.pipeline.passes.groundtruth import render_both, render_color, render_truth
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.inputs import inputs_of, render_inputs, visible_surfaces
+from pbrnet.pipeline.passes.labels import labels_of, render_labels
+from pbrnet.pipeline.passes.light import light_of
+from pbrnet.pipeline.passes.materials import materials_of, render_materials
+from pbrnet.pipeline.passes.preparation import Preparation, sample_guides
+from pbrnet.pipeline.passes.transport import render_transport
+from pbrnet.pipeline.passes.video import render_video, video_of
+from pbrnet.pipeline.passes.visibility import render_visibility
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.pathtrace.light_groups import group_lights
+from pbrnet.pipeline.pathtrace.noise import residual_noise
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.transport import guides as fast
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.seeds import derive
 
 Result = tuple[Channels, dict[str, Any]]  # channels, and further entries of the attribute
 Render = Callable[[RenderScene, View, Params, int], Result]

@@ -2,12 +2,12 @@
 
 Direct light by shadow rays to all lamps, through windows and to the sun, light of one reflection by
 the same on what the pixels' rays meet, all further reflections by radiosity among surfels around
-the view (`pipeline.transport`). Left out: where mirrors, metals and glass throw light (between
-surfaces it is exchanged as if all reflected diffusely, as much as they do), and light behind rough
-glass. Cloth that transmits light diffusely is lit from both sides.
+the view (`pbrnet.pipeline.transport`). Left out: where mirrors, metals and glass throw light
+(between surfaces it is exchanged as if all reflected diffusely, as much as they do), and light
+behind rough glass. Cloth that transmits light diffusely is lit from both sides.
 
-The picture is denoised as path-traced samples are (`pipeline.passes.denoise`); light without
-reflectance has a filter of its own (`pipeline.transport.smoothing`), which costs less.
+The picture is denoised as path-traced samples are (`pbrnet.pipeline.passes.denoise`); light without
+reflectance has a filter of its own (`pbrnet.pipeline.transport.smoothing`), which costs less.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
-from pipeline.frames import Channels
-from pipeline.params import USUAL_SURFELS, TransportParams
-from pipeline.passes.denoise import Quality, denoise
-from pipeline.passes.preparation import Preparation, prepare
-from pipeline.pathtrace import integrator
-from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.render.drjit_arrays import to_numpy
-from pipeline.render.material_sets import MaterialSets
-from pipeline.render.scene import RenderScene
-from pipeline.transport.cells import LightTable
-from pipeline.transport.launches import TransportLauncher
-from pipeline.transport.pixels import LOST, LightSamples, Samples
-from pipeline.transport.radiosity import Rays, Surfels, cells_of, grid_size, solve
-from pipeline.views import View
-from scenes.arrays import Float32Array
-from scenes.errors import InputError
+from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import USUAL_SURFELS, TransportParams
+from pbrnet.pipeline.passes.denoise import Quality, denoise
+from pbrnet.pipeline.passes.preparation import Preparation, prepare
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.render.drjit_arrays import to_numpy
+from pbrnet.pipeline.render.material_sets import MaterialSets
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.transport.cells import LightTable
+from pbrnet.pipeline.transport.launches import TransportLauncher
+from pbrnet.pipeline.transport.pixels import LOST, LightSamples, Samples
+from pbrnet.pipeline.transport.radiosity import Rays, Surfels, cells_of, grid_size, solve
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float32Array
+from pbrnet.scenes.errors import InputError
 
 REVISION = 12
 _LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
@@ -155,7 +155,7 @@ def gathered(
     bounces: int,
     seed: int,
 ) -> dict[str, Float32Array]:
-    """Return the images of `pipeline.transport.pixels` by the light of these surfels.
+    """Return the images of `pbrnet.pipeline.transport.pixels` by the light of these surfels.
 
     As `TransportLauncher.pixels`.
     """

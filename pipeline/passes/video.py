@@ -11,15 +11,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.cameras.reprojection import reproject
-from pipeline.channels import VIDEO_BANDS
-from pipeline.frames import Channels
-from pipeline.passes.inputs import VisibleSurfaces, depth, visible_surfaces
-from pipeline.render import raycast
-from pipeline.render.scene import RenderScene
-from pipeline.views import Matrix, View
-from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.directions import unit
+from pbrnet.pipeline.cameras.reprojection import reproject
+from pbrnet.pipeline.channels import VIDEO_BANDS
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.inputs import VisibleSurfaces, depth, visible_surfaces
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import Matrix, View
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.geometry.directions import unit
 
 REVISION = 2  # raise it when a channel is added, or a change of code changes pixels
 # Of the distance: above the rounding of float32 hit points, below the thickness of any board.

@@ -11,18 +11,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.channels import TINT
-from pipeline.frames import Channels
-from pipeline.params import IlluminationParams
-from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import facing_normals
-from pipeline.passes.panorama_lights import sources, unshadowed_irradiance
-from pipeline.render import raycast
-from pipeline.render.scene import RenderScene
-from pipeline.views import View
-from scenes.arrays import AnyArray
-from scenes.color import luminance
-from scenes.geometry.directions import turned, unit
+from pbrnet.pipeline.channels import TINT
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import IlluminationParams
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.inputs import facing_normals
+from pbrnet.pipeline.passes.panorama_lights import sources, unshadowed_irradiance
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.geometry.directions import turned, unit
 
 REVISION = 1
 _RAY_OFFSET = 1e-3  # metres: distance of ray origins from the surface

@@ -9,10 +9,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.light_pilot import LightPlan
-from pipeline.pathtrace.portals import geometry_factor
-from pipeline.pathtrace.rectangle_sampling import below_one, opaque_floats
-from pipeline.render.drjit_arrays import column
+from pbrnet.pipeline.pathtrace.light_pilot import LightPlan
+from pbrnet.pipeline.pathtrace.portals import geometry_factor
+from pbrnet.pipeline.pathtrace.rectangle_sampling import below_one, opaque_floats
+from pbrnet.pipeline.render.drjit_arrays import column
 
 MAX_WEIGHTED = 12  # emitters with a weight of their own at each vertex
 

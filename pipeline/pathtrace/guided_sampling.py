@@ -9,8 +9,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.guiding import MAX_TARGETS, GuidingPlan
-from pipeline.pathtrace.rectangle_sampling import RectangleSampler, below_one, choose
+from pbrnet.pipeline.pathtrace.guiding import MAX_TARGETS, GuidingPlan
+from pbrnet.pipeline.pathtrace.rectangle_sampling import RectangleSampler, below_one, choose
 
 _MAX_GUIDED = 0.4  # probability of a guided direction where all indirect light is from targets
 

@@ -6,8 +6,8 @@ chance only. If they are small, few paths carry much light, and by day that is m
 
 This module finds such surfaces from the light's side, by rays from lamps and by the sun's rays
 through the portals, and estimates what lies beyond each portal. It then keeps the guiding targets
-that cause most irradiance at the light plan's pilot points. `pipeline.pathtrace.guided_sampling`
-samples directions to them.
+that cause most irradiance at the light plan's pilot points.
+`pbrnet.pipeline.pathtrace.guided_sampling` samples directions to them.
 
 As in the light plan, no material is evaluated, so that shading depends on no colour.
 """
@@ -21,7 +21,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.irradiance import (
+from pbrnet.pipeline.pathtrace.irradiance import (
     RAY_OFFSET,
     environment_luminance,
     first_hits,
@@ -30,18 +30,18 @@ from pipeline.pathtrace.irradiance import (
     sun_irradiance,
     sunlit_surfaces,
 )
-from pipeline.pathtrace.light_pilot import ASSUMED_ALBEDO, LightPlan
-from pipeline.pathtrace.portals import (
+from pbrnet.pipeline.pathtrace.light_pilot import ASSUMED_ALBEDO, LightPlan
+from pbrnet.pipeline.pathtrace.portals import (
     Rectangles,
     cross,
     geometry_factor,
     perpendicular,
     sample_rectangles,
 )
-from pipeline.render.drjit_arrays import column, vector
-from scenes.arrays import Float64Array
-from scenes.color import luminance
-from scenes.seeds import generator
+from pbrnet.pipeline.render.drjit_arrays import column, vector
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.seeds import generator
 
 MAX_TARGETS = 12  # guiding targets in one view
 _RAYS = 512  # from each lamp, and from the sun through each portal

@@ -21,7 +21,7 @@ Colour can also be traced alone, in some 0.85 of the time: then each vertex has 
 roulette follows the throughput of colour, and samples are others than those of a joint trace.
 
 Window panes change the camera ray and its weight, for both images alike, before all of this; see
-`pipeline.pathtrace.panes`.
+`pbrnet.pipeline.pathtrace.panes`.
 
 Random numbers are drawn in the order of Mitsuba's `path`, after one more in scenes with panes.
 Without roulette and differing directions both images equal those of `path`, sample by sample. Not
@@ -39,10 +39,10 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from pipeline.pathtrace.light_parts import LightParts, NoParts
-from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
-from pipeline.pathtrace.panes import Panes
-from pipeline.render.bsdf_tables import partner
+from pbrnet.pipeline.pathtrace.light_parts import LightParts, NoParts
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
+from pbrnet.pipeline.pathtrace.panes import Panes
+from pbrnet.pipeline.render.bsdf_tables import partner
 
 # Squared distance up to which two unit directions are the same one, computed twice.
 _SAME_DIRECTION = 1e-7
@@ -77,11 +77,11 @@ def available() -> bool:
 class JointPath:
     """Joint path tracer; `max_depth` and `rr_depth` are those of Mitsuba's `path`.
 
-    `lights` samples the emitters; see `pipeline.pathtrace.light_sampling`. `panes` are the scene's
-    window panes.
+    `lights` samples the emitters; see `pbrnet.pipeline.pathtrace.light_sampling`. `panes` are the
+    scene's window panes.
     """
 
-    twins: Any  # table of each BSDF's neutral twin, see `pipeline.render.bsdf_tables`
+    twins: Any  # table of each BSDF's neutral twin, see `pbrnet.pipeline.render.bsdf_tables`
     max_depth: int
     rr_depth: int
     lights: UniformLights | PlannedLights = field(default_factory=UniformLights)

@@ -13,16 +13,16 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.portals import (
+from pbrnet.pipeline.pathtrace.portals import (
     Rectangles,
     perpendicular,
     rectangle_densities,
     sample_rectangles,
 )
-from pipeline.render.drjit_arrays import column, to_numpy, vector
-from pipeline.render.meshes import triangles_of
-from scenes.arrays import BoolArray, Float64Array
-from scenes.color import luminance
+from pbrnet.pipeline.render.drjit_arrays import column, to_numpy, vector
+from pbrnet.pipeline.render.meshes import triangles_of
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.color import luminance
 
 RAY_OFFSET = 1e-3  # metres: distance of ray origins from surfaces
 _SUN_RAYS = 64  # through each portal

@@ -14,9 +14,9 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from pipeline.pathtrace.integrator import JointPath
-from pipeline.render.sensors import make_sensor, move_sensor
-from pipeline.views import View
+from pbrnet.pipeline.pathtrace.integrator import JointPath
+from pbrnet.pipeline.render.sensors import make_sensor, move_sensor
+from pbrnet.pipeline.views import View
 
 _MAX_RECORDINGS = 32  # film sizes; per size: sample counts and kinds of light plans
 

@@ -15,10 +15,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.irradiance import SunDisc, environment_of
-from pipeline.pathtrace.rectangle_sampling import opaque_floats
-from pipeline.render.drjit_arrays import column
-from scenes.contract import Light
+from pbrnet.pipeline.pathtrace.irradiance import SunDisc, environment_of
+from pbrnet.pipeline.pathtrace.rectangle_sampling import opaque_floats
+from pbrnet.pipeline.render.drjit_arrays import column
+from pbrnet.scenes.contract import Light
 
 SKY, SUN, OTHERS = "sky", "sun", "others"
 FIXED = 3  # groups beside those of single lamps

@@ -12,8 +12,8 @@ the same samples, roulette and emitter sampling, and is unbiased as colour is:
 * irradiance: the same light over the reflectance of that surface, band by band: the radiance that
   a white diffuse surface would have there. 0 where the reflectance is 0.
 
-* light groups: light from each of the emitters' groups (`pipeline.pathtrace.light_groups`), if they
-  are asked for. They add up to colour.
+* light groups: light from each of the emitters' groups (`pbrnet.pipeline.pathtrace.light_groups`),
+  if they are asked for. They add up to colour.
 
 The rest of colour (indirect, specular, residual) is what these leave.
 """
@@ -26,8 +26,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from pipeline.pathtrace.light_groups import GroupTable, LightGroups
-from pipeline.render.bsdf_tables import partner, partner_table
+from pbrnet.pipeline.pathtrace.light_groups import GroupTable, LightGroups
+from pbrnet.pipeline.render.bsdf_tables import partner, partner_table
 
 _BLACK = 1e-4  # reflectance below which irradiance is not determined
 

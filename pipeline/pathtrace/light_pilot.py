@@ -9,9 +9,10 @@ their brightness, which minimises the variance of a one-sample estimate; a share
 distributed uniformly. Where portals and sun provide nearly all of the environment's light, its
 own sampling, which costs as much as a ray, is left out.
 
-These probabilities belong to the view. At each path vertex, `pipeline.pathtrace.light_sampling`
-combines them with weights of that vertex: each light's strength times a geometry factor. The
-strength is chosen such that the product matches the pilot's irradiance, occlusion included.
+These probabilities belong to the view. At each path vertex,
+`pbrnet.pipeline.pathtrace.light_sampling` combines them with weights of that vertex: each light's
+strength times a geometry factor. The strength is chosen such that the product matches the pilot's
+irradiance, occlusion included.
 
 The pilot depends on geometry and emitters, not on materials. Therefore plans, like shading,
 depend on no colour.
@@ -25,7 +26,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.pathtrace.irradiance import (
+from pbrnet.pipeline.pathtrace.irradiance import (
     RAY_OFFSET,
     EmitterExtents,
     Environment,
@@ -38,17 +39,17 @@ from pipeline.pathtrace.irradiance import (
     sun_irradiance,
     sun_strength,
 )
-from pipeline.pathtrace.portals import (
+from pbrnet.pipeline.pathtrace.portals import (
     Rectangles,
     geometry_factor,
     portal_rectangles,
     rectangle_densities,
 )
-from pipeline.views import View
-from scenes.arrays import BoolArray, Float64Array, Int64Array
-from scenes.contract import Portal
-from scenes.geometry.directions import fibonacci_sphere
-from scenes.seeds import generator
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.contract import Portal
+from pbrnet.scenes.geometry.directions import fibonacci_sphere
+from pbrnet.scenes.seeds import generator
 
 ASSUMED_ALBEDO = 0.5  # of all surfaces, for light that bounces once
 OUTDOOR_MARGIN = 0.05  # metres beyond the box around the rooms

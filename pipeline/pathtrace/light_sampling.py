@@ -3,8 +3,8 @@
 With a `LightPlan`, portals are sampled by directions uniform over their area, and the sun by
 directions uniform over its disc. The choice among portals, sun and emitters is made at every
 vertex: mostly in proportion to the unoccluded irradiance that each would cause there (its strength
-times `pipeline.pathtrace.portals.geometry_factor`), for the rest by the view's probabilities, so
-that a light whose strength is wrong is still sampled.
+times `pbrnet.pipeline.pathtrace.portals.geometry_factor`), for the rest by the view's
+probabilities, so that a light whose strength is wrong is still sampled.
 
 The estimate is unbiased for every plan: directions that emitter sampling cannot produce are found
 by BSDF sampling, and multiple importance sampling then gives them the weight 1.
@@ -21,12 +21,12 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.emitter_sampling import EmitterSampler
-from pipeline.pathtrace.environment_sampling import EnvironmentSampler
-from pipeline.pathtrace.guided_sampling import Guidance, PathGuide
-from pipeline.pathtrace.guiding import GuidingPlan
-from pipeline.pathtrace.light_pilot import OUTDOOR_MARGIN, LightPlan
-from pipeline.pathtrace.rectangle_sampling import below_one, choose, opaque_floats
+from pbrnet.pipeline.pathtrace.emitter_sampling import EmitterSampler
+from pbrnet.pipeline.pathtrace.environment_sampling import EnvironmentSampler
+from pbrnet.pipeline.pathtrace.guided_sampling import Guidance, PathGuide
+from pbrnet.pipeline.pathtrace.guiding import GuidingPlan
+from pbrnet.pipeline.pathtrace.light_pilot import OUTDOOR_MARGIN, LightPlan
+from pbrnet.pipeline.pathtrace.rectangle_sampling import below_one, choose, opaque_floats
 
 _BY_VIEW = 0.2  # share of the choice that follows the view's probabilities alone
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
-from pipeline.channels import RGB
-from pipeline.frames import Channels
-from pipeline.radiance import HALF_MAX
-from scenes.arrays import BoolArray, Float64Array
-from scenes.color import luminance
+from pbrnet.pipeline.channels import RGB
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.radiance import HALF_MAX
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.color import luminance
 
 _FIREFLY_RATIO = 8.0  # times the median of the 5 x 5 pixels around
 _FIREFLY_ERROR = 0.5  # least relative error of a firefly; below, it is a small lamp
@@ -86,7 +86,7 @@ class BlockStatistics:
         return _clamped(self.half_total / np.maximum(self.half_finite, 1)[..., None])
 
     def statistics(self) -> dict[str, Any]:
-        """Return the statistics that `pipeline.passes.groundtruth.render_truth` documents."""
+        """Return the statistics that `passes.groundtruth.render_truth` documents."""
         mean = self._mean()
         lum = luminance(np.maximum(mean, 0))
         error = self.relative_error()

@@ -21,8 +21,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.portals import portal_rectangles
-from scenes.contract import Portal
+from pbrnet.pipeline.pathtrace.portals import portal_rectangles
+from pbrnet.scenes.contract import Portal
 
 GLASS = 1.5  # relative index of refraction
 _SLOTS = 8  # panes in a scene are padded to a multiple, so that scenes can share kernels

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.contract import Portal
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.contract import Portal
 
 _GRAZING = 0.1  # least cosine at the receiver: emitters have extent and rise above its horizon
 _MIN_AREA = 1e-4  # square metres: smaller openings are left to the environment's own sampling

@@ -14,8 +14,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.portals import Rectangles, geometry_factor
-from pipeline.render.drjit_arrays import column
+from pbrnet.pipeline.pathtrace.portals import Rectangles, geometry_factor
+from pbrnet.pipeline.render.drjit_arrays import column
 
 
 @dataclass(init=False, eq=False)

@@ -15,10 +15,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.integrator import JointPath
-from pipeline.render.drjit_arrays import column
-from pipeline.views import View
-from scenes.arrays import Float64Array
+from pbrnet.pipeline.pathtrace.integrator import JointPath
+from pbrnet.pipeline.render.drjit_arrays import column
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float64Array
 
 _MAX_RECORDINGS = 32  # per panorama size: sample counts and kinds of light plans
 _FAR = 1e5  # metres

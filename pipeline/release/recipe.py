@@ -15,11 +15,11 @@ from typing import Any
 import pyarrow as pa
 import yaml
 
-from pipeline.dataset.checksums import SUMS, read_sums, write_sums
-from pipeline.params import Params, build_params
-from scenes.checked import build, check_name, plain
-from scenes.errors import InputError, ParameterError
-from scenes.files import exists, read_json, regular_file, write_json, write_text
+from pbrnet.pipeline.dataset.checksums import SUMS, read_sums, write_sums
+from pbrnet.pipeline.params import Params, build_params
+from pbrnet.scenes.checked import build, check_name, plain
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.files import exists, read_json, regular_file, write_json, write_text
 
 RECIPES = Path("recipes")
 _MAX_BYTES = 2**20

@@ -15,9 +15,9 @@ import mitsuba as mi
 import numpy as np
 import shapely
 
-from pipeline.render.scene_geometry import SceneGeometry
-from scenes.arrays import Float64Array
-from scenes.geometry.directions import turned
+from pbrnet.pipeline.render.scene_geometry import SceneGeometry
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.directions import turned
 
 _HARDLY = 1.01  # ratio of areas below which the world's axes are preferred
 _GRID = 1e-6  # metres, and of cosines: what is decided and stored is rounded to it

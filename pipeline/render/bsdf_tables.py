@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.drjit_arrays import column
+from pbrnet.pipeline.render.drjit_arrays import column
 
 
 def partner_table(pairs: list[tuple[Any, Any]]) -> Any:

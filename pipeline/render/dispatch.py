@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import drjit as dr
 import mitsuba as mi
 
-from pipeline.render.drjit_arrays import registry_id
+from pbrnet.pipeline.render.drjit_arrays import registry_id
 
 # Dr.Jit keeps pointers to these names.
 _HIDDEN = ctypes.c_char_p(b"not called")

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scenes.arrays import AnyArray
+from pbrnet.scenes.arrays import AnyArray
 
 
 def vector(kind: Any, rows: AnyArray) -> Any:

@@ -14,13 +14,17 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from pipeline.render import raycast
-from pipeline.render.scene import RenderScene
-from scenes.arrays import BoolArray, Float64Array
-from scenes.contract import Room
-from scenes.geometry.directions import unit
-from scenes.reconstruction.light_walks import OpeningIndex, diffuse_bounce, sample_room_points
-from scenes.seeds import generator
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.contract import Room
+from pbrnet.scenes.geometry.directions import unit
+from pbrnet.scenes.reconstruction.light_walks import (
+    OpeningIndex,
+    diffuse_bounce,
+    sample_room_points,
+)
+from pbrnet.scenes.seeds import generator
 
 WALKS = 4096  # a room
 BOUNCES = 8

@@ -9,10 +9,10 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.dispatch import keep_from_calls
-from pipeline.render.scene_geometry import SceneGeometry
-from pipeline.render.scenegraph import Graph
-from scenes.arrays import BoolArray, Float64Array, Int32Array
+from pbrnet.pipeline.render.dispatch import keep_from_calls
+from pbrnet.pipeline.render.scene_geometry import SceneGeometry
+from pbrnet.pipeline.render.scenegraph import Graph
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int32Array
 
 _SUN_AND_SKY = ("sunsky", "timed_sunsky")
 _ENVIRONMENTS = ("constant", "envmap", *_SUN_AND_SKY)

@@ -11,9 +11,9 @@ from typing import Any
 
 import mitsuba as mi
 
-from pipeline.render.neutral import NeutralTwins, diffuse_lobe
-from pipeline.render.scenegraph import Graph, create, shapes_of
-from scenes.errors import InputError
+from pbrnet.pipeline.render.neutral import NeutralTwins, diffuse_lobe
+from pbrnet.pipeline.render.scenegraph import Graph, create, shapes_of
+from pbrnet.scenes.errors import InputError
 
 _INITIAL_ALBEDO = 0.5
 

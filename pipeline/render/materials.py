@@ -28,13 +28,13 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.render import raycast
-from pipeline.render.neutral import normal_incidence
-from pipeline.render.scene_geometry import Hits, SceneGeometry, TextureSlot, Way
-from pipeline.render.scenegraph import Graph
-from scenes.arrays import AnyArray, BoolArray, Float64Array, Int32Array
-from scenes.color import luminance
-from scenes.geometry.directions import unit
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.neutral import normal_incidence
+from pbrnet.pipeline.render.scene_geometry import Hits, SceneGeometry, TextureSlot, Way
+from pbrnet.pipeline.render.scenegraph import Graph
+from pbrnet.scenes.arrays import AnyArray, BoolArray, Float64Array, Int32Array
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.geometry.directions import unit
 
 Lookup = Callable[[int, Way], Float64Array]  # texture node, way of evaluation -> (P, bands)
 _BANDS: dict[Way, int] = {"eval_1": 1, "eval": 3, "eval_3": 3, "eval_1_grad": 2}

@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.drjit_arrays import column, registry_table
+from pbrnet.pipeline.render.drjit_arrays import column, registry_table
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.scene_geometry import Mirror
-from pipeline.render.scenegraph import Graph, create
-from scenes.errors import InputError
+from pbrnet.pipeline.render.scene_geometry import Mirror
+from pbrnet.pipeline.render.scenegraph import Graph, create
+from pbrnet.scenes.errors import InputError
 
 _WRAPPERS = ("twosided", "mask", "bumpmap", "normalmap", "blendbsdf")
 _CONDUCTORS = ("conductor", "roughconductor")

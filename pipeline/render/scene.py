@@ -17,26 +17,26 @@ import numpy as np
 import numpy.typing as npt
 import psutil
 
-from pipeline.params import Variant
-from pipeline.render import meshes, raycast
-from pipeline.render.boxes import ObjectBoxes
-from pipeline.render.dispatch import level_ids
-from pipeline.render.lights import Lights, collect_lights
-from pipeline.render.material_sets import MaterialSets
-from pipeline.render.materials import MaterialTable
-from pipeline.render.neutral import (
+from pbrnet.pipeline.params import Variant
+from pbrnet.pipeline.render import meshes, raycast
+from pbrnet.pipeline.render.boxes import ObjectBoxes
+from pbrnet.pipeline.render.dispatch import level_ids
+from pbrnet.pipeline.render.lights import Lights, collect_lights
+from pbrnet.pipeline.render.material_sets import MaterialSets
+from pbrnet.pipeline.render.materials import MaterialTable
+from pbrnet.pipeline.render.neutral import (
     has_mask,
     mirrored_sides,
     passes_light,
     reflectance_twin,
     transmitted_share,
 )
-from pipeline.render.scene_geometry import SceneGeometry
-from pipeline.render.scenegraph import Graph, create, parse, shapes_of
-from scenes.arrays import Float32Array, Float64Array, Int32Array
-from scenes.contract import Scene
-from scenes.errors import InputError, MachineError
-from scenes.geometry.directions import unit
+from pbrnet.pipeline.render.scene_geometry import SceneGeometry
+from pbrnet.pipeline.render.scenegraph import Graph, create, parse, shapes_of
+from pbrnet.scenes.arrays import Float32Array, Float64Array, Int32Array
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.geometry.directions import unit
 
 REVISION = 4
 _SCALAR_WARNING = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from scenes.arrays import BoolArray, Float32Array, Int32Array
+from pbrnet.scenes.arrays import BoolArray, Float32Array, Int32Array
 
 Way = Literal["eval_1", "eval", "eval_3", "eval_1_grad"]  # of evaluating a texture
 Mirror = Literal["", "front", "both"]  # sides of a shape that are a perfect mirror

@@ -19,9 +19,9 @@ import mitsuba as mi
 import numpy as np
 import OpenEXR
 
-from pipeline.render.dispatch import keep_from_calls
-from scenes.errors import InputError
-from scenes.formats.scene_xml import check_scene_xml
+from pbrnet.pipeline.render.dispatch import keep_from_calls
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.scene_xml import check_scene_xml
 
 # Rendering settings in a scene file, which the stages override.
 _NOT_BUILT = ("Sensor", "Integrator", "Sampler", "Film", "ReconstructionFilter")

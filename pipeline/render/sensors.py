@@ -8,9 +8,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.views import View
-from scenes.arrays import Float64Array
-from scenes.errors import InputError
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.errors import InputError
 
 _NEAR, _FAR = 1e-3, 1e5  # metres
 

@@ -18,15 +18,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipeline.farm.cluster import Farm
-from pipeline.farm.scheduling import Item
-from pipeline.farm.workspace import open_workspace
-from pipeline.params import Params
-from pipeline.progress import Progress
-from pipeline.records import data_lock
-from pipeline.stages.render_jobs import use_code
-from pipeline.versions import code_version, source_revision
-from scenes.assets.index import (
+from pbrnet.pipeline.farm.cluster import Farm
+from pbrnet.pipeline.farm.scheduling import Item
+from pbrnet.pipeline.farm.workspace import open_workspace
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.records import data_lock
+from pbrnet.pipeline.stages.render_jobs import use_code
+from pbrnet.pipeline.versions import code_version, source_revision
+from pbrnet.scenes.assets.index import (
     Asset,
     AssetIndex,
     IndexEntry,
@@ -37,19 +37,25 @@ from scenes.assets.index import (
     load_asset,
     save_index,
 )
-from scenes.assets.piece import CataloguePiece
-from scenes.errors import InputError, MachineError, PbrnetError
-from scenes.files import atomic_directory, digest_file, read_json, remove_partials, write_json
-from scenes.params import AssetParams
-from scenes.sweethome.catalogue.convert import convert, piece_fingerprint
-from scenes.sweethome.catalogue.library import Library, UnusablePiece, read_library
+from pbrnet.scenes.assets.piece import CataloguePiece
+from pbrnet.scenes.errors import InputError, MachineError, PbrnetError
+from pbrnet.scenes.files import (
+    atomic_directory,
+    digest_file,
+    read_json,
+    remove_partials,
+    write_json,
+)
+from pbrnet.scenes.params import AssetParams
+from pbrnet.scenes.sweethome.catalogue.convert import convert, piece_fingerprint
+from pbrnet.scenes.sweethome.catalogue.library import Library, UnusablePiece, read_library
 
 INSTALLED = Path("/usr/share/sweethome3d/furniture")  # catalogues of Debian's packages
 SUFFIX = ".sh3f"
 _DOWNLOADS = "packages"  # below data/assets: fetched packages
 _PATIENCE = 900.0  # seconds for apt-get
 _SHOWN = 10  # refused pieces listed on the terminal; the index holds all of them
-_CONVERTER = "scenes.sweethome.catalogue.convert"
+_CONVERTER = "pbrnet.scenes.sweethome.catalogue.convert"
 
 
 class AssetError(PbrnetError):

@@ -14,13 +14,13 @@ import shapely
 from scipy.sparse import csr_array
 from shapely.geometry import Polygon
 
-from pipeline.cameras.free_floor import FreeFloor, free_floors
-from pipeline.cameras.overlap import choose_overlapping, outlook
-from pipeline.cameras.trajectory_files import Trajectory
-from pipeline.cameras.walks import find_walk
-from pipeline.params import Params
-from pipeline.render.scene import RenderScene, cast
-from pipeline.stages.view_sampling import (
+from pbrnet.pipeline.cameras.free_floor import FreeFloor, free_floors
+from pbrnet.pipeline.cameras.overlap import choose_overlapping, outlook
+from pbrnet.pipeline.cameras.trajectory_files import Trajectory
+from pbrnet.pipeline.cameras.walks import find_walk
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.render.scene import RenderScene, cast
+from pbrnet.pipeline.stages.view_sampling import (
     INSIDE,
     MOST_OUTDOORS,
     TOO_CLOSE,
@@ -33,11 +33,11 @@ from pipeline.stages.view_sampling import (
     sights,
     surroundings,
 )
-from pipeline.views import CameraFile, View, as_matrix, look, rolled
-from scenes.arrays import Float64Array
-from scenes.contract import Room, Scene
-from scenes.geometry.directions import turned
-from scenes.seeds import generator
+from pbrnet.pipeline.views import CameraFile, View, as_matrix, look, rolled
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import Room, Scene
+from pbrnet.scenes.geometry.directions import turned
+from pbrnet.scenes.seeds import generator
 
 _TRIES = 6  # walks of which the one that sees most is taken
 _EVERY = 6  # frames between those that tell how much a walk sees

@@ -8,25 +8,25 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.cameras import walks
-from pipeline.cameras.trajectory_files import (
+from pbrnet.pipeline.cameras import walks
+from pbrnet.pipeline.cameras.trajectory_files import (
     Trajectory,
     read_trajectory,
     trajectories_of,
     trajectory_digests,
 )
-from pipeline.frames import fingerprint
-from pipeline.params import Params
-from pipeline.records import Failure, data_lock
-from pipeline.stages import view_sampling
-from pipeline.stages.camera_files import described_collisions
-from pipeline.stages.render_jobs import CameraJob, sample_scene
-from pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
-from pipeline.stages.scene_listing import active_renderer, list_scenes, scene_digests
-from pipeline.views import CameraFile, load_cameras
-from scenes.contract import Scene
-from scenes.errors import InputError
-from scenes.files import remove_partials
+from pbrnet.pipeline.frames import fingerprint
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.records import Failure, data_lock
+from pbrnet.pipeline.stages import view_sampling
+from pbrnet.pipeline.stages.camera_files import described_collisions
+from pbrnet.pipeline.stages.render_jobs import CameraJob, sample_scene
+from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
+from pbrnet.pipeline.stages.scene_listing import active_renderer, list_scenes, scene_digests
+from pbrnet.pipeline.views import CameraFile, load_cameras
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import remove_partials
 
 
 def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Summary:

@@ -14,20 +14,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.channels import Kind
-from pipeline.dataset.splits import split_sampling
-from pipeline.frames import frame_path, holds, kinds_of
-from pipeline.params import Params
-from pipeline.passes.registry import SURFACES, TRACED, frame_fingerprint, traced_together
-from pipeline.records import Failure, data_lock
-from pipeline.stages.cameras import camera_fingerprints
-from pipeline.stages.render_jobs import FrameJob, render_frames
-from pipeline.stages.runner import StagePlan, Summary, Target, execute, finish, threaded
-from pipeline.stages.scene_listing import SAFE_NAME, active_renderer, list_scenes, scene_digests
-from pipeline.views import View, load_cameras
-from scenes.contract import Scene
-from scenes.errors import InputError
-from scenes.files import remove_partials
+from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.dataset.splits import split_sampling
+from pbrnet.pipeline.frames import frame_path, holds, kinds_of
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.registry import SURFACES, TRACED, frame_fingerprint, traced_together
+from pbrnet.pipeline.records import Failure, data_lock
+from pbrnet.pipeline.stages.cameras import camera_fingerprints
+from pbrnet.pipeline.stages.render_jobs import FrameJob, render_frames
+from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, execute, finish, threaded
+from pbrnet.pipeline.stages.scene_listing import (
+    SAFE_NAME,
+    active_renderer,
+    list_scenes,
+    scene_digests,
+)
+from pbrnet.pipeline.views import View, load_cameras
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import remove_partials
 
 
 def run_frames(

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from pipeline.channels import Kind
-from pipeline.params import Params
-from pipeline.stages.frame_stage import run_frames
-from pipeline.stages.runner import Summary
+from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.stages.frame_stage import run_frames
+from pbrnet.pipeline.stages.runner import Summary
 
 Truth = Literal["shading", "color"]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.params import Params
-from pipeline.stages.frame_stage import run_frames
-from pipeline.stages.runner import Summary
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.stages.frame_stage import run_frames
+from pbrnet.pipeline.stages.runner import Summary
 
 
 def run_illumination(data: Path, params: Params, scheduler: str | None = None) -> Summary:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.channels import Kind
-from pipeline.params import Params
-from pipeline.stages.frame_stage import run_frames
-from pipeline.stages.runner import Summary
+from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.stages.frame_stage import run_frames
+from pbrnet.pipeline.stages.runner import Summary
 
 
 def run_inputs(data: Path, params: Params, scheduler: str | None = None) -> Summary:

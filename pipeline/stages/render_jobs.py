@@ -15,10 +15,10 @@ from typing import Any, cast
 
 import drjit as dr
 
-from pipeline.cameras.trajectory_files import Trajectory
-from pipeline.channels import Kind
-from pipeline.costs.memory import memory_columns
-from pipeline.farm.workspace import (
+from pbrnet.pipeline.cameras.trajectory_files import Trajectory
+from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.costs.memory import memory_columns
+from pbrnet.pipeline.farm.workspace import (
     SentFile,
     Workspace,
     require_data,
@@ -26,9 +26,9 @@ from pipeline.farm.workspace import (
     use_workspace,
     writing,
 )
-from pipeline.frames import Channels, frame_path, write_frame
-from pipeline.params import Params, Variant
-from pipeline.passes.registry import (
+from pbrnet.pipeline.frames import Channels, frame_path, write_frame
+from pbrnet.pipeline.params import Params, Variant
+from pbrnet.pipeline.passes.registry import (
     PASSES,
     SURFACES,
     Result,
@@ -37,19 +37,19 @@ from pipeline.passes.registry import (
     render_surfaces,
     render_truths,
 )
-from pipeline.render.scene import (
+from pbrnet.pipeline.render.scene import (
     RenderScene,
     free_memory,
     open_scene,
     renderer_version,
     set_variant,
 )
-from pipeline.stages.camera_files import make_cameras
-from pipeline.stages.shared_cameras import take_cameras
-from pipeline.versions import instruction_set, require_code
-from pipeline.views import View, save_cameras
-from scenes.contract import load_scene
-from scenes.errors import InputError, MachineError
+from pbrnet.pipeline.stages.camera_files import make_cameras
+from pbrnet.pipeline.stages.shared_cameras import take_cameras
+from pbrnet.pipeline.versions import instruction_set, require_code
+from pbrnet.pipeline.views import View, save_cameras
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError, MachineError
 
 # One: Dr.Jit compiles the materials of every open scene into each kernel.
 _OPEN_SCENES = 1
@@ -85,8 +85,8 @@ class FrameJob:
 def use_code(code: str, workspace: Workspace, threads: int) -> None:
     """Set up a worker that does not render.
 
-    Raises `MachineError` if its code version is not `code` (`pipeline.versions`), or if it does
-    not see the data folder, into which it must write.
+    Raises `MachineError` if its code version is not `code` (`pbrnet.pipeline.versions`), or if it
+    does not see the data folder, into which it must write.
     """
     require_code(code)
     require_data(workspace)

@@ -15,21 +15,21 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pipeline.costs.estimates import estimator
-from pipeline.costs.ledger import Ledger, read_ledger
-from pipeline.farm.cluster import Farm
-from pipeline.farm.scheduling import Item
-from pipeline.farm.transfer import TransferService
-from pipeline.farm.worker import Outcome
-from pipeline.farm.workspace import open_workspace, receive, scene_service
-from pipeline.params import Params
-from pipeline.progress import Progress
-from pipeline.records import Failure, save_failures
-from pipeline.render.scene import set_variant
-from pipeline.stages.render_jobs import use_code, use_renderer
-from pipeline.versions import code_version
-from scenes.errors import PbrnetError
-from scenes.files import remove_partials
+from pbrnet.pipeline.costs.estimates import estimator
+from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
+from pbrnet.pipeline.farm.cluster import Farm
+from pbrnet.pipeline.farm.scheduling import Item
+from pbrnet.pipeline.farm.transfer import TransferService
+from pbrnet.pipeline.farm.worker import Outcome
+from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.records import Failure, save_failures
+from pbrnet.pipeline.render.scene import set_variant
+from pbrnet.pipeline.stages.render_jobs import use_code, use_renderer
+from pbrnet.pipeline.versions import code_version
+from pbrnet.scenes.errors import PbrnetError
+from pbrnet.scenes.files import remove_partials
 
 A = TypeVar("A")
 B = TypeVar("B")

@@ -10,26 +10,26 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
-from pipeline.frames import fingerprint
-from pipeline.limits import Limits
-from pipeline.params import Params
-from pipeline.records import Failure
-from pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant
-from pipeline.versions import source_revision
-from scenes.assets.index import INDEX, load_index
-from scenes.contract import load_scene, scene_folders
-from scenes.errors import InputError
-from scenes.files import digest_file, exists, resolved
-from scenes.import_options import SOURCES, ImportEntry
-from scenes.opened_files import unchanged
-from scenes.seeds import derive
+from pbrnet.pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
+from pbrnet.pipeline.frames import fingerprint
+from pbrnet.pipeline.limits import Limits
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.records import Failure
+from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant
+from pbrnet.pipeline.versions import source_revision
+from pbrnet.scenes.assets.index import INDEX, load_index
+from pbrnet.scenes.contract import load_scene, scene_folders
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_file, exists, resolved
+from pbrnet.scenes.import_options import SOURCES, ImportEntry
+from pbrnet.scenes.opened_files import unchanged
+from pbrnet.scenes.seeds import derive
 
-_HOME_CODE = ("scenes.procedural.home", "scenes.contract")
+_HOME_CODE = ("pbrnet.scenes.procedural.home", "pbrnet.scenes.contract")
 _IMPORT_CODE = (
-    "scenes.registry",
-    "scenes.variants.vary",
-    "scenes.contract",
+    "pbrnet.scenes.registry",
+    "pbrnet.scenes.variants.vary",
+    "pbrnet.scenes.contract",
     *(module for source in SOURCES for module in source.code()),
 )
 _LONGEST_NAME = 100  # characters; `-v12` and the like follow

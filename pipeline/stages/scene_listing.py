@@ -6,13 +6,13 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from pipeline.farm.scene_digest import scene_digest
-from pipeline.params import Params
-from pipeline.records import Failure
-from pipeline.render.scene import renderer_version, set_variant
-from pipeline.stages.runner import StagePlan, threaded
-from scenes.contract import Scene, load_scene, scene_folders
-from scenes.errors import InputError
+from pbrnet.pipeline.farm.scene_digest import scene_digest
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.records import Failure
+from pbrnet.pipeline.render.scene import renderer_version, set_variant
+from pbrnet.pipeline.stages.runner import StagePlan, threaded
+from pbrnet.scenes.contract import Scene, load_scene, scene_folders
+from pbrnet.scenes.errors import InputError
 
 SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
 

@@ -1,7 +1,7 @@
 """Work function of the `scenes` stage: a home from a seed, an import, or a variant of an import.
 
-Separate from `pipeline.stages.render_jobs`, so that workers that render do not load generators
-and importers. Imports run in child processes within limits.
+Separate from `pbrnet.pipeline.stages.render_jobs`, so that workers that render do not load
+generators and importers. Imports run in child processes within limits.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipeline.costs.memory import memory_columns
-from pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
-from pipeline.limits import Limits, StoppedError, run_limited
-from scenes.contract import Scene, save_scene
-from scenes.opened_files import OpenedFiles
-from scenes.params import SceneParams
-from scenes.procedural.home import make_home
-from scenes.registry import import_scene
-from scenes.variants.vary import vary_scene
+from pbrnet.pipeline.costs.memory import memory_columns
+from pbrnet.pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
+from pbrnet.pipeline.limits import Limits, StoppedError, run_limited
+from pbrnet.scenes.contract import Scene, save_scene
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.procedural.home import make_home
+from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.variants.vary import vary_scene
 
 
 @dataclass(frozen=True)

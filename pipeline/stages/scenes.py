@@ -5,20 +5,20 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-from pipeline.params import Params
-from pipeline.records import Failure, data_lock
-from pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
-from pipeline.stages.scene_jobs import (
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.records import Failure, data_lock
+from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
+from pbrnet.pipeline.stages.scene_jobs import (
     home_jobs,
     import_jobs,
     is_up_to_date,
     remove_old_scenes,
     stage_fingerprint,
 )
-from pipeline.stages.scene_work import HomeJob, ImportJob, make_scene
-from scenes.contract import scene_folders
-from scenes.errors import InputError, ParameterError
-from scenes.files import remove_partials
+from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, make_scene
+from pbrnet.scenes.contract import scene_folders
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.files import remove_partials
 
 
 def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summary:

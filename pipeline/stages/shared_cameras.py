@@ -13,16 +13,16 @@ from itertools import combinations
 
 import numpy as np
 
-from pipeline.cameras.overlap import outlook, overlap
-from pipeline.params import Params
-from pipeline.render.scene import RenderScene
-from pipeline.stages.camera_files import (
+from pbrnet.pipeline.cameras.overlap import outlook, overlap
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.stages.camera_files import (
     collisions,
     described_collisions,
     frames_of,
     stereo_pairs,
 )
-from pipeline.stages.view_sampling import (
+from pbrnet.pipeline.stages.view_sampling import (
     BLOCKED,
     INSIDE,
     TOO_CLOSE,
@@ -31,8 +31,8 @@ from pipeline.stages.view_sampling import (
     sights,
     surroundings,
 )
-from pipeline.views import CameraFile, View
-from scenes.contract import Scene
+from pbrnet.pipeline.views import CameraFile, View
+from pbrnet.scenes.contract import Scene
 
 
 def take_cameras(

@@ -14,8 +14,9 @@ room, or that show nearly the same as a better view of their room; and every rej
 counted by its reason. Where no candidate of a scene sees three pieces of furniture, as in an
 empty flat, parts of the building count as objects, one is enough, and views that reach far indoors
 score more. Views that show mostly outdoors, or one bare surface, are views of no room. With
-`cameras.framing: photograph`, views are also rejected and scored as `pipeline.cameras.framing`
-says, and `cameras.room_shares` leaves some rooms of a type without views.
+`cameras.framing: photograph`, views are also rejected and scored as
+`pbrnet.pipeline.cameras.framing` says, and `cameras.room_shares` leaves some rooms of a type
+without views.
 """
 
 from __future__ import annotations
@@ -33,20 +34,28 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon
 
-from pipeline.cameras.framing import THINGS, THIRDS, Framing, framing_of, is_framed
-from pipeline.params import CameraParams, ImageParams, Params
-from pipeline.render.scene import RenderScene, cast, render_ids
-from pipeline.views import CameraFile, View, as_matrix, camera_model, intrinsics_of, look, rolled
-from scenes.arrays import BoolArray, Float64Array
-from scenes.contract import Room, Scene
-from scenes.errors import InputError
-from scenes.geometry.directions import (
+from pbrnet.pipeline.cameras.framing import THINGS, THIRDS, Framing, framing_of, is_framed
+from pbrnet.pipeline.params import CameraParams, ImageParams, Params
+from pbrnet.pipeline.render.scene import RenderScene, cast, render_ids
+from pbrnet.pipeline.views import (
+    CameraFile,
+    View,
+    as_matrix,
+    camera_model,
+    intrinsics_of,
+    look,
+    rolled,
+)
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.contract import Room, Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.directions import (
     equirectangular_directions,
     fibonacci_sphere,
     pixel_directions,
     turned,
 )
-from scenes.seeds import generator
+from pbrnet.scenes.seeds import generator
 
 REVISION = 5
 _DOORWAY = 0.3  # metres outside a room that count as in it: under doors, sloping ceilings

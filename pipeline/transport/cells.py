@@ -14,8 +14,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.drjit_arrays import column
-from scenes.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int64Array
+from pbrnet.pipeline.render.drjit_arrays import column
+from pbrnet.scenes.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int64Array
 
 CELL = 0.25  # metres: side of the smallest cubes
 LEVELS = 4  # of cubes of 0.25, 1, 4 and 16 metres

@@ -3,7 +3,7 @@
 Direct light is estimated by both, combined by multiple importance sampling (Veach and Guibas 1995):
 the emitter sample with its shadow ray, and emission that the gathered direction meets. The light
 of the surface that it meets is indirect light; its caller looks it up. Directions are
-cosine-distributed, or guided to bright surfaces (`pipeline.pathtrace.guided_sampling`).
+cosine-distributed, or guided to bright surfaces (`pbrnet.pipeline.pathtrace.guided_sampling`).
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from pipeline.pathtrace.integrator import power_heuristic
-from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.render.bsdf_tables import partner
-from pipeline.transport.cells import CELL, LightTable
-from pipeline.transport.rays import (
+from pbrnet.pipeline.pathtrace.integrator import power_heuristic
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.render.bsdf_tables import partner
+from pbrnet.pipeline.transport.cells import CELL, LightTable
+from pbrnet.pipeline.transport.rays import (
     ShapeTables,
     facing_normal,
     first_surface,

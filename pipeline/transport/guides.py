@@ -1,8 +1,8 @@
 """Guides for denoising noisy samples: albedo and normal of sub-pixels, in one kernel.
 
-The same rays as `pipeline.passes.denoise.guides`, in a small part of its time: hits are Embree's
-own, and averages are formed before anything leaves the kernel. Where faces of several shapes lie in
-one plane, another of them may be seen; else both differ by rounding.
+The same rays as `pbrnet.pipeline.passes.denoise.guides`, in a small part of its time: hits are
+Embree's own, and averages are formed before anything leaves the kernel. Where faces of several
+shapes lie in one plane, another of them may be seen; else both differ by rounding.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.drjit_arrays import column, to_numpy
-from pipeline.render.material_sets import MaterialSets
-from pipeline.render.scene import RenderScene
-from pipeline.transport.radiosity import camera_ray
-from pipeline.transport.rays import ShapeTables, facing_normal, first_surface
-from pipeline.views import View
-from scenes.arrays import Float32Array
+from pbrnet.pipeline.render.drjit_arrays import column, to_numpy
+from pbrnet.pipeline.render.material_sets import MaterialSets
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.transport.radiosity import camera_ray
+from pbrnet.pipeline.transport.rays import ShapeTables, facing_normal, first_surface
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float32Array
 
 REVISION = 1
 SUBPIXELS = 3  # per axis

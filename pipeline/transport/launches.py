@@ -1,7 +1,7 @@
 """Frozen launches of the transport kernels of an open scene: recorded once, then replayed.
 
-As in `pipeline.pathtrace.launches`: before a kernel's first ray, Python and Dr.Jit need a tenth of
-a second or more to trace it through all materials.
+As in `pbrnet.pipeline.pathtrace.launches`: before a kernel's first ray, Python and Dr.Jit need a
+tenth of a second or more to trace it through all materials.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.pathtrace.panes import panes_of
-from pipeline.render.bsdf_tables import partner_table
-from pipeline.render.drjit_arrays import column, to_numpy
-from pipeline.render.scene import RenderScene
-from pipeline.transport.cells import LightTable
-from pipeline.transport.pixels import IMAGES, Samples, gather_pixels, light_samples
-from pipeline.transport.radiosity import (
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.pathtrace.panes import panes_of
+from pbrnet.pipeline.render.bsdf_tables import partner_table
+from pbrnet.pipeline.render.drjit_arrays import column, to_numpy
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.transport.cells import LightTable
+from pbrnet.pipeline.transport.pixels import IMAGES, Samples, gather_pixels, light_samples
+from pbrnet.pipeline.transport.radiosity import (
     Surfels,
     light_surfels,
     surfels_in_view,
     surfels_of,
 )
-from pipeline.transport.rays import ShapeTables
-from pipeline.transport.smoothing import smooth, spread_fireflies
-from pipeline.views import View
-from scenes.arrays import Float32Array, Float64Array
-from scenes.seeds import derive32
+from pbrnet.pipeline.transport.rays import ShapeTables
+from pbrnet.pipeline.transport.smoothing import smooth, spread_fireflies
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float32Array, Float64Array
+from pbrnet.scenes.seeds import derive32
 
 _MAX_RECORDINGS = 32  # per kernel and image size: kinds of light plans
 _SMOOTHED = ("direct", "indirect", "specular")
@@ -99,7 +99,7 @@ class TransportLauncher:
         return found
 
     def _inputs(self, lights: PlannedLights, cache: LightTable, view: View) -> tuple[Any, ...]:
-        """Return the fields of `pipeline.transport.pixels.Kernel`."""
+        """Return the fields of `pbrnet.pipeline.transport.pixels.Kernel`."""
         size = (view.width, view.height)
         scene = self._scene, self._tables, lights, self._lobes, cache
         return *scene, _camera(view, size), size, self._panes

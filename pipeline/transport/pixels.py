@@ -3,11 +3,11 @@
 Three kernels, each with camera rays of its own, because they need unlike numbers of them. Surfaces
 give textures and edges and cost least. Light takes an emitter sample and one gathered direction,
 and another emitter sample on the surface that this meets, from which cells learn what they reflect
-(`pipeline.transport.radiosity`) before pixels look them up. Gloss, where the material has any,
-takes an emitter sample and one direction of its own sampling; it costs most and adds least. Gloss
-sees the diffuse light of what that direction meets, and of its gloss one emitter sample; of what a
-window pane reflects, the diffuse light alone. A perfect mirror shows what a camera ray meets behind
-it. Values that are not finite become 0 and are counted.
+(`pbrnet.pipeline.transport.radiosity`) before pixels look them up. Gloss, where the material has
+any, takes an emitter sample and one direction of its own sampling; it costs most and adds least.
+Gloss sees the diffuse light of what that direction meets, and of its gloss one emitter sample; of
+what a window pane reflects, the diffuse light alone. A perfect mirror shows what a camera ray meets
+behind it. Values that are not finite become 0 and are counted.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import Any, NamedTuple
 import drjit as dr
 import mitsuba as mi
 
-from pipeline.pathtrace.integrator import power_heuristic
-from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.pathtrace.panes import Panes
-from pipeline.render.bsdf_tables import partner
-from pipeline.transport.cells import LightTable
-from pipeline.transport.gather import (
+from pbrnet.pipeline.pathtrace.integrator import power_heuristic
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.pathtrace.panes import Panes
+from pbrnet.pipeline.render.bsdf_tables import partner
+from pbrnet.pipeline.transport.cells import LightTable
+from pbrnet.pipeline.transport.gather import (
     diffuse_albedo,
     gather,
     is_glossy,
@@ -34,8 +34,8 @@ from pipeline.transport.gather import (
     sampler_of,
     share,
 )
-from pipeline.transport.radiosity import camera_ray
-from pipeline.transport.rays import (
+from pbrnet.pipeline.transport.radiosity import camera_ray
+from pbrnet.pipeline.transport.rays import (
     ShapeTables,
     facing_normal,
     first_surface,

@@ -19,10 +19,10 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.render.drjit_arrays import to_numpy
-from pipeline.transport.cells import Cells, max_surfels
-from pipeline.transport.gather import (
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.render.drjit_arrays import to_numpy
+from pbrnet.pipeline.transport.cells import Cells, max_surfels
+from pbrnet.pipeline.transport.gather import (
     diffuse_albedo,
     gather,
     reflect,
@@ -30,8 +30,8 @@ from pipeline.transport.gather import (
     rough_albedo,
     sampler_of,
 )
-from pipeline.transport.rays import ShapeTables, facing_normal, first_surface, surface_point
-from scenes.arrays import AnyArray, Float32Array, Int64Array
+from pbrnet.pipeline.transport.rays import ShapeTables, facing_normal, first_surface, surface_point
+from pbrnet.scenes.arrays import AnyArray, Float32Array, Int64Array
 
 RAYS = 8  # from each surfel
 BOUNCES = 8
@@ -67,7 +67,7 @@ class Rays:
 
     @classmethod
     def of(cls, entry: AnyArray, share: Float32Array, once: Float32Array, cells: Cells) -> Rays:
-        """Return the rays of pixels; see `pipeline.transport.pixels.LightSamples`."""
+        """Return the rays of pixels; see `pbrnet.pipeline.transport.pixels.LightSamples`."""
         return cls(np.minimum(entry, len(cells.keys)).astype(np.int64), share, once)
 
 

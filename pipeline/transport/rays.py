@@ -1,7 +1,8 @@
 """Surfaces that rays meet, in Dr.Jit kernels: past clear glass, and what mirrors show.
 
-The fast counterpart of `pipeline.render.raycast`: hits are Embree's own, in single precision, and
-stay in the kernel. Where faces of several shapes lie in one plane, either may be hit.
+The fast counterpart of `pbrnet.pipeline.render.raycast`: hits are Embree's own, in single
+precision, and stay in the kernel. Where faces of several shapes lie in one plane, either may be
+hit.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from pipeline.render.drjit_arrays import registry_id, registry_table
-from pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry
+from pbrnet.pipeline.render.drjit_arrays import registry_id, registry_table
+from pbrnet.pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry
 
 _WHOLE = 1 << 16  # unit of `ShapeTables.transmitted`
 _MIRRORS = 2  # that a camera ray may meet one after the other

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.arrays import BoolArray, Float64Array, Int64Array
-from scenes.geometry.mesh import face_areas
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.geometry.mesh import face_areas
 
 MAX_BOXES = 160
 _MAX_TRIANGLES = 1_000_000

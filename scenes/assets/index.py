@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from scenes.assets.free_space import SupportSurface
-from scenes.assets.piece import CataloguePiece
-from scenes.checked import build, plain
-from scenes.color import Color
-from scenes.errors import InputError
-from scenes.files import read_json, write_json
+from pbrnet.scenes.assets.free_space import SupportSurface
+from pbrnet.scenes.assets.piece import CataloguePiece
+from pbrnet.scenes.checked import build, plain
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json, write_json
 
 SCHEMA = 1
 INDEX = "catalogue.json"

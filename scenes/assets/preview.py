@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array, UInt8Array
-from scenes.assets.free_space import subdivide_triangles
-from scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.arrays import Float64Array, Int64Array, UInt8Array
+from pbrnet.scenes.assets.free_space import subdivide_triangles
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas
 
 SIZE = 112  # pixels a side
 _AZIMUTH, _ELEVATION = math.radians(32), math.radians(24)  # of the viewer, relative to the front

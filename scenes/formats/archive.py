@@ -10,8 +10,8 @@ import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
 
-from scenes.errors import InputError
-from scenes.files import regular_file
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import regular_file
 
 MAX_MEMBERS = 20_000
 MAX_MEMBER = 256 * 2**20  # bytes of one member, unpacked

@@ -27,8 +27,8 @@ from collada.triangleset import TriangleSet
 from defusedxml import DefusedXmlException
 from defusedxml import ElementTree as SafeElementTree
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.formats.model_parts import (
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.formats.model_parts import (
     MAX_TRIANGLES,
     Model,
     ModelMaterial,

@@ -14,7 +14,7 @@ from typing import Any
 import javaobj.v2 as javaobj
 from javaobj.v2.beans import JavaArray, JavaInstance
 
-from scenes.errors import InputError
+from pbrnet.scenes.errors import InputError
 
 MAX_BYTES = 16 * 2**20
 _DEPTH = 400_000  # Python frames: linked objects (joined walls) are nested in the stream

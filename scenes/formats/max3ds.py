@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.formats.model_parts import (
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.formats.model_parts import (
     MAX_TRIANGLES,
     Model,
     ModelMaterial,
@@ -22,7 +22,7 @@ from scenes.formats.model_parts import (
     check_points,
     make_part,
 )
-from scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas
 
 _MAIN, _EDITOR, _KEYFRAMER = 0x4D4D, 0x3D3D, 0xB000
 _CREASE = 89.0  # degrees, for faces without smoothing groups

@@ -13,9 +13,9 @@ from typing import Literal
 import mapbox_earcut
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.errors import InputError
-from scenes.geometry.mesh import Mesh, cleaned, creased
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased
 
 MAX_TRIANGLES = 2_000_000  # of one model
 _FAR = 1e12  # largest coordinate

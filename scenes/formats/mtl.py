@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.errors import InputError
-from scenes.formats.obj import decode_text
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.obj import decode_text
 
 MAX_MTL = 16 * 2**20  # bytes
 _MAX_MATERIALS = 20_000

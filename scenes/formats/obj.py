@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.errors import InputError
-from scenes.geometry.mesh import MAX_TRIANGLES, Mesh
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import MAX_TRIANGLES, Mesh
 
 MAX_BYTES = 512 * 2**20
 _COLUMNS = {b"v": 3, b"vt": 1, b"vn": 3}  # fewest values of a line

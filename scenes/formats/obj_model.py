@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from scenes.arrays import Int64Array
-from scenes.errors import InputError
-from scenes.formats.default_materials import DEFAULT_MATERIALS
-from scenes.formats.model_parts import (
+from pbrnet.scenes.arrays import Int64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.default_materials import DEFAULT_MATERIALS
+from pbrnet.scenes.formats.model_parts import (
     MAX_TRIANGLES,
     Model,
     ModelMaterial,
@@ -19,8 +19,8 @@ from scenes.formats.model_parts import (
     make_part,
     triangulated,
 )
-from scenes.formats.mtl import Mtl, read_mtl
-from scenes.formats.obj import Obj, distinct_rows, parse_obj
+from pbrnet.scenes.formats.mtl import Mtl, read_mtl
+from pbrnet.scenes.formats.obj import Obj, distinct_rows, parse_obj
 
 _MAX_CORNERS = 4096  # of one polygon
 _CREASE = 44.0  # degrees: Java 3D's default

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.errors import InputError
-from scenes.geometry.mesh import MAX_TRIANGLES, Mesh
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import MAX_TRIANGLES, Mesh
 
 MAX_BYTES = 512 * 2**20
 _PER_UNIT = 2.0**20  # steps that numbers are rounded to when they are written

@@ -12,9 +12,9 @@ from xml.etree.ElementTree import Element, ParseError
 import defusedxml.ElementTree
 from defusedxml import DefusedXmlException
 
-from scenes.checked import check_name, shown
-from scenes.errors import InputError
-from scenes.files import MAX_BYTES, regular_file, resolved
+from pbrnet.scenes.checked import check_name, shown
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import MAX_BYTES, regular_file, resolved
 
 MAX_XML = 2**28  # bytes
 _DEEPEST = 100  # elements in elements

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.errors import InputError
-from scenes.geometry.mesh import MAX_TRIANGLES, Mesh, smooth_normals
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import MAX_TRIANGLES, Mesh, smooth_normals
 
 MAX_BYTES = 512 * 2**20
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array
 
 
 def unit(vectors: npt.ArrayLike) -> Float64Array:

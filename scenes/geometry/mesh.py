@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from scenes.arrays import BoolArray, Float64Array, Int64Array
-from scenes.errors import InputError
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.errors import InputError
 
 FARTHEST = 1e12  # largest coordinate of a vertex
 FARTHEST_UV = 1e5  # beyond this float32 cannot resolve texels, and lookups fail

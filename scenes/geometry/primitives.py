@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.geometry.mesh import Mesh
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.mesh import Mesh
 
 SIDES = 96
 

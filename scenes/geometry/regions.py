@@ -19,7 +19,7 @@ from shapely.errors import GEOSException
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array
 
 _GRIDS = (1e-11, 1e-9, 1e-7, 1e-5, 1e-3)  # cell sizes, in extents of the operands
 

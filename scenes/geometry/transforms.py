@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array
 
 
 def look_at(

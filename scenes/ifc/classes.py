@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from scenes.importing.categories import category_of
+from pbrnet.scenes.importing.categories import category_of
 
 # Class without "Ifc" and "StandardCase" -> category of the building's structure; "slab": what the
 # position says, floor or ceiling.

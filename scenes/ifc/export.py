@@ -15,9 +15,9 @@ import ifcopenshell
 import ifcopenshell.geom
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.errors import InputError
-from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES
 
 # Classes whose shapes are no surfaces of the building.
 _LEFT_OUT = ("IfcAnnotation", "IfcGrid", "IfcVirtualElement", "IfcPort", "IfcStructuralItem",

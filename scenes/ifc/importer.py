@@ -18,32 +18,32 @@ import numpy as np
 from shapely.geometry import Polygon
 from shapely.geometry.polygon import orient
 
-from scenes.arrays import Float64Array
-from scenes.child_process import require_extra, run_child
-from scenes.color import Color, decode_srgb_value
-from scenes.contract import Scene, SceneObject, load_scene, writing_scene
-from scenes.errors import InputError
-from scenes.geometry.mesh import Mesh, cleaned, creased
-from scenes.geometry.regions import largest_part, simplified, union
-from scenes.ifc.classes import category_of_element, is_window, occupies_no_room
-from scenes.ifc.options import IfcOptions
-from scenes.importing.assembly import Draft, assemble
-from scenes.importing.changes import Changes
-from scenes.importing.credits import find_credit
-from scenes.importing.light.daylight import daylight
-from scenes.importing.names import Names
-from scenes.importing.objects import room_of, structure_category
-from scenes.importing.panes import pieces_of_mesh
-from scenes.importing.sealing_shapes import completing_shapes
-from scenes.importing.shape import Shape, Surface, bounds_of, make_object
-from scenes.importing.xml_elements import plugin
-from scenes.opened_files import OpenedFiles
-from scenes.reconstruction.interior import find_interior
-from scenes.reconstruction.room_index import RoomIndex
-from scenes.reconstruction.rooms import MIN_AREA, FoundRoom
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.child_process import require_extra, run_child
+from pbrnet.scenes.color import Color, decode_srgb_value
+from pbrnet.scenes.contract import Scene, SceneObject, load_scene, writing_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased
+from pbrnet.scenes.geometry.regions import largest_part, simplified, union
+from pbrnet.scenes.ifc.classes import category_of_element, is_window, occupies_no_room
+from pbrnet.scenes.ifc.options import IfcOptions
+from pbrnet.scenes.importing.assembly import Draft, assemble
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.credits import find_credit
+from pbrnet.scenes.importing.light.daylight import daylight
+from pbrnet.scenes.importing.names import Names
+from pbrnet.scenes.importing.objects import room_of, structure_category
+from pbrnet.scenes.importing.panes import pieces_of_mesh
+from pbrnet.scenes.importing.sealing_shapes import completing_shapes
+from pbrnet.scenes.importing.shape import Shape, Surface, bounds_of, make_object
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.reconstruction.interior import find_interior
+from pbrnet.scenes.reconstruction.room_index import RoomIndex
+from pbrnet.scenes.reconstruction.rooms import MIN_AREA, FoundRoom
 
 if TYPE_CHECKING:  # the child's code: what an import gives depends on it, but it is loaded there
-    from scenes.ifc import export as _export  # noqa: F401
+    from pbrnet.scenes.ifc import export as _export  # noqa: F401
 
 _SECONDS = 300  # of a processor, for IfcOpenShell
 _MEMORY = 8 * 2**30  # bytes of address space, for IfcOpenShell
@@ -64,7 +64,7 @@ def import_ifc(
     opened.is_file(path)
     with writing_scene(out) as folder, tempfile.TemporaryDirectory() as unpacked:
         arguments = (str(path.resolve()), unpacked)
-        run_child("scenes.ifc.export:export", arguments, path, _SECONDS, _MEMORY)
+        run_child("pbrnet.scenes.ifc.export:export", arguments, path, _SECONDS, _MEMORY)
         data = json.loads((Path(unpacked) / "building.json").read_text())
         points = np.load(Path(unpacked) / "points.npy", allow_pickle=False)
         building = _Building(path, data, points, options, changes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from scenes.source_options import SourceOptions, described
+from pbrnet.scenes.source_options import SourceOptions, described
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,7 +14,7 @@ class IfcOptions(SourceOptions):
 
     title: ClassVar[str] = "IFC"
     suffixes: ClassVar[tuple[str, ...]] = (".ifc",)
-    importer: ClassVar[str] = "scenes.ifc.importer:import_ifc"
+    importer: ClassVar[str] = "pbrnet.scenes.ifc.importer:import_ifc"
 
     storey: tuple[str, ...] = field(
         default=(),

@@ -19,35 +19,44 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from shapely.geometry import box
 
-from scenes.arrays import Float64Array
-from scenes.contract import MAX_EXTENT, Credit, Light, Portal, Room, Scene, SceneObject, save_scene
-from scenes.errors import InputError
-from scenes.geometry.transforms import look_at
-from scenes.importing.changes import Changes
-from scenes.importing.light.ceiling_lamps import free_ceiling_lamps, hung_lamp
-from scenes.importing.light.daylight import daylight, ground
-from scenes.importing.light.in_rooms import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import (
+    MAX_EXTENT,
+    Credit,
+    Light,
+    Portal,
+    Room,
+    Scene,
+    SceneObject,
+    save_scene,
+)
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.transforms import look_at
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.light.ceiling_lamps import free_ceiling_lamps, hung_lamp
+from pbrnet.scenes.importing.light.daylight import daylight, ground
+from pbrnet.scenes.importing.light.in_rooms import (
     RoomLighting,
     lighting_of,
     lights_of,
 )
-from scenes.importing.light.plan import (
+from pbrnet.scenes.importing.light.plan import (
     light_plan,
     note_dark_rooms,
     note_filled,
     note_sky,
 )
-from scenes.importing.objects import group_objects, hollow_furniture, type_of_room
-from scenes.importing.panes import frosted_openings, remove_panes, solid_corners
-from scenes.importing.sealing_shapes import sealing_shape, structure_object
-from scenes.importing.shape import Emitter, Shape, bounds_of
-from scenes.importing.writer import sensor_element, write_scene_xml
-from scenes.reconstruction.aperture_sections import CrossSections, at_narrowest_section
-from scenes.reconstruction.enclosure import ENCLOSURE_ID, build_enclosure
-from scenes.reconstruction.gap_sealing import GAP_SEALING_ID, seal_gaps
-from scenes.reconstruction.hidden_openings import hidden_openings
-from scenes.reconstruction.interior import find_rooms
-from scenes.reconstruction.orientation import (
+from pbrnet.scenes.importing.objects import group_objects, hollow_furniture, type_of_room
+from pbrnet.scenes.importing.panes import frosted_openings, remove_panes, solid_corners
+from pbrnet.scenes.importing.sealing_shapes import sealing_shape, structure_object
+from pbrnet.scenes.importing.shape import Emitter, Shape, bounds_of
+from pbrnet.scenes.importing.writer import sensor_element, write_scene_xml
+from pbrnet.scenes.reconstruction.aperture_sections import CrossSections, at_narrowest_section
+from pbrnet.scenes.reconstruction.enclosure import ENCLOSURE_ID, build_enclosure
+from pbrnet.scenes.reconstruction.gap_sealing import GAP_SEALING_ID, seal_gaps
+from pbrnet.scenes.reconstruction.hidden_openings import hidden_openings
+from pbrnet.scenes.reconstruction.interior import find_rooms
+from pbrnet.scenes.reconstruction.orientation import (
     guess_scale,
     signed_axis,
     surface_heights,
@@ -55,9 +64,9 @@ from scenes.reconstruction.orientation import (
     up_from_geometry,
     upright,
 )
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundOpening, FoundRoom, find_openings
-from scenes.source_options import FreeAxesOptions
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundOpening, FoundRoom, find_openings
+from pbrnet.scenes.source_options import FreeAxesOptions
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
-from scenes.contract import Credit
-from scenes.importing.changes import Changes
-from scenes.opened_files import OpenedFiles
+from pbrnet.scenes.contract import Credit
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.opened_files import OpenedFiles
 
 _NAMES = ("license", "licence", "copying", "readme", "credits", "attribution")
 _COMMONS = re.compile(r"creativecommons\.org/(licenses|publicdomain)/([a-z-]+)/(\d\.\d)")

@@ -14,10 +14,10 @@ from xml.etree.ElementTree import tostring
 
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.geometry.mesh import Mesh, face_areas
-from scenes.importing.changes import Changes
-from scenes.importing.shape import Shape
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.shape import Shape
 
 _SAME_PLACE = 1e-5  # metres
 _FARTHEST = 2.0**62  # of these

@@ -16,14 +16,14 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.contract import SceneObject
-from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import intersection
-from scenes.importing.categories import category_of, room_type
-from scenes.importing.shape import Shape, bounds_of, make_object
-from scenes.reconstruction.room_index import RoomIndex
-from scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.geometry.regions import intersection
+from pbrnet.scenes.importing.categories import category_of, room_type
+from pbrnet.scenes.importing.shape import Shape, bounds_of, make_object
+from pbrnet.scenes.reconstruction.room_index import RoomIndex
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
 
 _SAMPLES = 400  # points on a shape's surface
 _ON_WALL, _ON_LEVEL = 0.12, 0.06  # metres from a room's hull at which a surface counts as on it

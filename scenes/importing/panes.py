@@ -13,14 +13,14 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry import MultiPoint, Polygon
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.geometry.mesh import Mesh
-from scenes.geometry.regions import buffered, intersection
-from scenes.importing.categories import category_of, words_of
-from scenes.importing.changes import Changes
-from scenes.importing.shape import Shape, Surface
-from scenes.importing.xml_elements import plugin
-from scenes.reconstruction.rooms import FoundOpening
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.geometry.regions import buffered, intersection
+from pbrnet.scenes.importing.categories import category_of, words_of
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.reconstruction.rooms import FoundOpening
 
 _MAX_THICKNESS = 0.06  # metres
 _MIN_WIDTH = 0.15  # metres, of the shorter one of the two long sides

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
-from scenes.errors import InputError
-from scenes.files import resolved
-from scenes.opened_files import OpenedFiles
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import resolved
+from pbrnet.scenes.opened_files import OpenedFiles
 
 # Where the images of `X/meshes/X.dae` lie, seen from `X`: Gazebo's layout, and the usual others.
 _TEXTURE_FOLDERS = ("materials/textures", "textures", "Textures", "maps")

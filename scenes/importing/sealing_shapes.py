@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.contract import SceneObject
-from scenes.geometry.mesh import Mesh
-from scenes.importing.changes import Changes
-from scenes.importing.shape import Shape, Surface, make_object
-from scenes.importing.xml_elements import plugin
-from scenes.reconstruction.completion import Completion
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.shape import Shape, Surface, make_object
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.reconstruction.completion import Completion
 
 # Reflectances
 _GREY: Color = (0.5, 0.5, 0.5)

@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.contract import SceneObject
-from scenes.geometry.mesh import Mesh
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.geometry.mesh import Mesh
 
 MAX_SHAPES = 100_000  # of a scene
 MAX_SCENE_TRIANGLES = 20_000_000

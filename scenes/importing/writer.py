@@ -6,10 +6,10 @@ import copy
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, indent
 
-from scenes.arrays import Float64Array
-from scenes.formats.ply import write_ply
-from scenes.importing.shape import Emitter, Shape
-from scenes.importing.xml_elements import plugin, prop
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.formats.ply import write_ply
+from pbrnet.scenes.importing.shape import Emitter, Shape
+from pbrnet.scenes.importing.xml_elements import plugin, prop
 
 
 def write_scene_xml(

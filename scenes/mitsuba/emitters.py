@@ -12,14 +12,14 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.importing.materials.textures import UnreadableImage
-from scenes.importing.shape import Emitter, EmitterKind
-from scenes.importing.xml_elements import plugin, prop
-from scenes.mitsuba.materials import Materials
-from scenes.mitsuba.reader import Node, unresolved
-from scenes.mitsuba.values import Properties, Scope
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.importing.materials.textures import UnreadableImage
+from pbrnet.scenes.importing.shape import Emitter, EmitterKind
+from pbrnet.scenes.importing.xml_elements import plugin, prop
+from pbrnet.scenes.mitsuba.materials import Materials
+from pbrnet.scenes.mitsuba.reader import Node, unresolved
+from pbrnet.scenes.mitsuba.values import Properties, Scope
 
 
 class Emitters:

@@ -11,29 +11,29 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from scenes.contract import Credit, Scene, load_scene, writing_scene
-from scenes.errors import InputError
-from scenes.geometry.transforms import look_at
-from scenes.importing.assembly import (
+from pbrnet.scenes.contract import Credit, Scene, load_scene, writing_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.transforms import look_at
+from pbrnet.scenes.importing.assembly import (
     Camera,
     Draft,
     assemble,
     transformed_camera,
     upright_metric_frame,
 )
-from scenes.importing.changes import Changes
-from scenes.importing.credits import find_credit
-from scenes.importing.light.daylight import daylight
-from scenes.importing.light.plan import sky_for
-from scenes.importing.materials.textures import TextureStore
-from scenes.importing.objects import group_objects
-from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import Shape
-from scenes.importing.xml_elements import plugin
-from scenes.mitsuba.emitters import Emitters, half_fov_x
-from scenes.mitsuba.materials import Materials
-from scenes.mitsuba.options import MitsubaOptions
-from scenes.mitsuba.pbrs import (
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.credits import find_credit
+from pbrnet.scenes.importing.light.daylight import daylight
+from pbrnet.scenes.importing.light.plan import sky_for
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.objects import group_objects
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.importing.shape import Shape
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.mitsuba.emitters import Emitters, half_fov_x
+from pbrnet.scenes.mitsuba.materials import Materials
+from pbrnet.scenes.mitsuba.options import MitsubaOptions
+from pbrnet.scenes.mitsuba.pbrs import (
     ReleaseCamera,
     ReleaseNode,
     find_release,
@@ -43,11 +43,11 @@ from scenes.mitsuba.pbrs import (
     with_lamp_emitters,
     without_duplicates,
 )
-from scenes.mitsuba.reader import Node, read_tree, unresolved
-from scenes.mitsuba.shapes import ShapeReader
-from scenes.mitsuba.upgrade import upgrade
-from scenes.mitsuba.values import Properties, Scope
-from scenes.opened_files import OpenedFiles
+from pbrnet.scenes.mitsuba.reader import Node, read_tree, unresolved
+from pbrnet.scenes.mitsuba.shapes import ShapeReader
+from pbrnet.scenes.mitsuba.upgrade import upgrade
+from pbrnet.scenes.mitsuba.values import Properties, Scope
+from pbrnet.scenes.opened_files import OpenedFiles
 
 _MAX_SENSORS = 64
 _SENSORS = ("sensor", "camera")

@@ -16,13 +16,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import REC709, Color
-from scenes.importing.materials.textures import TextureStore, UnreadableImage
-from scenes.importing.shape import Surface
-from scenes.importing.xml_elements import plugin, prop
-from scenes.mitsuba.reader import Node, unresolved
-from scenes.mitsuba.values import Properties, Scope
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import REC709, Color
+from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
+from pbrnet.scenes.importing.shape import Surface
+from pbrnet.scenes.importing.xml_elements import plugin, prop
+from pbrnet.scenes.mitsuba.reader import Node, unresolved
+from pbrnet.scenes.mitsuba.values import Properties, Scope
 
 GREY: Color = (0.5, 0.5, 0.5)
 _MAX_NESTING = 16

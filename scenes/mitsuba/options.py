@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-from scenes.source_options import FreeAxesOptions, described
+from pbrnet.scenes.source_options import FreeAxesOptions, described
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,7 +14,7 @@ class MitsubaOptions(FreeAxesOptions):
 
     title: ClassVar[str] = "Mitsuba"
     suffixes: ClassVar[tuple[str, ...]] = (".xml",)
-    importer: ClassVar[str] = "scenes.mitsuba.importer:import_mitsuba"
+    importer: ClassVar[str] = "pbrnet.scenes.mitsuba.importer:import_mitsuba"
     auto_lamps: ClassVar[Literal["auto", "unlit"]] = "unlit"
 
     parameter: dict[str, str] = field(

@@ -17,19 +17,19 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from scenes.arrays import Float64Array
-from scenes.contract import SceneObject
-from scenes.errors import InputError
-from scenes.geometry.mesh import Mesh
-from scenes.geometry.regions import intersection, union
-from scenes.importing.categories import category_of
-from scenes.importing.changes import Changes
-from scenes.importing.objects import room_of
-from scenes.importing.shape import Shape, bounds_of, make_object
-from scenes.mitsuba.reader import Node
-from scenes.opened_files import OpenedFiles
-from scenes.reconstruction.room_index import RoomIndex
-from scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.geometry.regions import intersection, union
+from pbrnet.scenes.importing.categories import category_of
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.objects import room_of
+from pbrnet.scenes.importing.shape import Shape, bounds_of, make_object
+from pbrnet.scenes.mitsuba.reader import Node
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.reconstruction.room_index import RoomIndex
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
 
 EMITTER_SCALE = "75"  # of the environment map, in the release's render script
 BULB_RADIANCE, SHADE_RADIANCE = 400.0, 0.5

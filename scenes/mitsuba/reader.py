@@ -17,9 +17,9 @@ from pathlib import Path
 import defusedxml.sax
 from defusedxml import DefusedXmlException
 
-from scenes.errors import InputError
-from scenes.importing.changes import Changes
-from scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.sandbox import Sandbox
 
 MAX_BYTES = 64 * 2**20  # of one file
 MAX_ELEMENTS = 300_000  # of all files together

@@ -10,20 +10,20 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.errors import InputError
-from scenes.formats.obj import distinct_rows, read_obj
-from scenes.formats.ply import read_ply
-from scenes.formats.serialized import read_serialized
-from scenes.geometry import primitives
-from scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
-from scenes.importing.materials.mtl import MtlLibrary
-from scenes.importing.names import Names
-from scenes.importing.sandbox import missing_meshes
-from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape, Surface
-from scenes.mitsuba.materials import Materials
-from scenes.mitsuba.reader import Node
-from scenes.mitsuba.values import Properties, Scope
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.obj import distinct_rows, read_obj
+from pbrnet.scenes.formats.ply import read_ply
+from pbrnet.scenes.formats.serialized import read_serialized
+from pbrnet.scenes.geometry import primitives
+from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
+from pbrnet.scenes.importing.materials.mtl import MtlLibrary
+from pbrnet.scenes.importing.names import Names
+from pbrnet.scenes.importing.sandbox import missing_meshes
+from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape, Surface
+from pbrnet.scenes.mitsuba.materials import Materials
+from pbrnet.scenes.mitsuba.reader import Node
+from pbrnet.scenes.mitsuba.values import Properties, Scope
 
 _MAX_GROUP_DEPTH = 8
 _FILES = ("obj", "ply", "serialized")

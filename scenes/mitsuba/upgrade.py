@@ -6,7 +6,7 @@ spelling (camelCase, `extEta`, ...) need no upgrade: `values.Properties` reads b
 
 from __future__ import annotations
 
-from scenes.mitsuba.reader import Node
+from pbrnet.scenes.mitsuba.reader import Node
 
 # (tag, old type) -> new type.
 _TYPES = {

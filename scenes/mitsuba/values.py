@@ -10,14 +10,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import XYZ_TO_RGB, Color, decode_srgb
-from scenes.geometry.transforms import look_at
-from scenes.importing.changes import Changes
-from scenes.importing.materials.spectra import blackbody_radiance, spectrum_to_rgb
-from scenes.importing.sandbox import Sandbox
-from scenes.mitsuba.reader import Node, unresolved
-from scenes.photometry import blackbody
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import XYZ_TO_RGB, Color, decode_srgb
+from pbrnet.scenes.geometry.transforms import look_at
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.spectra import blackbody_radiance, spectrum_to_rgb
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.mitsuba.reader import Node, unresolved
+from pbrnet.scenes.photometry import blackbody
 
 T = TypeVar("T")
 Matrix4 = Float64Array

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenes.errors import InputError
-from scenes.formats.collada import read_dae
-from scenes.formats.model_parts import UnreadableModel
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore
-from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import MAX_SCENE_TRIANGLES
-from scenes.models.model import Model
-from scenes.models.parts import PartImages, model_of_parts, read_bytes
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.collada import read_dae
+from pbrnet.scenes.formats.model_parts import UnreadableModel
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES
+from pbrnet.scenes.models.model import Model
+from pbrnet.scenes.models.parts import PartImages, model_of_parts, read_bytes
 
 
 def read_model(

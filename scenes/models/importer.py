@@ -22,35 +22,35 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from scenes.arrays import Float64Array
-from scenes.color import REC709
-from scenes.contract import Credit, Scene, SceneObject, load_scene, writing_scene
-from scenes.errors import InputError
-from scenes.importing.assembly import Camera, Draft, assemble, transformed_camera
-from scenes.importing.categories import category_of
-from scenes.importing.changes import Changes
-from scenes.importing.credits import find_credit
-from scenes.importing.doubled_faces import with_doubled_faces_apart
-from scenes.importing.light.daylight import daylight
-from scenes.importing.materials.textures import TextureStore, UnreadableImage
-from scenes.importing.objects import room_of, structure_category
-from scenes.importing.panes import with_named_glass
-from scenes.importing.sandbox import Sandbox, model_root
-from scenes.importing.sealing_shapes import completing_shapes
-from scenes.importing.shape import Emitter, Shape, as_triple, bounds_of, make_object
-from scenes.importing.xml_elements import plugin
-from scenes.models.model import Emission, Model, PunctualLight
-from scenes.models.options import READERS, ModelOptions
-from scenes.models.pieces import UNKNOWN, Pieces, split_unnamed, without_misleading_names
-from scenes.models.placement import place_model
-from scenes.models.showroom import showroom
-from scenes.opened_files import OpenedFiles
-from scenes.photometry import LUMEN
-from scenes.reconstruction.orientation import upright
-from scenes.reconstruction.room_index import RoomIndex
-from scenes.reconstruction.rooms import FoundRoom
-from scenes.reconstruction.scale_clues import unit_name
-from scenes.source_options import load
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import REC709
+from pbrnet.scenes.contract import Credit, Scene, SceneObject, load_scene, writing_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.assembly import Camera, Draft, assemble, transformed_camera
+from pbrnet.scenes.importing.categories import category_of
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.credits import find_credit
+from pbrnet.scenes.importing.doubled_faces import with_doubled_faces_apart
+from pbrnet.scenes.importing.light.daylight import daylight
+from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
+from pbrnet.scenes.importing.objects import room_of, structure_category
+from pbrnet.scenes.importing.panes import with_named_glass
+from pbrnet.scenes.importing.sandbox import Sandbox, model_root
+from pbrnet.scenes.importing.sealing_shapes import completing_shapes
+from pbrnet.scenes.importing.shape import Emitter, Shape, as_triple, bounds_of, make_object
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.models.model import Emission, Model, PunctualLight
+from pbrnet.scenes.models.options import READERS, ModelOptions
+from pbrnet.scenes.models.pieces import UNKNOWN, Pieces, split_unnamed, without_misleading_names
+from pbrnet.scenes.models.placement import place_model
+from pbrnet.scenes.models.showroom import showroom
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.reconstruction.orientation import upright
+from pbrnet.scenes.reconstruction.room_index import RoomIndex
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.reconstruction.scale_clues import unit_name
+from pbrnet.scenes.source_options import load
 
 _WORD = re.compile("[a-z]+")
 _TOUCH_DISTANCE = 0.02  # metres

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.errors import InputError
-from scenes.formats.max3ds import read_3ds
-from scenes.formats.model_parts import UnreadableModel
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore
-from scenes.importing.sandbox import Sandbox
-from scenes.models.model import Model
-from scenes.models.parts import PartImages, model_of_parts, read_bytes
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.max3ds import read_3ds
+from pbrnet.scenes.formats.model_parts import UnreadableModel
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.models.model import Model
+from pbrnet.scenes.models.parts import PartImages, model_of_parts, read_bytes
 
 # From the axes of `read_3ds`, y up, back to the file's.
 _AS_STORED = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])

@@ -11,10 +11,10 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.importing.assembly import Camera
-from scenes.importing.shape import Shape
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.importing.assembly import Camera
+from pbrnet.scenes.importing.shape import Shape
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.errors import InputError
-from scenes.formats.obj import distinct_rows, read_obj
-from scenes.geometry.mesh import cleaned, creased
-from scenes.importing.changes import Changes
-from scenes.importing.materials.mtl import MtlLibrary
-from scenes.importing.materials.textures import TextureStore
-from scenes.importing.names import Names
-from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import MAX_SHAPES, Shape
-from scenes.models.model import Emission, Model
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.obj import distinct_rows, read_obj
+from pbrnet.scenes.geometry.mesh import cleaned, creased
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.mtl import MtlLibrary
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.names import Names
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.importing.shape import MAX_SHAPES, Shape
+from pbrnet.scenes.models.model import Emission, Model
 
 _UNIT = re.compile(r"^File units = (\w+)\s*$", re.MULTILINE)
 _METRES = {

@@ -5,17 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from scenes.source_options import FreeAxesOptions
+from pbrnet.scenes.source_options import FreeAxesOptions
 
 # Suffix in lower case -> reader of the format, "module:function", see `importer.ModelReader`.
 READERS = {
-    ".gltf": "scenes.models.gltf.reader:read_model",
-    ".glb": "scenes.models.gltf.reader:read_model",
-    ".obj": "scenes.models.obj:read_model",
-    ".dae": "scenes.models.collada:read_model",
-    ".3ds": "scenes.models.max3ds:read_model",
-    **dict.fromkeys((".blend", ".fbx"), "scenes.models.blender.reader:read_model"),
-    **dict.fromkeys((".usd", ".usda", ".usdc", ".usdz"), "scenes.models.usd.reader:read_model"),
+    ".gltf": "pbrnet.scenes.models.gltf.reader:read_model",
+    ".glb": "pbrnet.scenes.models.gltf.reader:read_model",
+    ".obj": "pbrnet.scenes.models.obj:read_model",
+    ".dae": "pbrnet.scenes.models.collada:read_model",
+    ".3ds": "pbrnet.scenes.models.max3ds:read_model",
+    **dict.fromkeys((".blend", ".fbx"), "pbrnet.scenes.models.blender.reader:read_model"),
+    **dict.fromkeys(
+        (".usd", ".usda", ".usdc", ".usdz"), "pbrnet.scenes.models.usd.reader:read_model"
+    ),
 }
 
 
@@ -25,7 +27,7 @@ class ModelOptions(FreeAxesOptions):
 
     title: ClassVar[str] = "models"
     suffixes: ClassVar[tuple[str, ...]] = tuple(READERS)
-    importer: ClassVar[str] = "scenes.models.importer:import_model"
+    importer: ClassVar[str] = "pbrnet.scenes.models.importer:import_model"
 
     @classmethod
     def code(cls) -> tuple[str, ...]:

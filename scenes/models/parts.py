@@ -1,4 +1,4 @@
-"""Models of parts (`scenes.formats.model_parts`) as a `Model`: shared by COLLADA and 3DS.
+"""Models of parts (`pbrnet.scenes.formats.model_parts`) as a `Model`: shared by COLLADA and 3DS.
 
 Colours are sRGB. The image of a colour replaces it, and the image's alpha cuts the surface out, as
 Sweet Home 3D shows such models.
@@ -12,20 +12,20 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color, decode_srgb_value
-from scenes.errors import InputError
-from scenes.formats import model_parts
-from scenes.formats.model_parts import ModelMaterial
-from scenes.geometry.mesh import Mesh
-from scenes.image_files import open_image
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore, UnreadableImage
-from scenes.importing.names import Names
-from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import MAX_SHAPES, Shape, Surface
-from scenes.importing.xml_elements import plugin
-from scenes.models.model import Emission, Model
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color, decode_srgb_value
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats import model_parts
+from pbrnet.scenes.formats.model_parts import ModelMaterial
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.image_files import open_image
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
+from pbrnet.scenes.importing.names import Names
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.importing.shape import MAX_SHAPES, Shape, Surface
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.models.model import Emission, Model
 
 MAX_FILE = 512 * 2**20  # bytes of a file that is read as a whole
 _MAX_GLASS_OPACITY = 0.6  # up to which a material without an image is read as clear glass

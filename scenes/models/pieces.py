@@ -19,13 +19,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry import Polygon
 
-from scenes.arrays import BoolArray, Float64Array, Int64Array
-from scenes.geometry.regions import intersection
-from scenes.importing.categories import category_of
-from scenes.importing.objects import has_structural_name
-from scenes.importing.panes import pieces_of_mesh
-from scenes.importing.shape import Shape, bounds_of
-from scenes.reconstruction.scale_clues import usual_size
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.geometry.regions import intersection
+from pbrnet.scenes.importing.categories import category_of
+from pbrnet.scenes.importing.objects import has_structural_name
+from pbrnet.scenes.importing.panes import pieces_of_mesh
+from pbrnet.scenes.importing.shape import Shape, bounds_of
+from pbrnet.scenes.reconstruction.scale_clues import usual_size
 
 UNKNOWN = "unknown"  # category of a piece
 _MERGED_EXTENT = 3.0  # metres; a smaller mesh is one thing

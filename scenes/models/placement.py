@@ -15,16 +15,16 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.errors import InputError
-from scenes.geometry.mesh import face_areas
-from scenes.importing.categories import category_of, words_of
-from scenes.importing.shape import Shape
-from scenes.models.model import Model
-from scenes.models.options import ModelOptions
-from scenes.reconstruction.interior import Interior, find_interior
-from scenes.reconstruction.orientation import upright
-from scenes.reconstruction.scale_clues import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.importing.categories import category_of, words_of
+from pbrnet.scenes.importing.shape import Shape
+from pbrnet.scenes.models.model import Model
+from pbrnet.scenes.models.options import ModelOptions
+from pbrnet.scenes.reconstruction.interior import Interior, find_interior
+from pbrnet.scenes.reconstruction.orientation import upright
+from pbrnet.scenes.reconstruction.scale_clues import (
     NAMED,
     Clue,
     ScaleEstimate,
@@ -35,7 +35,7 @@ from scenes.reconstruction.scale_clues import (
     unit_name,
     usual_size,
 )
-from scenes.reconstruction.surroundings import connected_parts, without_ground
+from pbrnet.scenes.reconstruction.surroundings import connected_parts, without_ground
 
 LARGEST_OBJECT = 6.0  # metres; a larger model without a room is a scene of its own
 LEAST_CONFIDENCE = 0.5

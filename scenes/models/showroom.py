@@ -7,15 +7,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.geometry.mesh import Mesh
-from scenes.geometry.primitives import cube
-from scenes.geometry.transforms import look_at
-from scenes.importing.assembly import Camera
-from scenes.importing.shape import Shape, Surface
-from scenes.importing.xml_elements import plugin
-from scenes.photometry import lamp_radiance
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.geometry.primitives import cube
+from pbrnet.scenes.geometry.transforms import look_at
+from pbrnet.scenes.importing.assembly import Camera
+from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.photometry import lamp_radiance
 
 _Box = tuple[tuple[float, ...], tuple[float, ...]]  # lowest and highest corner
 

@@ -7,10 +7,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.importing.shape import Surface
-from scenes.importing.xml_elements import plugin, prop
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.importing.shape import Surface
+from pbrnet.scenes.importing.xml_elements import plugin, prop
 
 WHITE: Color = (1.0, 1.0, 1.0)
 _CLEAR_ROUGHNESS = 0.05  # alpha up to which rough glass counts as clear

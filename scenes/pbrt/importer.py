@@ -12,29 +12,29 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.contract import Scene, load_scene, writing_scene
-from scenes.errors import InputError
-from scenes.importing.assembly import (
+from pbrnet.scenes.contract import Scene, load_scene, writing_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.assembly import (
     Camera,
     Draft,
     assemble,
     transformed_camera,
     upright_metric_frame,
 )
-from scenes.importing.changes import Changes
-from scenes.importing.credits import find_credit
-from scenes.importing.light.plan import sky_for
-from scenes.importing.materials.textures import TextureStore
-from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import Emitter, Shape
-from scenes.opened_files import OpenedFiles
-from scenes.pbrt.lights import Lights
-from scenes.pbrt.materials import Materials
-from scenes.pbrt.options import PbrtOptions
-from scenes.pbrt.reader import PbrtScene, read_scene
-from scenes.pbrt.shapes import ShapeReader
-from scenes.pbrt.textures import Textures
-from scenes.pbrt.values import Context
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.credits import find_credit
+from pbrnet.scenes.importing.light.plan import sky_for
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.importing.shape import Emitter, Shape
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.pbrt.lights import Lights
+from pbrnet.scenes.pbrt.materials import Materials
+from pbrnet.scenes.pbrt.options import PbrtOptions
+from pbrnet.scenes.pbrt.reader import PbrtScene, read_scene
+from pbrnet.scenes.pbrt.shapes import ShapeReader
+from pbrnet.scenes.pbrt.textures import Textures
+from pbrnet.scenes.pbrt.values import Context
 
 _MAX_SIZE = 8192  # pixels of a stored view's side
 _DEFAULT_FILM = (1280, 720)

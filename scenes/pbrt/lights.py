@@ -8,13 +8,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float32Array, Float64Array
-from scenes.color import Color
-from scenes.importing.materials.textures import TextureStore, UnreadableImage
-from scenes.importing.shape import Emitter, as_triple
-from scenes.importing.xml_elements import plugin
-from scenes.pbrt.textures import Textures
-from scenes.pbrt.values import Context, Entity
+from pbrnet.scenes.arrays import Float32Array, Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
+from pbrnet.scenes.importing.shape import Emitter, as_triple
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.pbrt.textures import Textures
+from pbrnet.scenes.pbrt.values import Context, Entity
 
 _WHITE: Color = (1.0, 1.0, 1.0)
 # pbrt's light space from the space of Mitsuba's `envmap`, for maps with equal u and v.

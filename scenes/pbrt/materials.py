@@ -13,11 +13,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import REC709, Color
-from scenes.importing.shape import Surface
-from scenes.importing.xml_elements import plugin, prop
-from scenes.pbrt.bsdfs import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import REC709, Color
+from pbrnet.scenes.importing.shape import Surface
+from pbrnet.scenes.importing.xml_elements import plugin, prop
+from pbrnet.scenes.pbrt.bsdfs import (
     WHITE,
     Alpha,
     clip,
@@ -28,8 +28,8 @@ from scenes.pbrt.bsdfs import (
     remapped,
     roughness,
 )
-from scenes.pbrt.textures import Textures
-from scenes.pbrt.values import Context, Entity
+from pbrnet.scenes.pbrt.textures import Textures
+from pbrnet.scenes.pbrt.values import Context, Entity
 
 _MAX_NESTING = 8
 _HALF: Color = (0.5, 0.5, 0.5)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-from scenes.source_options import FreeAxesOptions, described
+from pbrnet.scenes.source_options import FreeAxesOptions, described
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,7 +14,7 @@ class PbrtOptions(FreeAxesOptions):
 
     title: ClassVar[str] = "PBRT"
     suffixes: ClassVar[tuple[str, ...]] = (".pbrt",)
-    importer: ClassVar[str] = "scenes.pbrt.importer:import_pbrt"
+    importer: ClassVar[str] = "pbrnet.scenes.pbrt.importer:import_pbrt"
     auto_lamps: ClassVar[Literal["auto", "unlit"]] = "unlit"
 
     skip_missing: bool = field(

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.errors import InputError
-from scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.sandbox import Sandbox
 
 MAX_BYTES = 512 * 2**20  # of all files together, each as often as it is included
 MAX_INCLUDES = 10_000

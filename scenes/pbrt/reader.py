@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.errors import InputError
-from scenes.importing.shape import MAX_SHAPES
-from scenes.pbrt.parser import Directive, Parser
-from scenes.pbrt.values import Context, Entity
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.shape import MAX_SHAPES
+from pbrnet.scenes.pbrt.parser import Directive, Parser
+from pbrnet.scenes.pbrt.values import Context, Entity
 
 MAX_NESTING = 1000  # of attributes and transforms
 _MIRROR = np.diag([-1.0, 1.0, 1.0, 1.0])

@@ -10,18 +10,18 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.errors import InputError
-from scenes.formats.ply import read_ply
-from scenes.geometry import primitives
-from scenes.geometry.mesh import Mesh, cleaned, face_areas, smooth_normals
-from scenes.importing.names import Names
-from scenes.importing.sandbox import missing_meshes
-from scenes.importing.shape import MAX_SCENE_TRIANGLES, Shape, Surface
-from scenes.importing.xml_elements import plugin
-from scenes.pbrt.materials import Materials
-from scenes.pbrt.reader import PlacedShape
-from scenes.pbrt.values import Context, Entity
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.ply import read_ply
+from pbrnet.scenes.geometry import primitives
+from pbrnet.scenes.geometry.mesh import Mesh, cleaned, face_areas, smooth_normals
+from pbrnet.scenes.importing.names import Names
+from pbrnet.scenes.importing.sandbox import missing_meshes
+from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES, Shape, Surface
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.pbrt.materials import Materials
+from pbrnet.scenes.pbrt.reader import PlacedShape
+from pbrnet.scenes.pbrt.values import Context, Entity
 
 _BLACK = (0.0, 0.0, 0.0)
 _DROPPED = (

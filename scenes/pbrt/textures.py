@@ -7,11 +7,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import REC709, Color
-from scenes.importing.materials.textures import TextureStore, UnreadableImage
-from scenes.importing.xml_elements import plugin
-from scenes.pbrt.values import Context, Entity, clipped
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import REC709, Color
+from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.pbrt.values import Context, Entity, clipped
 
 _MAX_NESTING = 8
 _GREY: Color = (0.5, 0.5, 0.5)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import XYZ_TO_RGB, Color
-from scenes.errors import InputError
-from scenes.importing.changes import Changes
-from scenes.importing.materials.spectra import spectrum_to_rgb
-from scenes.importing.sandbox import Sandbox
-from scenes.pbrt.parser import Parameter
-from scenes.photometry import blackbody
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import XYZ_TO_RGB, Color
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.spectra import spectrum_to_rgb
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.pbrt.parser import Parameter
+from pbrnet.scenes.photometry import blackbody
 
 _MAX_SPECTRUM = 2**20  # bytes of a file
 _COLOR_KINDS = ("rgb", "color", "xyz", "blackbody", "spectrum")

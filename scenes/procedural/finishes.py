@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenes.procedural.furniture.interiors import Interior
-from scenes.procedural.furniture.style import Style, hex_color, scaled_color
-from scenes.procedural.piece import Material
+from pbrnet.scenes.procedural.furniture.interiors import Interior
+from pbrnet.scenes.procedural.furniture.style import Style, hex_color, scaled_color
+from pbrnet.scenes.procedural.piece import Material
 
 CEILINGS = ("#e9e7e2", "#e6e4de", "#e9e9e6")
 FACADES = ("#d9d3c6", "#c9b79b", "#b9b4aa", "#d6c4b0", "#a9533c", "#8d4a36", "#cfcfca")

@@ -11,17 +11,25 @@ from pathlib import Path
 import numpy as np
 from shapely.geometry import Point, Polygon
 
-from scenes.arrays import Float64Array
-from scenes.contract import Credit, Light, Room, Scene, SceneObject, save_scene, writing_scene
-from scenes.formats.ply import write_ply
-from scenes.geometry.mesh import Mesh
-from scenes.geometry.regions import buffered
-from scenes.params import Aspect, SceneParams
-from scenes.procedural.finishes import make_finishes
-from scenes.procedural.furnishing.asset_sampler import AssetSampler, load_kind_index
-from scenes.procedural.furnishing.placement import furnish
-from scenes.procedural.furniture.style import make_style
-from scenes.procedural.lighting import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import (
+    Credit,
+    Light,
+    Room,
+    Scene,
+    SceneObject,
+    save_scene,
+    writing_scene,
+)
+from pbrnet.scenes.formats.ply import write_ply
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.geometry.regions import buffered
+from pbrnet.scenes.params import Aspect, SceneParams
+from pbrnet.scenes.procedural.finishes import make_finishes
+from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler, load_kind_index
+from pbrnet.scenes.procedural.furnishing.placement import furnish
+from pbrnet.scenes.procedural.furniture.style import make_style
+from pbrnet.scenes.procedural.lighting import (
     LampState,
     Sky,
     area_emitter,
@@ -36,16 +44,16 @@ from scenes.procedural.lighting import (
     mean_radiance,
     sampling_weight,
 )
-from scenes.procedural.materials import MaterialLibrary
-from scenes.procedural.outdoors import build_outdoors
-from scenes.procedural.piece import CatalogueCredit, PiecePart
-from scenes.procedural.plan import Plan
-from scenes.procedural.planning import make_plan
-from scenes.procedural.scene_item import SceneItem
-from scenes.procedural.structure import build_structure
-from scenes.procedural.surroundings.clouds import clouds
-from scenes.procedural.use.home import leave_traces
-from scenes.seeds import generator
+from pbrnet.scenes.procedural.materials import MaterialLibrary
+from pbrnet.scenes.procedural.outdoors import build_outdoors
+from pbrnet.scenes.procedural.piece import CatalogueCredit, PiecePart
+from pbrnet.scenes.procedural.plan import Plan
+from pbrnet.scenes.procedural.planning import make_plan
+from pbrnet.scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.procedural.structure import build_structure
+from pbrnet.scenes.procedural.surroundings.clouds import clouds
+from pbrnet.scenes.procedural.use.home import leave_traces
+from pbrnet.scenes.seeds import generator
 
 EYE_HEIGHT = 1.55  # metres; of the sensor in scene.xml
 HALF_FOV = 0.5534  # radians, horizontal

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenes.color import Color
-from scenes.contract import Light
-from scenes.geometry.mesh import face_areas
-from scenes.photometry import LUMEN, lamp_radiance
-from scenes.procedural.piece import PiecePart
-from scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.contract import Light
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.photometry import LUMEN, lamp_radiance
+from pbrnet.scenes.procedural.piece import PiecePart
+from pbrnet.scenes.procedural.scene_item import SceneItem
 
 _DUSK = 0.2  # scale of the sky below which it is dusk
 

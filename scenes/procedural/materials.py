@@ -23,10 +23,10 @@ import numpy as np
 import OpenEXR
 from PIL import Image
 
-from scenes.arrays import AnyArray, Float64Array, Int64Array, UInt8Array
-from scenes.color import REC709, Color
-from scenes.procedural.piece import CatalogueMaterial, Material, Use
-from scenes.procedural.textures.families import (
+from pbrnet.scenes.arrays import AnyArray, Float64Array, Int64Array, UInt8Array
+from pbrnet.scenes.color import REC709, Color
+from pbrnet.scenes.procedural.piece import CatalogueMaterial, Material, Use
+from pbrnet.scenes.procedural.textures.families import (
     FAMILIES,
     SEEDS,
     WEARS,
@@ -35,10 +35,10 @@ from scenes.procedural.textures.families import (
     has_surface,
     packed_surface,
 )
-from scenes.procedural.textures.fields import encoded
-from scenes.procedural.textures.pictures import picture, screen_picture
-from scenes.procedural.textures.traces import Layout, laid_out, spread, traced
-from scenes.seeds import derive, generator
+from pbrnet.scenes.procedural.textures.fields import encoded
+from pbrnet.scenes.procedural.textures.pictures import picture, screen_picture
+from pbrnet.scenes.procedural.textures.traces import Layout, laid_out, spread, traced
+from pbrnet.scenes.seeds import derive, generator
 
 MAX_REFLECTANCE = 0.82  # of diffuse surfaces, each channel
 _MAX_TEXTILE = 0.79  # likewise; their sheen adds to it

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.assets.free_space import SupportSurface
-from scenes.geometry.regions import buffered
-from scenes.procedural.furniture.geometry import BodyMesh, prism, span
-from scenes.procedural.piece import FurniturePiece, Material, PiecePart
-from scenes.procedural.plan import Niche, Plan, PlanRoom, WallEdge
-from scenes.procedural.scene_item import make_part
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.assets.free_space import SupportSurface
+from pbrnet.scenes.geometry.regions import buffered
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, prism, span
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material, PiecePart
+from pbrnet.scenes.procedural.plan import Niche, Plan, PlanRoom, WallEdge
+from pbrnet.scenes.procedural.scene_item import make_part
 
 BACK = 0.025  # metres, of the lining behind its recess
 BOARD = 0.024  # metres, thickness of a board

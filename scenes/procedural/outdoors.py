@@ -9,17 +9,17 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from scenes.arrays import Float64Array
-from scenes.geometry.regions import buffered
-from scenes.procedural.furniture.geometry import BodyMesh, box, cylinder, merge, prism, span
-from scenes.procedural.furniture.style import hex_color
-from scenes.procedural.piece import Material, PiecePart
-from scenes.procedural.plan import Plan, WallEdge
-from scenes.procedural.scene_item import SceneItem, make_part
-from scenes.procedural.surroundings.buildings import Block, Roof, building, far_blocks, hazed
-from scenes.procedural.surroundings.plants import hedge, shrubs, tree
-from scenes.procedural.surroundings.street import PAVEMENT, ROAD, fence, street
-from scenes.procedural.textures.fields import Spectrum, noise
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.regions import buffered
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, cylinder, merge, prism, span
+from pbrnet.scenes.procedural.furniture.style import hex_color
+from pbrnet.scenes.procedural.piece import Material, PiecePart
+from pbrnet.scenes.procedural.plan import Plan, WallEdge
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.procedural.surroundings.buildings import Block, Roof, building, far_blocks, hazed
+from pbrnet.scenes.procedural.surroundings.plants import hedge, shrubs, tree
+from pbrnet.scenes.procedural.surroundings.street import PAVEMENT, ROAD, fence, street
+from pbrnet.scenes.procedural.textures.fields import Spectrum, noise
 
 Setting = Literal["street", "courtyard", "garden", "high floor", "countryside"]
 LAWN = 70.0  # half the side of the lawn, metres

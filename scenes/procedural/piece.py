@@ -15,9 +15,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.assets.free_space import SupportSurface
-from scenes.color import Color
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.assets.free_space import SupportSurface
+from pbrnet.scenes.color import Color
 
 MaterialKind = Literal[
     "wood",  # grain along u
@@ -50,7 +50,7 @@ CREASE_COSINE = float(np.cos(np.radians(50)))  # edges that turn by more stay sh
 class Trace:
     """A trace of use on a surface, along the line from `start` to `end`, (s, t) metres.
 
-    `kind` is one of `scenes.procedural.textures.traces.LOOKS`; `strength` 1 is an old one's.
+    `kind` is one of `pbrnet.scenes.procedural.textures.traces.LOOKS`; `strength` 1 is an old one's.
     """
 
     kind: str
@@ -81,7 +81,7 @@ class Material:
 
     `color` is the mean reflectance, linear RGB in [0, 1] (F0 for metals). Textures are laid out
     in metres: one uv unit is one metre, except for "picture". `family` is a family of surfaces of
-    the kind (`scenes.procedural.textures.families`); without one, `variant` chooses.
+    the kind (`pbrnet.scenes.procedural.textures.families`); without one, `variant` chooses.
     """
 
     kind: MaterialKind

@@ -1,7 +1,7 @@
 """Floor plans of one storey: rooms, walls, openings, roof and niches as data.
 
 A plan lies in the world's XY plane, metres. Rooms are rectilinear polygons of net floor area; the
-space between and around them is wall. `scenes.procedural.planning` draws plans.
+space between and around them is wall. `pbrnet.scenes.procedural.planning` draws plans.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Literal, TypeVar
 
 from shapely.geometry import Polygon
 
-from scenes.arrays import Float64Array
-from scenes.contract import Point2
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import Point2
 
 Metres = TypeVar("Metres", float, Float64Array)
 

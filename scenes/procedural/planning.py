@@ -18,11 +18,18 @@ from shapely import transform
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon, box
 from shapely.geometry.polygon import orient
 
-from scenes.contract import Point2
-from scenes.errors import PbrnetError
-from scenes.geometry.regions import buffered, difference, intersection, on_grid, simplified, union
-from scenes.procedural.niches import draw_niches
-from scenes.procedural.plan import (
+from pbrnet.scenes.contract import Point2
+from pbrnet.scenes.errors import PbrnetError
+from pbrnet.scenes.geometry.regions import (
+    buffered,
+    difference,
+    intersection,
+    on_grid,
+    simplified,
+    union,
+)
+from pbrnet.scenes.procedural.niches import draw_niches
+from pbrnet.scenes.procedural.plan import (
     LEAST_LINTEL,
     STEP,
     WINDOWLESS,
@@ -35,7 +42,7 @@ from scenes.procedural.plan import (
     Stairs,
     WallEdge,
 )
-from scenes.procedural.roof import draw_roof
+from pbrnet.scenes.procedural.roof import draw_roof
 
 GRID = 0.05  # metres; cell boundaries lie on this grid
 MAX_DRAWS = 600  # an accepted plan needs a few dozen draws at most

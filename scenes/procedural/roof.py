@@ -13,13 +13,13 @@ from itertools import pairwise
 import numpy as np
 from shapely.geometry import Polygon
 
-from scenes.arrays import Float64Array
-from scenes.contract import Portal
-from scenes.geometry.regions import buffered, difference, intersection, union
-from scenes.procedural.finishes import Finishes
-from scenes.procedural.furniture.geometry import BodyMesh, span
-from scenes.procedural.plan import WINDOWLESS, Opening, Plan, RoofWindow, Slope, WallEdge
-from scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import Portal
+from pbrnet.scenes.geometry.regions import buffered, difference, intersection, union
+from pbrnet.scenes.procedural.finishes import Finishes
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, span
+from pbrnet.scenes.procedural.plan import WINDOWLESS, Opening, Plan, RoofWindow, Slope, WallEdge
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
 
 COVER = 0.24  # metres, vertical thickness of the roof above a slope
 PANE = 0.6  # of the cover, height of the panes in it

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.procedural.furniture.geometry import BodyMesh, merge
-from scenes.procedural.piece import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, merge
+from pbrnet.scenes.procedural.piece import (
     CatalogueCredit,
     Contained,
     FurniturePiece,

@@ -2,7 +2,7 @@
 
 Walls are faces towards the rooms and the outdoors, joined by the reveals of openings. Their upper
 and lower edges extend into slabs that cover the whole storey, so light enters through openings
-only. Windows have frames but no panes: a clear pane is a portal (see `scenes.contract`).
+only. Windows have frames but no panes: a clear pane is a portal (see `pbrnet.scenes.contract`).
 """
 
 from __future__ import annotations
@@ -13,16 +13,23 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPolygon, Polygon
 
-from scenes.arrays import Int64Array
-from scenes.contract import Portal
-from scenes.geometry.regions import buffered, difference, union
-from scenes.procedural.finishes import Finishes, RoomFinish
-from scenes.procedural.furniture.geometry import BodyMesh, bar, cylinder, merge, prism, span
-from scenes.procedural.niches import niche_parts
-from scenes.procedural.piece import Material, PiecePart
-from scenes.procedural.plan import STEP, Opening, Plan, PlanRoom, WallEdge
-from scenes.procedural.roof import COVER, cut_below, gable_cuts, panels, roof_portal, roof_window
-from scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.arrays import Int64Array
+from pbrnet.scenes.contract import Portal
+from pbrnet.scenes.geometry.regions import buffered, difference, union
+from pbrnet.scenes.procedural.finishes import Finishes, RoomFinish
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, bar, cylinder, merge, prism, span
+from pbrnet.scenes.procedural.niches import niche_parts
+from pbrnet.scenes.procedural.piece import Material, PiecePart
+from pbrnet.scenes.procedural.plan import STEP, Opening, Plan, PlanRoom, WallEdge
+from pbrnet.scenes.procedural.roof import (
+    COVER,
+    cut_below,
+    gable_cuts,
+    panels,
+    roof_portal,
+    roof_window,
+)
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
 
 EMBED = 0.02  # metres that walls extend into the slabs below and above
 LAP = 0.005  # metres that faces overlap at inner corners

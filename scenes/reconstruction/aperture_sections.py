@@ -19,10 +19,10 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon, box
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.directions import cross
-from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import (
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.geometry.directions import cross
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.geometry.regions import (
     buffered,
     difference,
     meets,
@@ -31,8 +31,8 @@ from scenes.geometry.regions import (
     thickened,
     union,
 )
-from scenes.reconstruction.rooms import FoundOpening, slice_segments
-from scenes.reconstruction.section_raster import cut_off_regions
+from pbrnet.scenes.reconstruction.rooms import FoundOpening, slice_segments
+from pbrnet.scenes.reconstruction.section_raster import cut_off_regions
 
 DEPTHS = np.arange(-0.03, 0.95, 0.04)  # of the sections, metres outwards from a wall's face
 _MOST_SEEDS = 4096  # of an opening that are looked up in its sections

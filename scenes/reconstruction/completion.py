@@ -26,9 +26,9 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 from shapely.ops import substring
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import (
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.geometry.regions import (
     buffered,
     difference,
     intersection,
@@ -37,9 +37,9 @@ from scenes.geometry.regions import (
     thickened,
     union,
 )
-from scenes.reconstruction.orientation import surface_heights
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import MAX_HEIGHT, MIN_HEIGHT, FoundRoom, slice_segments
+from pbrnet.scenes.reconstruction.orientation import surface_heights
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import MAX_HEIGHT, MIN_HEIGHT, FoundRoom, slice_segments
 
 LEAST_WALLS = 0.4  # share of a floor's outline along which walls must stand
 _LEAST_WALLS_OUTDOORS = 0.75  # the same where the ground is the floor, or beside closed rooms

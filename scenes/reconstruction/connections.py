@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 import shapely
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.directions import fibonacci_sphere
-from scenes.geometry.regions import buffered
-from scenes.reconstruction.light_walks import sample_room_points
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundRoom
-from scenes.seeds import generator
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.geometry.directions import fibonacci_sphere
+from pbrnet.scenes.geometry.regions import buffered
+from pbrnet.scenes.reconstruction.light_walks import sample_room_points
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.seeds import generator
 
 _RAYS = 4096  # from each room
 DOOR = 10  # of them that end in the other room through a door that stands open by half a metre

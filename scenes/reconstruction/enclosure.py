@@ -22,10 +22,10 @@ from scipy import ndimage
 from shapely.geometry import Polygon, box
 from shapely.geometry.polygon import orient
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.geometry.directions import unit
-from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import (
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.geometry.directions import unit
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.geometry.regions import (
     buffered,
     covers,
     difference,
@@ -34,11 +34,11 @@ from scenes.geometry.regions import (
     simplified,
     union,
 )
-from scenes.reconstruction.aperture_sections import PlaneFrame
-from scenes.reconstruction.light_walks import LightWalker, OpeningIndex, sample_room_points
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundOpening, FoundRoom
-from scenes.seeds import generator
+from pbrnet.scenes.reconstruction.aperture_sections import PlaneFrame
+from pbrnet.scenes.reconstruction.light_walks import LightWalker, OpeningIndex, sample_room_points
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundOpening, FoundRoom
+from pbrnet.scenes.seeds import generator
 
 ENCLOSURE_ID = "shell"  # part of the format of scene folders
 _WALKS = 16_384  # in a scene

@@ -21,21 +21,21 @@ import shapely
 import trimesh
 from shapely.geometry import Polygon, box
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.geometry.directions import cross
-from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import (
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.geometry.directions import cross
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.geometry.regions import (
     buffered,
     difference,
     polygon_parts,
     simplified,
     thickened,
 )
-from scenes.reconstruction.aperture_sections import CrossSections, PlaneFrame
-from scenes.reconstruction.light_walks import EscapedWalk, LightWalker, sample_room_points
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundOpening, FoundRoom, slice_segments
-from scenes.seeds import generator
+from pbrnet.scenes.reconstruction.aperture_sections import CrossSections, PlaneFrame
+from pbrnet.scenes.reconstruction.light_walks import EscapedWalk, LightWalker, sample_room_points
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundOpening, FoundRoom, slice_segments
+from pbrnet.scenes.seeds import generator
 
 GAP_SEALING_ID = "caulk"  # part of the format of scene folders
 _WALKS = 16_384  # in a scene and round

@@ -19,12 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from scenes.arrays import Float64Array
-from scenes.geometry.directions import fibonacci_sphere
-from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import buffered, deepest_point
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.directions import fibonacci_sphere
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.geometry.regions import buffered, deepest_point
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
 
 _RAYS = 512  # from each of the points below
 _HEIGHTS = (0.25, 0.55, 0.85)  # shares of the height where points are

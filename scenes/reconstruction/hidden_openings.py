@@ -23,10 +23,10 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import buffered, intersection
-from scenes.reconstruction.aperture_sections import (
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.geometry.regions import buffered, intersection
+from pbrnet.scenes.reconstruction.aperture_sections import (
     DEPTHS,
     LEAST_SEEDS,
     CrossSections,
@@ -34,10 +34,10 @@ from scenes.reconstruction.aperture_sections import (
     enclosed_air,
     portal_outline,
 )
-from scenes.reconstruction.light_walks import MAX_BOUNCES, EscapedWalk, LightWalker
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.room_index import RoomIndex
-from scenes.reconstruction.rooms import MIN_OPENING, FoundOpening, FoundRoom
+from pbrnet.scenes.reconstruction.light_walks import MAX_BOUNCES, EscapedWalk, LightWalker
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.room_index import RoomIndex
+from pbrnet.scenes.reconstruction.rooms import MIN_OPENING, FoundOpening, FoundRoom
 
 _WALKS_PER_ROOM = 4096
 _WALKS_PER_SCENE = 65_536

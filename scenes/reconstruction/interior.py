@@ -10,17 +10,17 @@ from dataclasses import dataclass
 
 from shapely.geometry import Polygon
 
-from scenes.arrays import Float64Array
-from scenes.reconstruction.completion import NOTHING, Completion, complete
-from scenes.reconstruction.habitable import Bounds, habitable, is_shut_in
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.reconstruction.completion import NOTHING, Completion, complete
+from pbrnet.scenes.reconstruction.habitable import Bounds, habitable, is_shut_in
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import (
     FoundRoom,
     closed_rooms,
     with_visible_space,
     without_overlaps,
 )
-from scenes.reconstruction.surroundings import without_ground
+from pbrnet.scenes.reconstruction.surroundings import without_ground
 
 
 @dataclass(frozen=True)

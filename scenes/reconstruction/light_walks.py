@@ -5,8 +5,8 @@ reversible, so each walk starts at a random point inside a room and bounces off 
 does off matt ones. A walk that leaves the scene without crossing a known opening has found a way
 in for light.
 
-Importers use the escaped walks to find hidden openings and gaps; `pipeline.render.leaks` uses the
-same sampling to prove that a finished scene has none. World: metres, Z up.
+Importers use the escaped walks to find hidden openings and gaps; `pbrnet.pipeline.render.leaks`
+uses the same sampling to prove that a finished scene has none. World: metres, Z up.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from scenes.arrays import BoolArray, Float64Array, Int64Array
-from scenes.geometry.directions import unit
-from scenes.geometry.regions import buffered, deepest_point
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundOpening, FoundRoom
-from scenes.seeds import generator
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.geometry.directions import unit
+from pbrnet.scenes.geometry.regions import buffered, deepest_point
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundOpening, FoundRoom
+from pbrnet.scenes.seeds import generator
 
 MAX_BOUNCES = 8
 _ESCAPE_LENGTH = 3.0  # metres of an escaped walk's last segment that are kept

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.geometry.mesh import face_areas
-from scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.reconstruction.raycast import RayCaster
 
 ROOM_HEIGHTS = (2.0, 6.5)  # metres between floor and ceiling of a usual room, least and most
 _USUAL_HEIGHT = 2.7

@@ -4,7 +4,7 @@ Input: triangles (F, 3, 3) in world space. Output: closest-hit distances and tri
 
 The caster always uses Mitsuba's scalar variant with robust intersection tests and does not set
 the variant of the process. The results are the same on every machine, and the caller stays free
-to choose a variant for rendering. `pipeline.render.raycast` casts rays in finished scenes.
+to choose a variant for rendering. `pbrnet.pipeline.render.raycast` casts rays in finished scenes.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from scenes.arrays import BoolArray, Float64Array, Int64Array
-from scenes.formats.ply import write_ply
-from scenes.geometry.mesh import Mesh
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.formats.ply import write_ply
+from pbrnet.scenes.geometry.mesh import Mesh
 
 _VARIANT = "scalar_rgb"
 # Without robust tests, one ray in 200 that is aimed at an edge slips between the two triangles

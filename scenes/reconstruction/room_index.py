@@ -8,9 +8,9 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from scenes.arrays import Float64Array
-from scenes.geometry.regions import buffered
-from scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.regions import buffered
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
 
 _SLACK = 1e-6  # metres, against rounding
 

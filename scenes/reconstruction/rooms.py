@@ -21,10 +21,10 @@ import shapely
 from scipy import ndimage
 from shapely.geometry import Point, Polygon
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.directions import fibonacci_sphere, horizontal_directions
-from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import (
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.geometry.directions import fibonacci_sphere, horizontal_directions
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.geometry.regions import (
     buffered,
     deepest_point,
     difference,
@@ -35,8 +35,8 @@ from scenes.geometry.regions import (
     thickened,
     union,
 )
-from scenes.reconstruction.orientation import surface_heights
-from scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.orientation import surface_heights
+from pbrnet.scenes.reconstruction.raycast import RayCaster
 
 _MAX_COLUMNS = 250_000  # of the grid of vertical rays that looks for ceilings
 MIN_HEIGHT, MAX_HEIGHT = 1.9, 8.0

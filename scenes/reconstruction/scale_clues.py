@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.mesh import face_areas
-from scenes.reconstruction.orientation import surface_heights
-from scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.reconstruction.orientation import surface_heights
+from pbrnet.scenes.reconstruction.raycast import RayCaster
 
 UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres", 0.0254: "inches",
          0.3048: "feet", 0.1: "decimetres", 0.5: "half metres"}  # fmt: skip

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import ndimage
 
-from scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.arrays import Float64Array, Int64Array
 
 _CELL = 0.02  # metres
 _MOST_CELLS = 250  # along a side; larger windows get larger cells

@@ -14,7 +14,7 @@ import trimesh
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
 
 _MOST_TRIANGLES = 1_500_000  # that are split into parts
 _WELD = 1e-6  # of the extent; vertices closer than this are one

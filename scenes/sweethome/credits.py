@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 
-from scenes.contract import Credit
-from scenes.formats.archive import HomeArchive
-from scenes.formats.model_parts import Model
-from scenes.importing.changes import Changes
-from scenes.sweethome.home import Home, Texture
+from pbrnet.scenes.contract import Credit
+from pbrnet.scenes.formats.archive import HomeArchive
+from pbrnet.scenes.formats.model_parts import Model
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.home import Home, Texture
 
 _CC_URL = re.compile(
     r"creativecommons\.org/(?P<kind>licenses|publicdomain)/(?P<terms>[a-z-]+)/(?P<version>\d\.\d)"

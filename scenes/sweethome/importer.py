@@ -15,50 +15,54 @@ import shapely
 from shapely.geometry import Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from scenes.arrays import Float64Array
-from scenes.contract import Light, Portal, Room, Scene, load_scene, save_scene, writing_scene
-from scenes.errors import InputError
-from scenes.formats.archive import MAX_XML, HomeArchive
-from scenes.formats.java_objects import MAX_BYTES
-from scenes.formats.model_parts import UnreadableModel
-from scenes.geometry.mesh import face_areas
-from scenes.geometry.regions import buffered, deepest_point, simplified, union
-from scenes.importing.categories import category_of_piece, room_type
-from scenes.importing.changes import Changes
-from scenes.importing.light.plan import note_filled, note_without_light
-from scenes.importing.materials.textures import TextureStore
-from scenes.opened_files import OpenedFiles
-from scenes.reconstruction.gap_sealing import GAP_SEALING_ID
-from scenes.sweethome.building.gaps import find_gaps
-from scenes.sweethome.building.levels import Storey, storeys
-from scenes.sweethome.building.openings import Opening, opening_of
-from scenes.sweethome.building.outlines import is_round
-from scenes.sweethome.building.portals import Doorway, Leaves, find_doorways
-from scenes.sweethome.building.slabs import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import Light, Portal, Room, Scene, load_scene, save_scene, writing_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.archive import MAX_XML, HomeArchive
+from pbrnet.scenes.formats.java_objects import MAX_BYTES
+from pbrnet.scenes.formats.model_parts import UnreadableModel
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.geometry.regions import buffered, deepest_point, simplified, union
+from pbrnet.scenes.importing.categories import category_of_piece, room_type
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.light.plan import note_filled, note_without_light
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.reconstruction.gap_sealing import GAP_SEALING_ID
+from pbrnet.scenes.sweethome.building.gaps import find_gaps
+from pbrnet.scenes.sweethome.building.levels import Storey, storeys
+from pbrnet.scenes.sweethome.building.openings import Opening, opening_of
+from pbrnet.scenes.sweethome.building.outlines import is_round
+from pbrnet.scenes.sweethome.building.portals import Doorway, Leaves, find_doorways
+from pbrnet.scenes.sweethome.building.slabs import (
     CeilingHeights,
     build_ground,
     build_slabs,
     floor_outline,
     stairwells,
 )
-from scenes.sweethome.building.solids import world_region
-from scenes.sweethome.building.spaces import Space, find_spaces
-from scenes.sweethome.building.walls import PlannedWall, build_walls, plan_walls
-from scenes.sweethome.credits import Credits
-from scenes.sweethome.furnishing.finishes import BsdfWriter
-from scenes.sweethome.furnishing.furniture import PlacedModel, place_piece, place_without_model
-from scenes.sweethome.furnishing.items import PlacedItem, merge_parts
-from scenes.sweethome.furnishing.lamps import hung_lamp, lit_parts
-from scenes.sweethome.furnishing.missing import MissingPiece, missing_piece, note_missing
-from scenes.sweethome.furnishing.models import Models
-from scenes.sweethome.home import Home, HomePiece
-from scenes.sweethome.java_home import home_xml
-from scenes.sweethome.options import SweetHomeOptions
-from scenes.sweethome.reader import read_home
-from scenes.sweethome.sealing import seal_home
-from scenes.sweethome.sun import Sky, make_sky
-from scenes.sweethome.views import Camera, default_camera, stored_cameras
-from scenes.sweethome.writer import write_scene
+from pbrnet.scenes.sweethome.building.solids import world_region
+from pbrnet.scenes.sweethome.building.spaces import Space, find_spaces
+from pbrnet.scenes.sweethome.building.walls import PlannedWall, build_walls, plan_walls
+from pbrnet.scenes.sweethome.credits import Credits
+from pbrnet.scenes.sweethome.furnishing.finishes import BsdfWriter
+from pbrnet.scenes.sweethome.furnishing.furniture import (
+    PlacedModel,
+    place_piece,
+    place_without_model,
+)
+from pbrnet.scenes.sweethome.furnishing.items import PlacedItem, merge_parts
+from pbrnet.scenes.sweethome.furnishing.lamps import hung_lamp, lit_parts
+from pbrnet.scenes.sweethome.furnishing.missing import MissingPiece, missing_piece, note_missing
+from pbrnet.scenes.sweethome.furnishing.models import Models
+from pbrnet.scenes.sweethome.home import Home, HomePiece
+from pbrnet.scenes.sweethome.java_home import home_xml
+from pbrnet.scenes.sweethome.options import SweetHomeOptions
+from pbrnet.scenes.sweethome.reader import read_home
+from pbrnet.scenes.sweethome.sealing import seal_home
+from pbrnet.scenes.sweethome.sun import Sky, make_sky
+from pbrnet.scenes.sweethome.views import Camera, default_camera, stored_cameras
+from pbrnet.scenes.sweethome.writer import write_scene
 
 _KNEE = 0.5  # metres from a floor or ceiling into its room
 _REST = 0.1  # of a room's floor, below which its ceiling is a rest

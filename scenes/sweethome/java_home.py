@@ -15,8 +15,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.errors import InputError
-from scenes.formats.java_objects import JavaRecord, read_java_object
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.java_objects import JavaRecord, read_java_object
 
 _MODEL = "com.eteks.sweethome3d.model."
 _CONTENT = "file:temp!/"  # a member of the home's own archive

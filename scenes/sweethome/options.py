@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from scenes.source_options import SourceOptions, described
+from pbrnet.scenes.source_options import SourceOptions, described
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,7 +15,7 @@ class SweetHomeOptions(SourceOptions):
 
     title: ClassVar[str] = "Sweet Home 3D"
     suffixes: ClassVar[tuple[str, ...]] = (".sh3d",)
-    importer: ClassVar[str] = "scenes.sweethome.importer:import_sweethome"
+    importer: ClassVar[str] = "pbrnet.scenes.sweethome.importer:import_sweethome"
     can_switch_lamps: ClassVar[bool] = True
 
     level: tuple[str, ...] = field(

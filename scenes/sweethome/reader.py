@@ -12,9 +12,9 @@ from xml.etree.ElementTree import Element, ParseError
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
-from scenes.errors import InputError
-from scenes.importing.changes import Changes
-from scenes.sweethome.home import (
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.home import (
     Baseboard,
     Bulb,
     Compass,

@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from shapely.geometry import Polygon
 
-from scenes.contract import Portal, Room
-from scenes.geometry.mesh import Mesh
-from scenes.importing.changes import Changes
-from scenes.reconstruction.gap_sealing import GAP_SEALING_ID, seal_gaps
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundOpening, FoundRoom
-from scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish
+from pbrnet.scenes.contract import Portal, Room
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.reconstruction.gap_sealing import GAP_SEALING_ID, seal_gaps
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundOpening, FoundRoom
+from pbrnet.scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish
 
 _GREY = SurfaceFinish(color=(0.5, 0.5, 0.5))
 

@@ -12,12 +12,12 @@ from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from xml.etree.ElementTree import Element
 from zoneinfo import ZoneInfo
 
-from scenes.contract import Light
-from scenes.errors import ParameterError
-from scenes.importing.changes import Changes
-from scenes.importing.xml_elements import number, plugin, prop
-from scenes.photometry import LUMEN
-from scenes.sweethome.home import Home
+from pbrnet.scenes.contract import Light
+from pbrnet.scenes.errors import ParameterError
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.xml_elements import number, plugin, prop
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.sweethome.home import Home
 
 TURBIDITY = 3.5
 _EPOCH = datetime(2000, 1, 1, 12, tzinfo=UTC)

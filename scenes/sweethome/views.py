@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.contract import Room
-from scenes.importing.changes import Changes
-from scenes.sweethome.home import Home, StoredCamera
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import Room
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.home import Home, StoredCamera
 
 _MAX_CAMERAS = 64
 _HALF_FOV = 0.5534

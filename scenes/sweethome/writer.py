@@ -9,14 +9,14 @@ from xml.etree.ElementTree import Element, ElementTree, indent
 
 import numpy as np
 
-from scenes.contract import Point3, SceneObject
-from scenes.formats.ply import write_ply
-from scenes.importing.writer import sensor_element
-from scenes.importing.xml_elements import number, plugin, prop
-from scenes.sweethome.furnishing.finishes import BsdfWriter
-from scenes.sweethome.furnishing.items import ItemPart, PlacedItem
-from scenes.sweethome.sun import Sky
-from scenes.sweethome.views import Camera
+from pbrnet.scenes.contract import Point3, SceneObject
+from pbrnet.scenes.formats.ply import write_ply
+from pbrnet.scenes.importing.writer import sensor_element
+from pbrnet.scenes.importing.xml_elements import number, plugin, prop
+from pbrnet.scenes.sweethome.furnishing.finishes import BsdfWriter
+from pbrnet.scenes.sweethome.furnishing.items import ItemPart, PlacedItem
+from pbrnet.scenes.sweethome.sun import Sky
+from pbrnet.scenes.sweethome.views import Camera
 
 _MAX_DEPTH = 11
 

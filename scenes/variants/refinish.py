@@ -13,15 +13,15 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from scenes.contract import Room, Scene, SceneObject
-from scenes.formats.ply import read_ply, write_ply
-from scenes.geometry.mesh import Mesh, face_areas
-from scenes.importing.xml_elements import prop
-from scenes.procedural.finishes import Finishes, RoomFinish, make_finishes
-from scenes.procedural.furniture.style import Style, make_style
-from scenes.procedural.materials import MaterialLibrary
-from scenes.procedural.piece import Material
-from scenes.seeds import derive, generator
+from pbrnet.scenes.contract import Room, Scene, SceneObject
+from pbrnet.scenes.formats.ply import read_ply, write_ply
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.importing.xml_elements import prop
+from pbrnet.scenes.procedural.finishes import Finishes, RoomFinish, make_finishes
+from pbrnet.scenes.procedural.furniture.style import Style, make_style
+from pbrnet.scenes.procedural.materials import MaterialLibrary
+from pbrnet.scenes.procedural.piece import Material
+from pbrnet.scenes.seeds import derive, generator
 
 _PROBE_OFFSET = 0.03  # metres in front of a face, where its room is looked up
 _HEIGHT_MARGIN = 0.3  # metres above and below a room that still belong to it

@@ -9,12 +9,12 @@ from xml.etree.ElementTree import Element
 import defusedxml.ElementTree
 import numpy as np
 
-from scenes.color import REC709
-from scenes.contract import Light, Scene
-from scenes.params import LightSetting
-from scenes.photometry import blackbody
-from scenes.procedural.lighting import Lamp, choose_lit_lamps, draw_kelvin_offset, draw_sky
-from scenes.seeds import generator
+from pbrnet.scenes.color import REC709
+from pbrnet.scenes.contract import Light, Scene
+from pbrnet.scenes.params import LightSetting
+from pbrnet.scenes.photometry import blackbody
+from pbrnet.scenes.procedural.lighting import Lamp, choose_lit_lamps, draw_kelvin_offset, draw_sky
+from pbrnet.scenes.seeds import generator
 
 _OUTSIDE = ("sunsky", "sky", "sun", "constant", "envmap")
 _OUTDOORS = ("sun", "sky", "environment")

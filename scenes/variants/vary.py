@@ -10,14 +10,14 @@ from xml.etree.ElementTree import Element, ElementTree, indent
 import defusedxml.ElementTree
 import numpy as np
 
-from scenes.contract import Scene, SceneObject, load_scene, save_scene, writing_scene
-from scenes.files import copy_files
-from scenes.formats.ply import write_ply
-from scenes.importing.light.daylight import ground
-from scenes.importing.xml_elements import plugin
-from scenes.params import SceneParams
-from scenes.variants.refinish import refinish
-from scenes.variants.relight import relight
+from pbrnet.scenes.contract import Scene, SceneObject, load_scene, save_scene, writing_scene
+from pbrnet.scenes.files import copy_files
+from pbrnet.scenes.formats.ply import write_ply
+from pbrnet.scenes.importing.light.daylight import ground
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.variants.refinish import refinish
+from pbrnet.scenes.variants.relight import relight
 
 
 def vary_scene(

@@ -30,18 +30,18 @@ _DEEP = "a/b/c/d"
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _HARMLESS = ("/dev/null", "/dev/shm/", "/proc/", "/dev/tty", "/dev/full")
 _PRELOADED = (
-    "pipeline.cli",
-    "pipeline.commands.import_scene",
-    "pipeline.commands.data",
-    "pipeline.commands.cost",
-    "pipeline.commands.stages",
-    "pipeline.commands.setup",
-    "model.commands.predict",
-    "model.commands.networks",
-    "model.commands.report",
-    "scenes.mitsuba.importer",
-    "scenes.models.importer",
-    "scenes.sweethome.importer",
+    "pbrnet.pipeline.cli",
+    "pbrnet.pipeline.commands.import_scene",
+    "pbrnet.pipeline.commands.data",
+    "pbrnet.pipeline.commands.cost",
+    "pbrnet.pipeline.commands.stages",
+    "pbrnet.pipeline.commands.setup",
+    "pbrnet.model.commands.predict",
+    "pbrnet.model.commands.networks",
+    "pbrnet.model.commands.report",
+    "pbrnet.scenes.mitsuba.importer",
+    "pbrnet.scenes.models.importer",
+    "pbrnet.scenes.sweethome.importer",
 )
 
 
@@ -174,8 +174,8 @@ def _child(root: Path, family: Family, number: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         import tempfile
 
-        from pipeline import limits
-        from pipeline.cli import main
+        from pbrnet.pipeline import limits
+        from pbrnet.pipeline.cli import main
 
         # Imports fork this process, as the command does: the hook watches forks alone.
         limits._can_fork = lambda: True

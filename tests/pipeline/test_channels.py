@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline import channels
-from pipeline.channels import (
+from pbrnet.pipeline import channels
+from pbrnet.pipeline.channels import (
     CHANNELS,
     IRRADIANCE,
     KINDS,
@@ -19,15 +19,15 @@ from pipeline.channels import (
     dataset_channels,
     layout,
 )
-from pipeline.dataset.pack import pack_dataset
-from pipeline.frames import Frame, frame_path, read_frame
-from pipeline.inspection.describe import inspect_path
-from pipeline.inspection.drawings import draw_frame
-from pipeline.passes import inputs
-from pipeline.passes.inputs import RENDERERS, VisibleSurfaces, render_inputs
-from pipeline.render.scene import open_scene, set_variant
-from pipeline.views import load_cameras
-from scenes.arrays import AnyArray
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.frames import Frame, frame_path, read_frame
+from pbrnet.pipeline.inspection.describe import inspect_path
+from pbrnet.pipeline.inspection.drawings import draw_frame
+from pbrnet.pipeline.passes import inputs
+from pbrnet.pipeline.passes.inputs import RENDERERS, VisibleSurfaces, render_inputs
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.arrays import AnyArray
 from tests.fixtures.dataset import box_frames, images_of, make_data, small_params, write_view
 from tests.fixtures.render import diffuse, make_view, quad, write_scene
 

@@ -16,10 +16,10 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from pipeline.cli import COMMANDS, cli, main
-from pipeline.commands import setup
-from pipeline.commands.setup import examine
-from pipeline.params import Baseline
+from pbrnet.pipeline.cli import COMMANDS, cli, main
+from pbrnet.pipeline.commands import setup
+from pbrnet.pipeline.commands.setup import examine
+from pbrnet.pipeline.params import Baseline
 from tests.fixtures.paths import ROOT
 
 
@@ -56,7 +56,7 @@ def test_every_stage_of_dvc_is_a_command() -> None:
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "pipeline.cli", *arguments],
+        [sys.executable, "-m", "pbrnet.pipeline.cli", *arguments],
         cwd=cwd, capture_output=True, text=True, timeout=120,
     )  # fmt: skip
 
@@ -180,8 +180,8 @@ def test_strange_places_and_numbers_end_in_one_line(
 def test_doctor_lists_every_optional_extra_with_its_command(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.commands.setup.find_spec", lambda name: None)
-    monkeypatch.setattr("pipeline.commands.setup.shutil.which", lambda name: None)
+    monkeypatch.setattr("pbrnet.pipeline.commands.setup.find_spec", lambda name: None)
+    monkeypatch.setattr("pbrnet.pipeline.commands.setup.shutil.which", lambda name: None)
     assert exit_code("doctor", "--json") == 0
     found = {each["topic"]: each for each in json.loads(capsys.readouterr().out)}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

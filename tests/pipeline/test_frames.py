@@ -10,10 +10,10 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from pipeline import frames
-from pipeline.params import ImageParams
-from pipeline.radiance import HALF_MAX, radiance_halves, scale_for
-from pipeline.views import (
+from pbrnet.pipeline import frames
+from pbrnet.pipeline.params import ImageParams
+from pbrnet.pipeline.radiance import HALF_MAX, radiance_halves, scale_for
+from pbrnet.pipeline.views import (
     CameraFile,
     View,
     as_matrix,
@@ -22,9 +22,9 @@ from pipeline.views import (
     look,
     save_cameras,
 )
-from scenes.checked import plain
-from scenes.errors import InputError, MachineError
-from scenes.files import write_json
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import write_json
 
 IMAGE = ImageParams(width=32, height=24)
 

@@ -9,10 +9,10 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from pipeline.cli import cli
-from pipeline.commands import import_scene
-from scenes.errors import ParameterError
-from scenes.registry import SOURCES
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.commands import import_scene
+from pbrnet.scenes.errors import ParameterError
+from pbrnet.scenes.registry import SOURCES
 
 
 def run(*arguments: object) -> Result:

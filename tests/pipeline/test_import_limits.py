@@ -12,20 +12,20 @@ from pathlib import Path
 import psutil
 import pytest
 
-from pipeline.params import FarmParams, Params
-from pipeline.stages.runner import StageError
-from pipeline.stages.scenes import run_scenes
-from scenes.import_options import ImportEntry
-from scenes.params import SceneParams
+from pbrnet.pipeline.params import FarmParams, Params
+from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.scenes.import_options import ImportEntry
+from pbrnet.scenes.params import SceneParams
 from tests.fixtures.rooms import shell, write_obj
 
-IMPORT = (sys.executable, "-m", "pipeline.cli", "import")
+IMPORT = (sys.executable, "-m", "pbrnet.pipeline.cli", "import")
 
 # Each case runs in a fresh process, as a process with threads is not forked. That of the command
 # has NumPy, whose OpenBLAS has threads where there are several processors.
 WORK = """
 import os, tempfile, time
-from scenes.errors import InputError
+from pbrnet.scenes.errors import InputError
 
 def spin():
     while True: pass
@@ -51,7 +51,7 @@ CASES = """
 import os, sys, threading, time
 import numpy
 import work
-from pipeline.limits import Limits, run_limited
+from pbrnet.pipeline.limits import Limits, run_limited
 
 if sys.argv[1] == "with threads":
     threading.Thread(target=threading.Event().wait, daemon=True).start()

@@ -19,9 +19,9 @@ from click.testing import CliRunner
 from PIL import Image
 from safetensors.numpy import save_file
 
-from pipeline.commands.data import inspect
-from pipeline.dataset.pack import pack_dataset
-from pipeline.images import (
+from pbrnet.pipeline.commands.data import inspect
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.images import (
     NOTHING,
     contact_sheet,
     depth_picture,
@@ -29,12 +29,12 @@ from pipeline.images import (
     normal_picture,
     png_bytes,
 )
-from pipeline.inspection.describe import inspect_path
-from pipeline.inspection.dollhouse import draw_dollhouse, quick_renders
-from pipeline.inspection.sizes import scene_sizes, triangles_of
-from scenes.contract import load_scene
-from scenes.errors import InputError
-from scenes.registry import import_scene
+from pbrnet.pipeline.inspection.describe import inspect_path
+from pbrnet.pipeline.inspection.dollhouse import draw_dollhouse, quick_renders
+from pbrnet.pipeline.inspection.sizes import scene_sizes, triangles_of
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import sweethome as draw
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.paths import ROOT

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.cli import main
-from scenes.checked import check_name
-from scenes.contract import load_scene, save_scene
-from scenes.errors import InputError
-from scenes.formats.scene_xml import check_scene_xml
+from pbrnet.pipeline.cli import main
+from pbrnet.scenes.checked import check_name
+from pbrnet.scenes.contract import load_scene, save_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.scene_xml import check_scene_xml
 from tests.fixtures.dataset import box_scene
 
 NAMES = ("../../x", "/tmp/x", "a/b", "a\\b", "a\0b", "x" * 300, "CON", "nul.exr", "", ".", "..",

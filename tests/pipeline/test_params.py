@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.params import Params, load_params
-from scenes.checked import build, plain
-from scenes.errors import ParameterError
+from pbrnet.pipeline.params import Params, load_params
+from pbrnet.scenes.checked import build, plain
+from pbrnet.scenes.errors import ParameterError
 from tests.fixtures.paths import ROOT
 
 PRESETS = sorted((ROOT / "params").glob("*.yaml"))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.photograph import (
+from pbrnet.pipeline.photograph import (
     GREY,
     WHITE_STOPS,
     PhotoSettings,
@@ -18,8 +18,8 @@ from pipeline.photograph import (
     sharpened,
     varied_photograph,
 )
-from scenes.color import decode_srgb, encode_srgb, luminance
-from scenes.photometry import LUMEN, blackbody
+from pbrnet.scenes.color import decode_srgb, encode_srgb, luminance
+from pbrnet.scenes.photometry import LUMEN, blackbody
 
 
 def room(average: float, seed: int = 0) -> np.ndarray:

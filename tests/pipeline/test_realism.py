@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from pipeline.commands.data import inspect
-from pipeline.inspection.realism import (
+from pbrnet.pipeline.commands.data import inspect
+from pbrnet.pipeline.inspection.realism import (
     FIGURES,
     class_pixels,
     counts,
@@ -17,7 +17,7 @@ from pipeline.inspection.realism import (
     repeats,
     spectrum_slope,
 )
-from scenes.contract import Room, Scene, SceneObject
+from pbrnet.scenes.contract import Room, Scene, SceneObject
 
 BOX = ((0.0, 0.0, 0.0), (0.3, 0.3, 0.3))
 

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from pipeline.cli import cli
-from pipeline.commands import run
-from pipeline.stages.runner import StageError
-from scenes.errors import MachineError
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.commands import run
+from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.scenes.errors import MachineError
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
-from scenes.color import decode_srgb, luminance
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from pbrnet.scenes.color import decode_srgb, luminance
 
 TONE = ToneParams()
 

@@ -13,12 +13,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.costs.ledger import Ledger, ledger_path, read_ledger
-from pipeline.dataset.parquet import check_types, image_cell, image_type, images_of
-from pipeline.frames import check_frame, read_frame, read_meta, view_of
-from pipeline.params import load_params
-from pipeline.views import load_cameras
-from scenes.errors import InputError, ParameterError
+from pbrnet.pipeline.costs.ledger import Ledger, ledger_path, read_ledger
+from pbrnet.pipeline.dataset.parquet import check_types, image_cell, image_type, images_of
+from pbrnet.pipeline.frames import check_frame, read_frame, read_meta, view_of
+from pbrnet.pipeline.params import load_params
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.errors import InputError, ParameterError
 from tests.fixtures.dataset import add_scene, small_params
 
 

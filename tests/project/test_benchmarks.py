@@ -39,14 +39,14 @@ from benchmarks.shards import (
 from benchmarks.strategies import _BOTH, _SHOWN, Tried, _gain, summary
 from benchmarks.submissions import submissions
 from benchmarks.timing import Spent, Spread, by_turns, ratio, spread
-from model.benchmark.score import METRICS, score_folder
-from model.benchmark.views import pin_views
-from model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
-from pipeline.dataset.pack import pack_dataset
-from pipeline.export.rows import DatasetRows
-from pipeline.params import LightParams, Params, SplitParams
-from scenes.contract import Light, Portal, Scene
-from scenes.errors import InputError
+from pbrnet.model.benchmark.score import METRICS, score_folder
+from pbrnet.model.benchmark.views import pin_views
+from pbrnet.model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.params import LightParams, Params, SplitParams
+from pbrnet.scenes.contract import Light, Portal, Scene
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.model import box_rows, write_shard
 from tests.fixtures.paths import ROOT

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from model.studies.registry import STUDIES
-from pipeline.imports import import_closure
+from pbrnet.model.studies.registry import STUDIES
+from pbrnet.pipeline.imports import import_closure
 from tests.fixtures.paths import ROOT
 
 STAGES = yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"]
@@ -103,10 +103,11 @@ LEFT_OUT = {
 
 def reached(entries: tuple[str, ...], left_out: tuple[str, ...]) -> set[Path]:
     """Modules that the entries import, directly or indirectly, without packages' `__init__`."""
+    code = ROOT / "pbrnet"
     closure = import_closure(
-        [ROOT / one for one in entries], ROOT, [ROOT / one for one in left_out]
+        [code / one for one in entries], ROOT, [code / one for one in left_out]
     )
-    return {path.relative_to(ROOT) for path in closure if path.name != "__init__.py"}
+    return {path.relative_to(code) for path in closure if path.name != "__init__.py"}
 
 
 def test_every_stage_has_an_entry() -> None:

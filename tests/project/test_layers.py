@@ -7,10 +7,10 @@ from graphlib import CycleError, TopologicalSorter
 
 import pytest
 
-from pipeline.imports import LAYERS, imported_files, modules
-from scenes import import_options
+from pbrnet.pipeline.imports import LAYERS, imported_files, modules
+from pbrnet.scenes import import_options
 
-SOURCES = {options.__module__.split(".")[1] for options in import_options.SOURCES} | {"procedural"}
+SOURCES = {options.__module__.split(".")[2] for options in import_options.SOURCES} | {"procedural"}
 MOST = 16  # modules and packages in a folder
 
 MODULES = modules()
@@ -43,19 +43,19 @@ def circle(package: str, edges: set[tuple[str, str]]) -> list[str]:
 def upward(edges: set[tuple[str, str]]) -> list[tuple[str, str]]:
     """Imports of a layer above one's own."""
     level = {layer: number for number, layer in enumerate(LAYERS)}
-    return sorted((a, b) for a, b in edges if level[a.split(".")[0]] < level[b.split(".")[0]])
+    return sorted((a, b) for a, b in edges if level[a.split(".")[1]] < level[b.split(".")[1]])
 
 
 def across(edges: set[tuple[str, str]]) -> list[tuple[str, str]]:
     """Imports of a scene source by another."""
-    places = [(a, b, child("scenes", a), child("scenes", b)) for a, b in edges]
+    places = [(a, b, child("pbrnet.scenes", a), child("pbrnet.scenes", b)) for a, b in edges]
     return sorted((a, b) for a, b, x, y in places if x != y and {x, y} <= SOURCES)
 
 
 def test_imports_run_one_way() -> None:
     assert len(EDGES) > 500
     assert upward(EDGES) == []
-    assert upward({("scenes.contract", "pipeline.views")})
+    assert upward({("pbrnet.scenes.contract", "pbrnet.pipeline.views")})
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -70,7 +70,7 @@ def test_the_parts_of_a_package_import_each_other_in_one_direction(package: str)
 
 def test_no_scene_source_imports_another() -> None:
     assert across(EDGES) == []
-    assert across({("scenes.models.gltf", "scenes.mitsuba.shapes")})
+    assert across({("pbrnet.scenes.models.gltf", "pbrnet.scenes.mitsuba.shapes")})
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scenes.color import (
+from pbrnet.scenes.color import (
     REC709,
     XYZ_TO_RGB,
     decode_srgb,
@@ -11,7 +11,7 @@ from scenes.color import (
     encode_srgb,
     luminance,
 )
-from scenes.geometry.directions import fibonacci_sphere, pixel_directions
+from pbrnet.scenes.geometry.directions import fibonacci_sphere, pixel_directions
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

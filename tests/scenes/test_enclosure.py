@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.render import raycast
-from pipeline.render.leaks import find_leaks
-from scenes.geometry.directions import unit
-from scenes.reconstruction.enclosure import ENCLOSURE_ID
-from scenes.reconstruction.gap_sealing import GAP_SEALING_ID
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.leaks import find_leaks
+from pbrnet.scenes.geometry.directions import unit
+from pbrnet.scenes.reconstruction.enclosure import ENCLOSURE_ID
+from pbrnet.scenes.reconstruction.gap_sealing import GAP_SEALING_ID
 from tests.fixtures.leak import (
     ROOM,
     Corner,

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from scenes import seeds
-from scenes.errors import InputError, MachineError
-from scenes.files import (
+from pbrnet.scenes import seeds
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import (
     atomic_directory,
     atomic_file,
     digest_folder,

@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenes.contract import Scene, load_scene
-from scenes.errors import InputError
-from scenes.files import digest_bytes
-from scenes.image_files import is_intact
-from scenes.registry import import_scene
+from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_bytes
+from pbrnet.scenes.image_files import is_intact
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import mitsuba_files as mitsuba
 from tests.fixtures import sweethome as draw
 from tests.fixtures.gltf import square

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenes import child_process
-from scenes.color import decode_srgb_value
-from scenes.contract import Scene
-from scenes.errors import InputError, MachineError
-from scenes.registry import import_scene
+from pbrnet.scenes import child_process
+from pbrnet.scenes.color import decode_srgb_value
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.ifc import house
 from tests.fixtures.imported import values
 

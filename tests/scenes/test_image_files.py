@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenes.image_files import FORMATS, UnreadableImage, open_image
+from pbrnet.scenes.image_files import FORMATS, UnreadableImage, open_image
 from tests.fixtures.paths import ROOT
 
 EPS = b"""%!PS-Adobe-3.0 EPSF-3.0

@@ -11,17 +11,17 @@ from typing import Any
 import pytest
 import yaml
 
-from pipeline.farm.scene_digest import scene_digest
-from pipeline.params import Params, load_params
-from pipeline.stages.runner import StageError
-from pipeline.stages.scene_jobs import scene_name
-from pipeline.stages.scenes import run_scenes
-from scenes.contract import load_scene
-from scenes.errors import ParameterError
-from scenes.importing.changes import Changes
-from scenes.mitsuba.pbrs import find_release
-from scenes.opened_files import OpenedFiles, unchanged
-from scenes.registry import import_scene
+from pbrnet.pipeline.farm.scene_digest import scene_digest
+from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.pipeline.stages.scene_jobs import scene_name
+from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import ParameterError
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.mitsuba.pbrs import find_release
+from pbrnet.scenes.opened_files import OpenedFiles, unchanged
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import mitsuba_files as mitsuba
 from tests.fixtures import sweethome as draw
 from tests.fixtures.gltf import square

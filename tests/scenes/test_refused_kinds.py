@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from scenes.errors import InputError
-from scenes.registry import REFUSED, SOURCES, import_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.registry import REFUSED, SOURCES, import_scene
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,9 @@ from shapely.errors import GEOSException
 from shapely.geometry import LineString, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from pipeline.imports import modules
-from scenes.geometry import regions
-from scenes.sweethome.building.solids import polygonal
+from pbrnet.pipeline.imports import modules
+from pbrnet.scenes.geometry import regions
+from pbrnet.scenes.sweethome.building.solids import polygonal
 
 BOWTIE = Polygon([(0, 0), (2, 2), (2, 0), (0, 2)])  # two triangles of area 1
 SPIKE = Polygon([(0, 0), (1, 0), (1, 1), (3, 1), (1, 1), (0, 1)])  # a square with a thorn
@@ -121,7 +121,7 @@ def test_what_has_no_area_is_kept_small() -> None:
 
 
 def direct_calls(source: str) -> list[int]:
-    """Lines of calls that combine polygons without `scenes.geometry.regions`."""
+    """Lines of calls that combine polygons without `pbrnet.scenes.geometry.regions`."""
     found = []
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call):
@@ -138,7 +138,7 @@ def test_polygons_are_combined_in_one_module_only() -> None:
     found = {
         name: lines
         for name, path in modules().items()
-        if name.startswith("scenes.") and name != "scenes.geometry.regions"
+        if name.startswith("pbrnet.scenes.") and name != "pbrnet.scenes.geometry.regions"
         and "shapely" in (text := path.read_text())
         and (lines := direct_calls(text))
     }  # fmt: skip

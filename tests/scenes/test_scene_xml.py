@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from scenes.errors import InputError
-from scenes.formats.scene_xml import check_scene_xml
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.scene_xml import check_scene_xml
 
 MESH = '<shape type="ply"><string name="filename" value="{}"/></shape>'
 

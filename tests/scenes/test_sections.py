@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import shapely
 
-from scenes.arrays import Float64Array
-from scenes.reconstruction.aperture_sections import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.reconstruction.aperture_sections import (
     LEAST_SEEDS,
     enclosed_air,
     merged_segments,
 )
-from scenes.reconstruction.rooms import MIN_OPENING
-from scenes.reconstruction.section_raster import cut_off_regions
+from pbrnet.scenes.reconstruction.rooms import MIN_OPENING
+from pbrnet.scenes.reconstruction.section_raster import cut_off_regions
 
 SEEDS = np.array([[0.5, 0.5], [0.4, 0.6], [0.6, 0.4]])
 

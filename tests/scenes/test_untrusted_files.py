@@ -13,17 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenes.checked import build, shown
-from scenes.contract import Credit, Room, Scene
-from scenes.errors import InputError, ParameterError
-from scenes.files import parse_json, regular_file, resolved
-from scenes.formats.archive import HomeArchive
-from scenes.formats.obj import parse_obj
-from scenes.formats.ply import read_ply
-from scenes.geometry.mesh import Mesh, creased
-from scenes.importing.sandbox import Sandbox
-from scenes.opened_files import OpenedFiles
-from scenes.registry import import_scene
+from pbrnet.scenes.checked import build, shown
+from pbrnet.scenes.contract import Credit, Room, Scene
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.files import parse_json, regular_file, resolved
+from pbrnet.scenes.formats.archive import HomeArchive
+from pbrnet.scenes.formats.obj import parse_obj
+from pbrnet.scenes.formats.ply import read_ply
+from pbrnet.scenes.geometry.mesh import Mesh, creased
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.gltf import Builder, square
 from tests.fixtures.paths import ROOT
 
@@ -139,7 +139,7 @@ def test_creases_do_not_depend_on_the_size_of_the_pieces(monkeypatch: pytest.Mon
     random = np.random.default_rng(3)
     mesh = Mesh(random.random((40, 3)), random.integers(0, 40, (300, 3)))
     whole = creased(mesh, 60)
-    monkeypatch.setattr("scenes.geometry.mesh._PAIRS", 50)
+    monkeypatch.setattr("pbrnet.scenes.geometry.mesh._PAIRS", 50)
     assert np.array_equal(creased(mesh, 60).normals, whole.normals)  # type: ignore[arg-type]
 
 

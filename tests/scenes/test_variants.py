@@ -11,21 +11,21 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from pipeline.cli import cli
-from pipeline.params import load_params
-from pipeline.render.scene import set_variant
-from pipeline.stages.scenes import run_scenes
-from scenes.color import REC709
-from scenes.contract import Scene, load_scene
-from scenes.files import digest_folder
-from scenes.formats.ply import read_ply
-from scenes.geometry.mesh import Mesh, face_areas
-from scenes.params import SceneParams
-from scenes.photometry import blackbody
-from scenes.procedural.textures.families import has_surface
-from scenes.registry import import_scene
-from scenes.variants.refinish import with_metric_uvs
-from scenes.variants.vary import vary_scene
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.params import load_params
+from pbrnet.pipeline.render.scene import set_variant
+from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.scenes.color import REC709
+from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.files import digest_folder
+from pbrnet.scenes.formats.ply import read_ply
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.photometry import blackbody
+from pbrnet.scenes.procedural.textures.families import has_surface
+from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.variants.refinish import with_metric_uvs
+from pbrnet.scenes.variants.vary import vary_scene
 from tests.fixtures import sweethome as draw
 from tests.fixtures.paths import ROOT
 

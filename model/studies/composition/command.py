@@ -7,9 +7,9 @@ from typing import Any
 
 import click
 
-from model.studies.composition.study import composition_study
-from model.studies.trials.options import run_study, trial_options
-from pipeline.params import Params
+from pbrnet.model.studies.composition.study import composition_study
+from pbrnet.model.studies.trials.options import run_study, trial_options
+from pbrnet.pipeline.params import Params
 
 
 @click.command(

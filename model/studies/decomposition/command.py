@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from model.methods import BASELINES
-from model.studies.decomposition.study import decomposition_study
-from model.studies.trials.options import run_study, trial_options
-from pipeline.params import Params
+from pbrnet.model.methods import BASELINES
+from pbrnet.model.studies.decomposition.study import decomposition_study
+from pbrnet.model.studies.trials.options import run_study, trial_options
+from pbrnet.pipeline.params import Params
 
 
 @click.command(

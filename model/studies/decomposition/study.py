@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from model.baselines.end_to_end import composition_of
-from model.networks.pbrnet import Architecture
-from model.studies.decomposition.results import LABELS
-from model.studies.trials.plan import STAGES, TrialStudy, Variant
-from pipeline.params import Params
+from pbrnet.model.baselines.end_to_end import composition_of
+from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.model.studies.decomposition.results import LABELS
+from pbrnet.model.studies.trials.plan import STAGES, TrialStudy, Variant
+from pbrnet.pipeline.params import Params
 
 
 def decomposition_study(params: Params, methods: Sequence[str] = ()) -> TrialStudy:

@@ -7,18 +7,18 @@ from typing import Any
 
 import click
 
-from model.evaluation.inference import PREDICTABLE, load_networks
-from model.evaluation.predict import find_views
-from model.options import FILE, FOLDER, found_models_option, size_option
-from model.release.pretrained import find_models
-from model.studies.flicker.results import FlickerResult
-from model.studies.flicker.study import FlickerConfig, FlickerMeasurement, measure_move
-from pipeline.commands.options import common_options
-from pipeline.images import png_bytes
-from pipeline.params import Params
-from scenes.checked import plain
-from scenes.errors import InputError
-from scenes.files import atomic_file, write_json
+from pbrnet.model.evaluation.inference import PREDICTABLE, load_networks
+from pbrnet.model.evaluation.predict import find_views
+from pbrnet.model.options import FILE, FOLDER, found_models_option, size_option
+from pbrnet.model.release.pretrained import find_models
+from pbrnet.model.studies.flicker.results import FlickerResult
+from pbrnet.model.studies.flicker.study import FlickerConfig, FlickerMeasurement, measure_move
+from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.images import png_bytes
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import atomic_file, write_json
 
 
 @click.command(

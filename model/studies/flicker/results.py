@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from model.figures.records import Records
-from model.figures.results import known_first
-from model.figures.section import Section, render_section
-from model.titles import METHOD_TITLES
-from scenes.checked import within
+from pbrnet.model.figures.records import Records
+from pbrnet.model.figures.results import known_first
+from pbrnet.model.figures.section import Section, render_section
+from pbrnet.model.titles import METHOD_TITLES
+from pbrnet.scenes.checked import within
 
 Move = Literal["dolly", "truck", "pan", "still"]
 MOVES: dict[Move, str] = {
@@ -66,7 +66,7 @@ def report_section(records: Records) -> Section | None:
     truth = result.methods.get("renderer")
     titles = {**RENDERER, **METHOD_TITLES}
     return render_section(
-        "model.studies.flicker",
+        "pbrnet.model.studies.flicker",
         "study-flicker",
         "Temporal stability",
         result=result,

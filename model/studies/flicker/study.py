@@ -18,23 +18,23 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from model.data.encoding import color_exposure
-from model.data.reader import Example
-from model.evaluation.inference import Networks
-from model.evaluation.predict import example_of, rendered_for, trace_truth
-from model.evaluation.previews import DENOISED, RADIOSITY
-from model.studies.flicker.results import MethodFlicker, Move
-from pipeline.images import Picture, contact_sheet
-from pipeline.params import Params
-from pipeline.progress import Progress
-from pipeline.render import raycast
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.tonemap import to_bytes, tonemap
-from pipeline.views import View, as_matrix
-from scenes.arrays import AnyArray
-from scenes.contract import load_scene
-from scenes.errors import InputError
-from scenes.geometry.directions import pixel_directions
+from pbrnet.model.data.encoding import color_exposure
+from pbrnet.model.data.reader import Example
+from pbrnet.model.evaluation.inference import Networks
+from pbrnet.model.evaluation.predict import example_of, rendered_for, trace_truth
+from pbrnet.model.evaluation.previews import DENOISED, RADIOSITY
+from pbrnet.model.studies.flicker.results import MethodFlicker, Move
+from pbrnet.pipeline.images import Picture, contact_sheet
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.tonemap import to_bytes, tonemap
+from pbrnet.pipeline.views import View, as_matrix
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.directions import pixel_directions
 
 SAME_DEPTH = 0.02  # relative difference up to which two depths are of the same surface
 CLEARANCE = 0.1  # minimum distance of the camera from surfaces along its path, metres

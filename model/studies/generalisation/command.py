@@ -6,17 +6,17 @@ from pathlib import Path
 
 import click
 
-from model.options import FOLDER
-from model.studies.generalisation.study import (
+from pbrnet.model.options import FOLDER
+from pbrnet.model.studies.generalisation.study import (
     TUNING_VIEWS,
     OtherSource,
     generalisation_study,
     prepare,
 )
-from model.studies.trials.options import run_or_list, trial_options
-from model.studies.trials.plan import TrialConfig
-from model.training.train import Folders
-from pipeline.params import Params
+from pbrnet.model.studies.trials.options import run_or_list, trial_options
+from pbrnet.model.studies.trials.plan import TrialConfig
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.params import Params
 
 
 @click.command(

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from model.figures.records import Records
-from model.figures.section import Section
-from model.studies.trials.results import trials_section
+from pbrnet.model.figures.records import Records
+from pbrnet.model.figures.section import Section
+from pbrnet.model.studies.trials.results import trials_section
 
 TITLE = "Another source"
 LABELS: dict[str, str] = {

@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
-from model.data.reader import Dataset, Split
-from model.studies.generalisation.results import LABELS
-from model.studies.trials.derived_splits import write_derived_split
-from model.studies.trials.plan import (
+from pbrnet.model.data.reader import Dataset, Split
+from pbrnet.model.studies.generalisation.results import LABELS
+from pbrnet.model.studies.trials.derived_splits import write_derived_split
+from pbrnet.model.studies.trials.plan import (
     STAGES,
     TrainingSource,
     Trial,
@@ -30,12 +30,12 @@ from model.studies.trials.plan import (
     scheduled,
     seed_of,
 )
-from model.training.train import Folders
-from pipeline.dataset.held_out import kept_back
-from pipeline.params import Params
-from scenes.errors import InputError
-from scenes.files import digest_bytes
-from scenes.seeds import generator
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.dataset.held_out import kept_back
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_bytes
+from pbrnet.scenes.seeds import generator
 
 TUNING_VIEWS = 128
 BEFORE, TUNED, ALONE = "before", "tuned", "alone"

@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from model.evaluation.metrics import RESAMPLES
-from model.studies.illumination.results import Agreement, Estimate
-from scenes.arrays import AnyArray
-from scenes.seeds import generator
+from pbrnet.model.evaluation.metrics import RESAMPLES
+from pbrnet.model.studies.illumination.results import Agreement, Estimate
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.seeds import generator
 
 BLOCK = 8  # pixels a side
 LEAST_CHANGE = 0.05  # smaller rendered changes have no sign

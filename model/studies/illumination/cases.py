@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.data.encoding import solid_angles
-from model.studies.illumination.lamp_position import RADIUS, left_rear_position
-from model.studies.illumination.relight import AddedLamp, LightChange, reason_impossible
-from pipeline.params import IlluminationParams
-from pipeline.passes.illumination import render_illumination
-from pipeline.render.lights import Lights
-from pipeline.render.scene import RenderScene
-from pipeline.views import View
-from scenes.arrays import BoolArray
+from pbrnet.model.data.encoding import solid_angles
+from pbrnet.model.studies.illumination.lamp_position import RADIUS, left_rear_position
+from pbrnet.model.studies.illumination.relight import AddedLamp, LightChange, reason_impossible
+from pbrnet.pipeline.params import IlluminationParams
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.render.lights import Lights
+from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import BoolArray
 
 _VISIBLE = 0.01  # share of the panorama's light above which a source counts as visible
 _STRENGTH_DISTANCE = 2.0  # metres from the added lamp at which `strength` is defined

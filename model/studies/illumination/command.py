@@ -7,19 +7,19 @@ from typing import Any
 
 import click
 
-from model.figures.results import known_first
-from model.options import FOLDER, models_option
-from model.studies.illumination.results import (
+from pbrnet.model.figures.results import known_first
+from pbrnet.model.options import FOLDER, models_option
+from pbrnet.model.studies.illumination.results import (
     CHANGES,
     TITLES,
     Agreement,
     IlluminationResult,
     format_estimate,
 )
-from model.studies.illumination.study import IlluminationConfig, study_illumination
-from model.training.train import Folders
-from pipeline.commands.options import common_options
-from pipeline.params import Params
+from pbrnet.model.studies.illumination.study import IlluminationConfig, study_illumination
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.params import Params
 
 
 @click.command(

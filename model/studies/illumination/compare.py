@@ -1,9 +1,9 @@
 """Comparison of predicted and rendered changes of a view between two lights.
 
-The paper's networks receive light without its scale (`model.data.encoding`): doubling all light
-does not change their inputs. So they predict the distribution of light in an image, not its overall
-brightness, which is restored from the panorama, see `log_average`. Light transport has a scale, and
-`plus` and `radiosity` keep it.
+The paper's networks receive light without its scale (`pbrnet.model.data.encoding`): doubling all
+light does not change their inputs. So they predict the distribution of light in an image, not its
+overall brightness, which is restored from the panorama, see `log_average`. Light transport has a
+scale, and `plus` and `radiosity` keep it.
 """
 
 from __future__ import annotations
@@ -14,20 +14,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from model.data.direct_light import direct_shading
-from model.data.encoding import NEUTRAL, neutral_background
-from model.data.reader import Example
-from model.evaluation.inference import Networks
-from model.evaluation.predict import with_transport
-from model.evaluation.product import linear_product
-from model.studies.illumination.agreement import agreement, block_means, log_change, sums
-from model.studies.illumination.results import Change
-from pipeline.frames import Channels
-from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, exposure_of, untonemap
-from scenes.arrays import AnyArray
-from scenes.color import luminance
-from scenes.seeds import derive
+from pbrnet.model.data.direct_light import direct_shading
+from pbrnet.model.data.encoding import NEUTRAL, neutral_background
+from pbrnet.model.data.reader import Example
+from pbrnet.model.evaluation.inference import Networks
+from pbrnet.model.evaluation.predict import with_transport
+from pbrnet.model.evaluation.product import linear_product
+from pbrnet.model.studies.illumination.agreement import agreement, block_means, log_change, sums
+from pbrnet.model.studies.illumination.results import Change
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.tonemap import Exposure, exposure_of, untonemap
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.seeds import derive
 
 ROWS = 2  # of the sheet, for every kind of change
 Images = dict[str, AnyArray]  # method -> linear radiance (H, W, 3)

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import shapely
 
-from pipeline.render.scene import RenderScene, cast
-from pipeline.views import View
-from scenes.arrays import BoolArray, Float64Array
-from scenes.contract import Point3
-from scenes.geometry.directions import fibonacci_sphere
+from pbrnet.pipeline.render.scene import RenderScene, cast
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.contract import Point3
+from pbrnet.scenes.geometry.directions import fibonacci_sphere
 
 RADIUS = 0.1  # metres
 _CLEARANCE = 0.05  # free space around the lamp, metres

@@ -18,10 +18,10 @@ import defusedxml.ElementTree
 import numpy as np
 from defusedxml import DefusedXmlException
 
-from pipeline.render.scene import RenderScene, free_memory, open_scene
-from scenes.contract import Light, Point3, Scene, SceneObject, load_scene, save_scene
-from scenes.errors import InputError
-from scenes.files import copy_files
+from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene
+from pbrnet.scenes.contract import Light, Point3, Scene, SceneObject, load_scene, save_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import copy_files
 
 ADDED_LAMP_ID = "study-lamp"  # of the added object, shape and light
 # Strength properties by type of emitter; a missing property that ends in "scale" is 1.

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from model.figures.records import Records
-from model.figures.results import known_first
-from model.figures.section import Section, render_section
-from model.titles import METHOD_TITLES
-from scenes.checked import within
+from pbrnet.model.figures.records import Records
+from pbrnet.model.figures.results import known_first
+from pbrnet.model.figures.section import Section, render_section
+from pbrnet.model.titles import METHOD_TITLES
+from pbrnet.scenes.checked import within
 
 CHANGES = {
     "added": "A lamp added at the left rear",
@@ -89,7 +89,7 @@ def report_section(records: Records) -> Section | None:
     if result is None:
         return None
     return render_section(
-        "model.studies.illumination",
+        "pbrnet.model.studies.illumination",
         "study-illumination",
         "Response to changes of light",
         result=result,

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from model.studies.illumination.agreement import BLOCK
-from model.studies.illumination.compare import Comparison
-from pipeline.images import (
+from pbrnet.model.studies.illumination.agreement import BLOCK
+from pbrnet.model.studies.illumination.compare import Comparison
+from pbrnet.pipeline.images import (
     NOTHING,
     Picture,
     color_map,
@@ -17,7 +17,7 @@ from pipeline.images import (
     intensity_picture,
     tone_picture,
 )
-from scenes.arrays import AnyArray
+from pbrnet.scenes.arrays import AnyArray
 
 _WIDTH = 240  # maximum width of a picture, pixels
 _SPAN = np.log(2.0)  # change at the ends of the colour map

@@ -3,7 +3,7 @@
 The light of a test view is changed, and its panorama rendered again as by the illumination stage;
 so is its light transport, for `plus`. The networks predict the view from the new light, and the
 renderer renders the same change.
-`model.studies.illumination.compare` compares the changes of brightness of pixel blocks.
+`pbrnet.model.studies.illumination.compare` compares the changes of brightness of pixel blocks.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from model.data.reader import Example
-from model.evaluation.evaluate import open_split
-from model.evaluation.inference import PRODUCTS, Networks
-from model.methods import extras_of, trained_baselines
-from model.studies.frame_store import (
+from pbrnet.model.data.reader import Example
+from pbrnet.model.evaluation.evaluate import open_split
+from pbrnet.model.evaluation.inference import PRODUCTS, Networks
+from pbrnet.model.methods import extras_of, trained_baselines
+from pbrnet.model.studies.frame_store import (
     FrameStore,
     cameras_of,
     check_same_scene,
@@ -29,29 +29,29 @@ from model.studies.frame_store import (
     load_dataset_scene,
     with_samples,
 )
-from model.studies.illumination.agreement import BLOCK, LEAST_CHANGE
-from model.studies.illumination.cases import lamp_radiance, possible_changes
-from model.studies.illumination.compare import AgreementTally, LitView, compare
-from model.studies.illumination.relight import LightChange, open_relit
-from model.studies.illumination.results import IlluminationResult
-from model.studies.illumination.sheet import comparison_sheet
-from model.training.train import Folders
-from pipeline.channels import TINT, Kind
-from pipeline.farm.scene_digest import scene_digest
-from pipeline.frames import fingerprint, kinds_of
-from pipeline.images import png_bytes
-from pipeline.params import Params
-from pipeline.passes.denoise import denoiser_version
-from pipeline.passes.illumination import render_illumination
-from pipeline.passes.registry import PASSES, pass_seed
-from pipeline.passes.visibility import render_visibility
-from pipeline.progress import Progress
-from pipeline.render.scene import RenderScene, renderer_version, set_variant
-from pipeline.views import View
-from scenes.arrays import AnyArray
-from scenes.checked import plain
-from scenes.contract import Scene
-from scenes.files import atomic_file, sweep, write_json
+from pbrnet.model.studies.illumination.agreement import BLOCK, LEAST_CHANGE
+from pbrnet.model.studies.illumination.cases import lamp_radiance, possible_changes
+from pbrnet.model.studies.illumination.compare import AgreementTally, LitView, compare
+from pbrnet.model.studies.illumination.relight import LightChange, open_relit
+from pbrnet.model.studies.illumination.results import IlluminationResult
+from pbrnet.model.studies.illumination.sheet import comparison_sheet
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.channels import TINT, Kind
+from pbrnet.pipeline.farm.scene_digest import scene_digest
+from pbrnet.pipeline.frames import fingerprint, kinds_of
+from pbrnet.pipeline.images import png_bytes
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.denoise import denoiser_version
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.registry import PASSES, pass_seed
+from pbrnet.pipeline.passes.visibility import render_visibility
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.files import atomic_file, sweep, write_json
 
 _NO_CHANGE = LightChange()
 UNCHANGED = ""  # name of the case without a change
@@ -82,7 +82,7 @@ class LightCase:
     """A view under a changed light."""
 
     study_view: StudyView
-    name: str  # of `model.studies.illumination.results.CHANGES`
+    name: str  # of `pbrnet.model.studies.illumination.results.CHANGES`
     change: LightChange
 
 

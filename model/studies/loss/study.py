@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from model.studies.loss.results import LABELS
-from model.studies.trials.plan import STAGES, TrialStudy, Variant
+from pbrnet.model.studies.loss.results import LABELS
+from pbrnet.model.studies.trials.plan import STAGES, TrialStudy, Variant
 
 
 def loss_study() -> TrialStudy:

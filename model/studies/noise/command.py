@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from model.options import FOLDER
-from model.studies.noise.study import SAMPLES, NoisyTruthStore, noise_study
-from model.studies.trials.options import run_or_list, trial_options, views_option
-from model.studies.trials.plan import TrialConfig, plan
-from model.training.train import Folders
-from pipeline.params import Params
+from pbrnet.model.options import FOLDER
+from pbrnet.model.studies.noise.study import SAMPLES, NoisyTruthStore, noise_study
+from pbrnet.model.studies.trials.options import run_or_list, trial_options, views_option
+from pbrnet.model.studies.trials.plan import TrialConfig, plan
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.params import Params
 
 
 @click.command(

@@ -17,8 +17,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from model.data.reader import Dataset, Example
-from model.studies.frame_store import (
+from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.studies.frame_store import (
     FrameStore,
     cameras_of,
     check_same_scene,
@@ -26,18 +26,18 @@ from model.studies.frame_store import (
     opened_scene,
     with_samples,
 )
-from model.studies.noise.results import LABELS
-from model.studies.trials.derived_splits import TRUTHS, TruthImages, write_derived_split
-from model.studies.trials.plan import STAGES, TrainingSource, Trial, TrialStudy, Variant
-from pipeline.farm.scene_digest import scene_digest
-from pipeline.params import Params
-from pipeline.passes.registry import pass_seed, postprocessed, render_truths
-from pipeline.progress import Progress
-from pipeline.render.scene import set_variant
-from pipeline.views import View
-from scenes.arrays import AnyArray
-from scenes.checked import plain
-from scenes.files import digest_bytes, sweep
+from pbrnet.model.studies.noise.results import LABELS
+from pbrnet.model.studies.trials.derived_splits import TRUTHS, TruthImages, write_derived_split
+from pbrnet.model.studies.trials.plan import STAGES, TrainingSource, Trial, TrialStudy, Variant
+from pbrnet.pipeline.farm.scene_digest import scene_digest
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.registry import pass_seed, postprocessed, render_truths
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.render.scene import set_variant
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.files import digest_bytes, sweep
 
 SAMPLES = (4, 16, 64)  # per pixel, as in the paper
 CLEAN = "clean"

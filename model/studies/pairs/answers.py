@@ -17,9 +17,9 @@ from typing import Any, Literal, TypeVar
 
 from scipy.stats import binomtest
 
-from model.studies.pairs.results import ChosenRate, FoldersResult, MistakenRate, PairsResult
-from scenes.checked import build, within
-from scenes.errors import InputError
+from pbrnet.model.studies.pairs.results import ChosenRate, FoldersResult, MistakenRate, PairsResult
+from pbrnet.scenes.checked import build, within
+from pbrnet.scenes.errors import InputError
 
 T = TypeVar("T")
 R = TypeVar("R", MistakenRate, ChosenRate)

@@ -8,9 +8,9 @@ from typing import Any
 
 import click
 
-from model.evaluation.evaluate import EVALUATED_METHODS
-from model.options import FILE, models_option
-from model.studies.pairs.answers import (
+from pbrnet.model.evaluation.evaluate import EVALUATED_METHODS
+from pbrnet.model.options import FILE, models_option
+from pbrnet.model.studies.pairs.answers import (
     MAX_PAIRS,
     FolderKey,
     FolderPair,
@@ -20,8 +20,8 @@ from model.studies.pairs.answers import (
     score,
     score_folders,
 )
-from model.studies.pairs.folders import parse_folders, write_folders_page
-from model.studies.pairs.results import (
+from pbrnet.model.studies.pairs.folders import parse_folders, write_folders_page
+from pbrnet.model.studies.pairs.results import (
     ChosenRate,
     FoldersResult,
     MistakenRate,
@@ -30,18 +30,18 @@ from model.studies.pairs.results import (
     interval,
     percent,
 )
-from model.studies.pairs.study import (
+from pbrnet.model.studies.pairs.study import (
     QUESTION,
     PairsConfig,
     WrittenPage,
     key_path_of,
     write_pairs_page,
 )
-from model.training.train import Folders
-from pipeline.commands.options import common_options
-from pipeline.params import Params
-from scenes.checked import plain
-from scenes.files import write_json
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.files import write_json
 
 
 @click.command(

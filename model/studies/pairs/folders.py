@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
-from model.studies.pairs.answers import FolderKey, FolderPair, PictureFile
-from model.studies.pairs.study import (
+from pbrnet.model.studies.pairs.answers import FolderKey, FolderPair, PictureFile
+from pbrnet.model.studies.pairs.study import (
     PairPlan,
     PairsConfig,
     PlannedPair,
@@ -25,13 +25,13 @@ from model.studies.pairs.study import (
     plan_pairs,
     write_page_and_key,
 )
-from pipeline.images import Picture
-from pipeline.progress import Progress
-from scenes.checked import check_name, shown
-from scenes.errors import InputError, ParameterError
-from scenes.files import digest_bytes, resolved
-from scenes.image_files import UnreadableImage, open_image
-from scenes.seeds import generator
+from pbrnet.pipeline.images import Picture
+from pbrnet.pipeline.progress import Progress
+from pbrnet.scenes.checked import check_name, shown
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.files import digest_bytes, resolved
+from pbrnet.scenes.image_files import UnreadableImage, open_image
+from pbrnet.scenes.seeds import generator
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 SHORTEST, LONGEST = 64, 960  # pixels: least side of a picture, greatest side on the page

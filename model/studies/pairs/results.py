@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from model.figures.records import Records
-from model.figures.results import known_first
-from model.figures.section import Section, render_section
-from model.titles import METHOD_TITLES
-from scenes.checked import within
-from scenes.errors import InputError
-from scenes.files import read_json
+from pbrnet.model.figures.records import Records
+from pbrnet.model.figures.results import known_first
+from pbrnet.model.figures.section import Section, render_section
+from pbrnet.model.titles import METHOD_TITLES
+from pbrnet.scenes.checked import within
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def report_section(records: Records) -> Section | None:
             for name in known_first(result.methods, METHOD_TITLES)
         ]
     return render_section(
-        "model.studies.pairs",
+        "pbrnet.model.studies.pairs",
         "study-pairs",
         "Blind pairs",
         result=result,

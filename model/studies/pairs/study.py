@@ -18,21 +18,21 @@ from typing import Any
 import numpy as np
 import torch
 
-from model.data.reader import Dataset
-from model.evaluation.evaluate import image_of, open_split, true_color
-from model.evaluation.inference import Networks
-from model.methods import BASELINES, trained_baselines
-from model.studies.pairs.answers import FolderKey, Key, Pair, Side, read_key
-from model.training.train import Folders
-from pipeline.images import Picture, png_bytes
-from pipeline.params import Params
-from pipeline.progress import Progress
-from pipeline.templating import templates
-from pipeline.tonemap import to_bytes
-from scenes.checked import plain
-from scenes.errors import InputError, ParameterError
-from scenes.files import digest_bytes, write_json, write_text
-from scenes.seeds import generator
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.evaluation.evaluate import image_of, open_split, true_color
+from pbrnet.model.evaluation.inference import Networks
+from pbrnet.model.methods import BASELINES, trained_baselines
+from pbrnet.model.studies.pairs.answers import FolderKey, Key, Pair, Side, read_key
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.images import Picture, png_bytes
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.templating import templates
+from pbrnet.pipeline.tonemap import to_bytes
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.files import digest_bytes, write_json, write_text
+from pbrnet.scenes.seeds import generator
 
 PRACTICE_PAIRS = 2  # before the study; not scored
 QUESTION = "Which of the two looks more like a photograph?"  # about folders of pictures
@@ -276,7 +276,7 @@ def _page_pair(name: str, pictures: Sequence[bytes]) -> dict[str, Any]:
 
 
 def _render(content: dict[str, Any]) -> str:
-    template = templates("model.studies.pairs").get_template("pairs.html")
+    template = templates("pbrnet.model.studies.pairs").get_template("pairs.html")
     return template.render(
         content=content,
         question=content.get("question"),

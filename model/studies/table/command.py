@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from model.methods import BASELINES
-from model.studies.table.study import table_study
-from model.studies.trials.options import run_study, trial_options, views_option
-from pipeline.params import Params
+from pbrnet.model.methods import BASELINES
+from pbrnet.model.studies.table.study import table_study
+from pbrnet.model.studies.trials.options import run_study, trial_options, views_option
+from pbrnet.pipeline.params import Params
 
 
 @click.command(

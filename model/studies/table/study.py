@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from model.methods import METHODS
-from model.studies.table.results import LABELS
-from model.studies.trials.plan import STAGES, TrialStudy, Variant
+from pbrnet.model.methods import METHODS
+from pbrnet.model.studies.table.results import LABELS
+from pbrnet.model.studies.trials.plan import STAGES, TrialStudy, Variant
 
 
 def table_study(methods: Sequence[str]) -> TrialStudy:

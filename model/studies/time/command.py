@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
-from model.options import FOLDER, models_option, size_option
-from model.studies.time.results import CLOCKS, TimeResult, part_rows, verdicts
-from model.studies.time.study import TimeConfig, study_time
-from model.training.train import Folders
-from pipeline.commands.options import common_options
-from pipeline.params import Params
+from pbrnet.model.options import FOLDER, models_option, size_option
+from pbrnet.model.studies.time.results import CLOCKS, TimeResult, part_rows, verdicts
+from pbrnet.model.studies.time.study import TimeConfig, study_time
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.params import Params
 
 
 @click.command(

@@ -9,8 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from model.studies.time.results import CLOCKS, RENDERERS, TimeResult
-from model.titles import METHOD_TITLES
+from pbrnet.model.studies.time.results import CLOCKS, RENDERERS, TimeResult
+from pbrnet.model.titles import METHOD_TITLES
 
 _LINES = {
     "mitsuba": ("#7f7f7f", "-"),

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from model.figures.records import Records
-from model.figures.results import known_first
-from model.figures.section import Section, render_section
-from model.titles import METHOD_TITLES
-from scenes.checked import within
+from pbrnet.model.figures.records import Records
+from pbrnet.model.figures.results import known_first
+from pbrnet.model.figures.section import Section, render_section
+from pbrnet.model.titles import METHOD_TITLES
+from pbrnet.scenes.checked import within
 
 Clock = Literal["wall", "cpu"]
 CLOCKS: dict[Clock, str] = {
@@ -138,7 +138,7 @@ def report_section(records: Records) -> Section | None:
         return None
     titles = {**METHOD_TITLES, **RENDERERS}
     return render_section(
-        "model.studies.time",
+        "pbrnet.model.studies.time",
         "study-time",
         "Equal time",
         result=result,

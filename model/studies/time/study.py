@@ -30,12 +30,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from model.data.encoding import color_exposure
-from model.data.reader import Example
-from model.evaluation.evaluate import open_split, true_color
-from model.evaluation.inference import PRODUCTS, Networks
-from model.evaluation.metrics import flip_map, ssim
-from model.evaluation.predict import (
+from pbrnet.model.data.encoding import color_exposure
+from pbrnet.model.data.reader import Example
+from pbrnet.model.evaluation.evaluate import open_split, true_color
+from pbrnet.model.evaluation.inference import PRODUCTS, Networks
+from pbrnet.model.evaluation.metrics import flip_map, ssim
+from pbrnet.model.evaluation.predict import (
     Rendered,
     compute_transport,
     example_of,
@@ -46,8 +46,8 @@ from model.evaluation.predict import (
     with_noisy_samples,
     with_transport,
 )
-from model.methods import METHODS, extras_of, trained_baselines
-from model.studies.frame_store import (
+from pbrnet.model.methods import METHODS, extras_of, trained_baselines
+from pbrnet.model.studies.frame_store import (
     FrameStore,
     cameras_of,
     evenly_spread_views,
@@ -55,8 +55,8 @@ from model.studies.frame_store import (
     opened_scene,
     with_samples,
 )
-from model.studies.time.plot import time_plot
-from model.studies.time.results import (
+from pbrnet.model.studies.time.plot import time_plot
+from pbrnet.model.studies.time.results import (
     HYBRID_SAMPLES,
     TRANSPORT_SAMPLES,
     Clock,
@@ -64,27 +64,27 @@ from model.studies.time.results import (
     PartSeconds,
     TimeResult,
 )
-from model.training.train import Folders
-from pipeline.farm.scene_digest import scene_digest
-from pipeline.frames import Channels
-from pipeline.params import Params
-from pipeline.passes.denoise import denoise, denoiser_version
-from pipeline.passes.groundtruth import render_color, render_truth
-from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.preparation import sample_guides
-from pipeline.passes.registry import render_truths, traced_together
-from pipeline.passes.transport import samples_for
-from pipeline.progress import Progress
-from pipeline.render.scene import RenderScene, renderer_version, set_variant
-from pipeline.tonemap import tonemap
-from pipeline.views import View
-from scenes.arrays import AnyArray
-from scenes.checked import build, plain
-from scenes.contract import Scene
-from scenes.errors import ParameterError
-from scenes.files import atomic_file, digest_bytes, read_json, sweep, write_json
-from scenes.seeds import derive
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.farm.scene_digest import scene_digest
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.denoise import denoise, denoiser_version
+from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.preparation import sample_guides
+from pbrnet.pipeline.passes.registry import render_truths, traced_together
+from pbrnet.pipeline.passes.transport import samples_for
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
+from pbrnet.pipeline.tonemap import tonemap
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.checked import build, plain
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import ParameterError
+from pbrnet.scenes.files import atomic_file, digest_bytes, read_json, sweep, write_json
+from pbrnet.scenes.seeds import derive
 
 _REFERENCE_FACTOR = 16  # default samples of the reference, as a multiple of `max_spp`
 _MIN_REFERENCE_FACTOR = 4  # smallest multiple

@@ -16,14 +16,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from model.data.reader import IMAGES, SCALARS, Dataset, Split
-from pipeline.channels import Kind
-from pipeline.dataset.parquet import image_cell
-from pipeline.params import ToneParams
-from pipeline.radiance import HALF_MAX, RADIANCE_SCALE
-from pipeline.tonemap import exposure_of
-from scenes.arrays import AnyArray
-from scenes.files import atomic_directory, sweep, write_text
+from pbrnet.model.data.reader import IMAGES, SCALARS, Dataset, Split
+from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.dataset.parquet import image_cell
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.radiance import HALF_MAX, RADIANCE_SCALE
+from pbrnet.pipeline.tonemap import exposure_of
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.files import atomic_directory, sweep, write_text
 
 TRUTHS: tuple[Kind, ...] = ("shading", "color")
 TruthImages = dict[str, AnyArray]  # `shading` and `color`, linear (H, W, 3)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from model.studies.trials.results import TrialsRow
+from pbrnet.model.studies.trials.results import TrialsRow
 
 TIMES = 10  # factor of the extrapolation, from the largest training set
 

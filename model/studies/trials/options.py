@@ -8,13 +8,13 @@ from typing import Any
 
 import click
 
-from model.options import FOLDER
-from model.studies.trials.plan import Trial, TrialConfig, TrialStudy, plan
-from model.studies.trials.summary import run_and_summarise
-from model.studies.trials.tables import plan_lines, result_lines
-from model.training.train import Folders
-from pipeline.commands.options import common_options
-from pipeline.params import Params
+from pbrnet.model.options import FOLDER
+from pbrnet.model.studies.trials.plan import Trial, TrialConfig, TrialStudy, plan
+from pbrnet.model.studies.trials.summary import run_and_summarise
+from pbrnet.model.studies.trials.tables import plan_lines, result_lines
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.params import Params
 
 Command = Callable[..., Any]
 

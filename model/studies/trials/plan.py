@@ -14,12 +14,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from model.data.reader import Dataset
-from model.training.train import Folders
-from pipeline.params import Params, StageTrainParams
-from scenes.checked import build, plain
-from scenes.errors import ParameterError
-from scenes.seeds import derive32, generator
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.params import Params, StageTrainParams
+from pbrnet.scenes.checked import build, plain
+from pbrnet.scenes.errors import ParameterError
+from pbrnet.scenes.seeds import derive32, generator
 
 EPOCHS = 10  # at most; an epoch is a point of a learning curve
 STAGES = ("shading", "composition")  # the two networks, in the order of training

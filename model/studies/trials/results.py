@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from model.figures.charts import line_chart
-from model.figures.records import METRICS, Records
-from model.figures.section import Section, render_section
-from model.titles import METHOD_TITLES
-from scenes.checked import within
+from pbrnet.model.figures.charts import line_chart
+from pbrnet.model.figures.records import METRICS, Records
+from pbrnet.model.figures.section import Section, render_section
+from pbrnet.model.titles import METHOD_TITLES
+from pbrnet.scenes.checked import within
 
 # Every metric of these studies: label, preferred direction, digits.
 MEASURES: dict[str, tuple[str, str, int]] = {
@@ -95,7 +95,7 @@ def trials_section(
     for row in result.rows:
         groups.setdefault(row.group, []).append(row)
     return render_section(
-        "model.studies.trials",
+        "pbrnet.model.studies.trials",
         f"study-{study}",
         title,
         result=result,

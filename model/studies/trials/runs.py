@@ -15,19 +15,24 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from model.data.reader import Dataset, subset_fingerprint
-from model.evaluation.evaluate import refuse_leaks
-from model.evaluation.metrics import find_lpips
-from model.methods import METHODS, extras_of
-from model.studies.trials.plan import Trial, TrialStudy
-from model.studies.trials.scores import ViewScores, load_predictors, picture_views, score_views
-from model.training.backbone import BackboneCard
-from model.training.store import ModelCard, load_model
-from model.training.train import Folders, train_network
-from pipeline.params import Params, StageTrainParams
-from scenes.checked import build, plain
-from scenes.errors import InputError
-from scenes.files import digest_bytes, read_json, sweep, write_json
+from pbrnet.model.data.reader import Dataset, subset_fingerprint
+from pbrnet.model.evaluation.evaluate import refuse_leaks
+from pbrnet.model.evaluation.metrics import find_lpips
+from pbrnet.model.methods import METHODS, extras_of
+from pbrnet.model.studies.trials.plan import Trial, TrialStudy
+from pbrnet.model.studies.trials.scores import (
+    ViewScores,
+    load_predictors,
+    picture_views,
+    score_views,
+)
+from pbrnet.model.training.backbone import BackboneCard
+from pbrnet.model.training.store import ModelCard, load_model
+from pbrnet.model.training.train import Folders, train_network
+from pbrnet.pipeline.params import Params, StageTrainParams
+from pbrnet.scenes.checked import build, plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_bytes, read_json, sweep, write_json
 
 Log = Callable[[str], None]
 SHEET_VIEWS = 4

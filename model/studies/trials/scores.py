@@ -10,21 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from model.data.encoding import Policy, color_exposure
-from model.data.reader import Dataset, Example
-from model.evaluation.evaluate import image_of
-from model.evaluation.inference import PREDICTABLE, Networks, load_networks
-from model.evaluation.metrics import NAMES, bootstrap, find_lpips, measure
-from model.studies.trials.results import MetricEstimate
-from model.studies.trials.specular import measure_apart, specular_mask
-from model.studies.trials.texture import detail, grid
-from model.training.store import ModelCard
-from pipeline.images import Picture, contact_sheet, enlarge, png_bytes, read_picture
-from pipeline.progress import Progress
-from pipeline.tonemap import to_bytes, tonemap
-from scenes.arrays import AnyArray
-from scenes.files import atomic_directory
-from scenes.seeds import derive
+from pbrnet.model.data.encoding import Policy, color_exposure
+from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.evaluation.evaluate import image_of
+from pbrnet.model.evaluation.inference import PREDICTABLE, Networks, load_networks
+from pbrnet.model.evaluation.metrics import NAMES, bootstrap, find_lpips, measure
+from pbrnet.model.studies.trials.results import MetricEstimate
+from pbrnet.model.studies.trials.specular import measure_apart, specular_mask
+from pbrnet.model.studies.trials.texture import detail, grid
+from pbrnet.model.training.store import ModelCard
+from pbrnet.pipeline.images import Picture, contact_sheet, enlarge, png_bytes, read_picture
+from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.tonemap import to_bytes, tonemap
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.files import atomic_directory
+from pbrnet.scenes.seeds import derive
 
 MEASURED = (*NAMES, "detail", "grid")
 SHEET_WIDTH = 320  # approximate width of a picture on the sheet, pixels

@@ -23,11 +23,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter, median_filter
 
-from model.data.direct_light import panorama_lookup, pixel_rays
-from model.data.reader import Example
-from model.evaluation.metrics import flip_map, psnr
-from scenes.arrays import AnyArray, BoolArray
-from scenes.color import luminance
+from pbrnet.model.data.direct_light import panorama_lookup, pixel_rays
+from pbrnet.model.data.reader import Example
+from pbrnet.model.evaluation.metrics import flip_map, psnr
+from pbrnet.scenes.arrays import AnyArray, BoolArray
+from pbrnet.scenes.color import luminance
 
 LIMIT = 0.4  # of the natural logarithm
 FLOOR = 0.03  # of the log-average shading, added to both sides of the ratio

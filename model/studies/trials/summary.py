@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean
 
-from model.data.reader import Dataset
-from model.studies.trials.learning_curve import extrapolations
-from model.studies.trials.plan import Trial, TrialStudy
-from model.studies.trials.results import TrialsResult, TrialsRow
-from model.studies.trials.runs import SHEET_VIEWS, Log, TrialRecord, folder_of, run
-from model.studies.trials.scores import ViewScores, figures, picture_views, sheet
-from model.training.train import Folders
-from pipeline.params import Params
-from scenes.checked import plain
-from scenes.files import atomic_file, read_json, write_json
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.studies.trials.learning_curve import extrapolations
+from pbrnet.model.studies.trials.plan import Trial, TrialStudy
+from pbrnet.model.studies.trials.results import TrialsResult, TrialsRow
+from pbrnet.model.studies.trials.runs import SHEET_VIEWS, Log, TrialRecord, folder_of, run
+from pbrnet.model.studies.trials.scores import ViewScores, figures, picture_views, sheet
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.files import atomic_file, read_json, write_json
 
 UNTRAINED = ("truth", "ceiling", "denoised")  # methods without a network
 

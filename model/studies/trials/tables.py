@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from model.studies.trials.plan import Trial, TrialStudy
-from model.studies.trials.results import LABELS, MEASURES, MetricEstimate, TrialsResult
-from model.studies.trials.runs import expected_seconds, states
-from model.training.train import Folders
+from pbrnet.model.studies.trials.plan import Trial, TrialStudy
+from pbrnet.model.studies.trials.results import LABELS, MEASURES, MetricEstimate, TrialsResult
+from pbrnet.model.studies.trials.runs import expected_seconds, states
+from pbrnet.model.training.train import Folders
 
 
 def plan_lines(study: TrialStudy, trials: Sequence[Trial], folders: Folders) -> list[str]:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal.windows import hann
 
-from scenes.arrays import AnyArray
+from pbrnet.scenes.arrays import AnyArray
 
 TILE = 32
 PERIOD = 8  # pixels; includes patterns of period 2 and 4

@@ -13,13 +13,13 @@ from typing import Any
 
 import yaml
 
-from pipeline.dataset.checks import REASONS
-from pipeline.dataset.columns import NAMES, PREVIEW, Column
-from pipeline.dataset.description.citation import NAME, VERSION, bibtex
-from pipeline.dataset.description.facts import DatasetFacts, percent
-from pipeline.params import Params
-from pipeline.templating import templates
-from scenes.contract import Credit, Scene
+from pbrnet.pipeline.dataset.checks import REASONS
+from pbrnet.pipeline.dataset.columns import NAMES, PREVIEW, Column
+from pbrnet.pipeline.dataset.description.citation import NAME, VERSION, bibtex
+from pbrnet.pipeline.dataset.description.facts import DatasetFacts, percent
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.templating import templates
+from pbrnet.scenes.contract import Credit, Scene
 
 # SPDX identifiers that the Hugging Face hub knows under its own, lower-case names.
 HUB_LICENCES = ("CC0-1.0", "CC-BY-3.0", "CC-BY-4.0", "CC-BY-SA-4.0", "MIT", "Apache-2.0")
@@ -70,7 +70,7 @@ def dataset_card(
     sources = Counter(str(scene.source.get("kind", "unknown")) for scene in scenes)
     # The split that everyone wants first.
     example = min(summary.files, key=lambda name: (not name.startswith("train"), name))
-    environment = templates("pipeline.dataset.description", markup=False)
+    environment = templates("pbrnet.pipeline.dataset.description", markup=False)
     environment.filters["cell"] = _table_cell
     return environment.get_template("dataset_card.md").render(
         front_matter=_front_matter(summary, licences),

@@ -12,8 +12,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from pipeline.dataset.columns import NAMES, PREVIEW, Column
-from pipeline.dataset.description.citation import (
+from pbrnet.pipeline.dataset.columns import NAMES, PREVIEW, Column
+from pbrnet.pipeline.dataset.description.citation import (
     AUTHORS,
     KEYWORDS,
     NAME,
@@ -22,10 +22,10 @@ from pipeline.dataset.description.citation import (
     VERSION,
     bibtex,
 )
-from pipeline.dataset.description.facts import DatasetFacts
-from pipeline.params import Params
-from scenes.contract import Scene
-from scenes.files import digest_file, write_json
+from pbrnet.pipeline.dataset.description.facts import DatasetFacts
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.files import digest_file, write_json
 
 
 def write_croissant(

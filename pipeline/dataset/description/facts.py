@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.color import luminance
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.color import luminance
 
 NEAR = (0.05, 0.1, 0.25)  # relative differences that the card tells shares of
 _MATT = 0.7  # least roughness of a matt surface without metal

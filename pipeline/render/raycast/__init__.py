@@ -18,10 +18,10 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from pipeline.render.raycast import scalar, wavefront
-from pipeline.render.scene_geometry import Hits, SceneGeometry, TextureSlot
-from scenes.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int32Array
-from scenes.geometry.directions import unit
+from pbrnet.pipeline.render.raycast import scalar, wavefront
+from pbrnet.pipeline.render.scene_geometry import Hits, SceneGeometry, TextureSlot
+from pbrnet.scenes.arrays import AnyArray, BoolArray, Float32Array, Float64Array, Int32Array
+from pbrnet.scenes.geometry.directions import unit
 
 CHUNK = 1 << 21  # rays in flight; bounds memory
 

@@ -1,6 +1,7 @@
 """Ray casting for the scalar variant: a Python loop over the rays.
 
-The same functions as `pipeline.render.raycast.wavefront`; `pipeline.render.raycast` documents them.
+The same functions as `pbrnet.pipeline.render.raycast.wavefront`; `pbrnet.pipeline.render.raycast`
+documents them.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.raycast.triangles import (
+from pbrnet.pipeline.render.raycast.triangles import (
     ASIDE,
     Triangles,
     comes_near,
@@ -19,15 +20,15 @@ from pipeline.render.raycast.triangles import (
     partners_of,
     triangles_of,
 )
-from pipeline.render.scene_geometry import (
+from pbrnet.pipeline.render.scene_geometry import (
     MAX_LAYERS,
     MAX_SURFACES,
     Hits,
     SceneGeometry,
     TextureSlot,
 )
-from scenes.arrays import AnyArray
-from scenes.geometry.directions import turned
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.geometry.directions import turned
 
 
 def nearest(

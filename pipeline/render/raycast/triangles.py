@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from scenes.arrays import BoolArray, Float32Array, Float64Array, Int64Array
+from pbrnet.scenes.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 
 Vector = Any  # x, y, z: a sequence of numbers, or of arrays
 _COPLANAR = 1e-5  # metres between two faces that are in one plane

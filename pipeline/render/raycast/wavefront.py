@@ -1,6 +1,7 @@
 """Ray casting for the wavefront variants: one Dr.Jit kernel for all rays.
 
-The same functions as `pipeline.render.raycast.scalar`; `pipeline.render.raycast` documents them.
+The same functions as `pbrnet.pipeline.render.raycast.scalar`; `pbrnet.pipeline.render.raycast`
+documents them.
 """
 
 from __future__ import annotations
@@ -15,8 +16,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pipeline.render.drjit_arrays import column, registry_id, registry_table, to_numpy, vector
-from pipeline.render.raycast.triangles import (
+from pbrnet.pipeline.render.drjit_arrays import (
+    column,
+    registry_id,
+    registry_table,
+    to_numpy,
+    vector,
+)
+from pbrnet.pipeline.render.raycast.triangles import (
     ASIDE,
     Triangles,
     comes_near,
@@ -25,14 +32,14 @@ from pipeline.render.raycast.triangles import (
     partners_of,
     triangles_of,
 )
-from pipeline.render.scene_geometry import (
+from pbrnet.pipeline.render.scene_geometry import (
     MAX_LAYERS,
     MAX_SURFACES,
     Hits,
     SceneGeometry,
     TextureSlot,
 )
-from scenes.arrays import AnyArray
+from pbrnet.scenes.arrays import AnyArray
 
 _HIT_FIELDS = len(fields(Hits))
 _MAX_RECORDINGS, _NEVER = 8, 1 << 30  # numbers of rays; Dr.Jit would warn of many

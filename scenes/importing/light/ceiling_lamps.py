@@ -15,17 +15,17 @@ import numpy as np
 import shapely
 from shapely.geometry import Point, Polygon
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.color import REC709, Color, decode_srgb_value
-from scenes.contract import SceneObject
-from scenes.geometry.directions import fibonacci_sphere
-from scenes.geometry.mesh import Mesh
-from scenes.geometry.regions import buffered, deepest_point
-from scenes.importing.shape import Shape, Surface, as_triple, make_object
-from scenes.importing.xml_elements import plugin
-from scenes.photometry import LUMEN
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.color import REC709, Color, decode_srgb_value
+from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.geometry.directions import fibonacci_sphere
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.geometry.regions import buffered, deepest_point
+from pbrnet.scenes.importing.shape import Shape, Surface, as_triple, make_object
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
 
 LUMENS_PER_AREA = 150.0  # of a ceiling lamp, per square metre of floor
 _LEAST_LUMENS, _MOST_LUMENS = 1000.0, 6000.0

@@ -6,11 +6,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.contract import SceneObject
-from scenes.geometry.mesh import Mesh
-from scenes.importing.shape import Emitter, Shape, Surface, make_object
-from scenes.importing.xml_elements import plugin
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.importing.shape import Emitter, Shape, Surface, make_object
+from pbrnet.scenes.importing.xml_elements import plugin
 
 GROUND_ID = "outside_ground"
 _HALF_SIZE = 2500.0  # metres of ground to each side

@@ -13,16 +13,16 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.contract import Light, Portal
-from scenes.geometry.directions import fibonacci_sphere
-from scenes.geometry.mesh import face_areas
-from scenes.importing.light.plan import OUTDOORS
-from scenes.importing.panes import solid_corners
-from scenes.importing.shape import Emitter, Shape
-from scenes.reconstruction.connections import ARCHWAY, DOOR, connected_rooms
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundRoom, has_view_outside
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import Light, Portal
+from pbrnet.scenes.geometry.directions import fibonacci_sphere
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.importing.light.plan import OUTDOORS
+from pbrnet.scenes.importing.panes import solid_corners
+from pbrnet.scenes.importing.shape import Emitter, Shape
+from pbrnet.scenes.reconstruction.connections import ARCHWAY, DOOR, connected_rooms
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundRoom, has_view_outside
 
 _LAMP_POINTS = 4  # of an area light, on each side
 _LAMP_OFFSET = 0.01  # metres from its surface

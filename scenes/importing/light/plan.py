@@ -16,18 +16,18 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import REC709
-from scenes.contract import Room, Scene, SceneObject
-from scenes.errors import InputError
-from scenes.geometry.mesh import face_areas
-from scenes.importing.changes import Changes
-from scenes.importing.light.daylight import daylight
-from scenes.importing.materials.textures import read_radiance
-from scenes.importing.shape import Emitter, Shape
-from scenes.photometry import LUMEN
-from scenes.reconstruction.rooms import FoundRoom
-from scenes.source_options import FreeAxesOptions
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import REC709
+from pbrnet.scenes.contract import Room, Scene, SceneObject
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.light.daylight import daylight
+from pbrnet.scenes.importing.materials.textures import read_radiance
+from pbrnet.scenes.importing.shape import Emitter, Shape
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.source_options import FreeAxesOptions
 
 LEAST_LIT = 30.0  # lumens per square metre of floor
 OUTDOORS = ("sun", "sky", "environment", "directional")  # kinds of light that come from outside

@@ -12,15 +12,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.errors import InputError
-from scenes.formats.mtl import MAX_MTL, Mtl, MtlMap, read_mtl
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore, UnreadableImage
-from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import Surface
-from scenes.importing.xml_elements import plugin
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.mtl import MAX_MTL, Mtl, MtlMap, read_mtl
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.importing.shape import Surface
+from pbrnet.scenes.importing.xml_elements import plugin
 
 _MAX_GLASS_OPACITY = 0.6  # up to which a material without opacity map is read as glass
 _REFRACTIVE_MODELS = (4, 6, 7, 9)  # `illum` values that refract

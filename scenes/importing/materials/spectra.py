@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import XYZ_TO_RGB
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import XYZ_TO_RGB
 
 _GRID = np.arange(380.0, 781.0, 2.0)  # wavelengths, nm
 

@@ -11,11 +11,11 @@ import numpy as np
 import OpenEXR
 from PIL import Image
 
-from scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
-from scenes.color import decode_srgb, encode_srgb
-from scenes.errors import InputError
-from scenes.image_files import MAX_PIXELS, UnreadableImage, is_intact, open_image
-from scenes.importing.changes import Changes
+from pbrnet.scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
+from pbrnet.scenes.color import decode_srgb, encode_srgb
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.image_files import MAX_PIXELS, UnreadableImage, is_intact, open_image
+from pbrnet.scenes.importing.changes import Changes
 
 _COPIED = {"JPEG": (".jpg", ("RGB", "L")), "PNG": (".png", ("RGB", "L", "RGBA", "LA"))}
 _MIN_SIDE = 2  # pixels of a texture that Mitsuba takes

@@ -14,20 +14,20 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from scenes.child_process import run_program
-from scenes.errors import InputError, MachineError
-from scenes.files import read_json
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore
-from scenes.importing.sandbox import Sandbox
-from scenes.models.gltf.container import open_asset
-from scenes.models.gltf.images import Images
-from scenes.models.gltf.reader import read_gltf
-from scenes.models.model import Model
-from scenes.opened_files import OpenedFiles
+from pbrnet.scenes.child_process import run_program
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import read_json
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.models.gltf.container import open_asset
+from pbrnet.scenes.models.gltf.images import Images
+from pbrnet.scenes.models.gltf.reader import read_gltf
+from pbrnet.scenes.models.model import Model
+from pbrnet.scenes.opened_files import OpenedFiles
 
 if TYPE_CHECKING:  # Blender's code: what an import gives depends on it, but it is loaded there
-    from scenes.models.blender import export as _export  # noqa: F401
+    from pbrnet.scenes.models.blender import export as _export  # noqa: F401
 
 VARIABLE = "PBRNET_BLENDER"
 _SCRIPT = Path(__file__).with_name("export.py")

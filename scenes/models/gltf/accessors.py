@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from scenes.arrays import AnyArray, Float64Array, Int64Array
-from scenes.errors import InputError
-from scenes.models.gltf.compression import DracoMesh, decode_draco
-from scenes.models.gltf.container import Asset, extensions, whole
+from pbrnet.scenes.arrays import AnyArray, Float64Array, Int64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.models.gltf.compression import DracoMesh, decode_draco
+from pbrnet.scenes.models.gltf.container import Asset, extensions, whole
 
 MAX_COUNT = 60_000_000  # elements of an accessor
 _COMPONENTS: dict[Any, np.dtype[Any]] = {

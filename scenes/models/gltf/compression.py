@@ -12,8 +12,8 @@ import DracoPy
 import meshopt
 import numpy as np
 
-from scenes.arrays import AnyArray, Int64Array
-from scenes.errors import InputError
+from pbrnet.scenes.arrays import AnyArray, Int64Array
+from pbrnet.scenes.errors import InputError
 
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")

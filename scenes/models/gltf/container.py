@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from scenes.checked import shown
-from scenes.errors import InputError
-from scenes.files import parse_json
-from scenes.importing.sandbox import Sandbox
-from scenes.models.gltf.compression import decode_meshopt
+from pbrnet.scenes.checked import shown
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import parse_json
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.models.gltf.compression import decode_meshopt
 
 MAX_BYTES = 512 * 2**20  # of a file, and of all buffers together
 MAX_JSON = 64 * 2**20  # bytes

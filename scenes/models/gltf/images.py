@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.errors import InputError
-from scenes.importing.changes import Changes
-from scenes.models.gltf.container import Asset, extensions, number, numbers, whole
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.models.gltf.container import Asset, extensions, number, numbers, whole
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728

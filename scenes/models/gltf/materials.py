@@ -13,15 +13,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore, UnreadableImage
-from scenes.importing.shape import Surface
-from scenes.importing.xml_elements import plugin, prop
-from scenes.models.gltf.container import UNDERSTOOD, Asset, extensions, number, numbers
-from scenes.models.gltf.images import Images, ImageTexture
-from scenes.models.model import Emission
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
+from pbrnet.scenes.importing.shape import Surface
+from pbrnet.scenes.importing.xml_elements import plugin, prop
+from pbrnet.scenes.models.gltf.container import UNDERSTOOD, Asset, extensions, number, numbers
+from pbrnet.scenes.models.gltf.images import Images, ImageTexture
+from pbrnet.scenes.models.model import Emission
 
 CLEAR_ROUGHNESS = 0.1  # up to which glass counts as clear
 _WHITE: Color = (1.0, 1.0, 1.0)

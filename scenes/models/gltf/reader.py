@@ -14,18 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.color import Color
-from scenes.errors import InputError
-from scenes.geometry.mesh import Mesh, cleaned
-from scenes.importing.assembly import Camera
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore
-from scenes.importing.names import Names
-from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
-from scenes.models.gltf.accessors import Primitive, read_floats
-from scenes.models.gltf.container import (
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import Mesh, cleaned
+from pbrnet.scenes.importing.assembly import Camera
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.names import Names
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
+from pbrnet.scenes.models.gltf.accessors import Primitive, read_floats
+from pbrnet.scenes.models.gltf.container import (
     Asset,
     extensions,
     number,
@@ -34,9 +34,9 @@ from scenes.models.gltf.container import (
     open_asset,
     whole,
 )
-from scenes.models.gltf.images import Images
-from scenes.models.gltf.materials import GltfMaterials
-from scenes.models.model import Model, PunctualLight
+from pbrnet.scenes.models.gltf.images import Images
+from pbrnet.scenes.models.gltf.materials import GltfMaterials
+from pbrnet.scenes.models.model import Model, PunctualLight
 
 MAX_DEPTH = 256  # of nested nodes
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6

@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 from pxr import Tf, Usd, UsdGeom, UsdShade
 
-from scenes.arrays import Float64Array
-from scenes.errors import InputError
-from scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES
-from scenes.models.usd.geometry import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES
+from pbrnet.scenes.models.usd.geometry import (
     UNREAD,
     Geometry,
     implicit_geometry,
     mesh_geometry,
     subset_faces,
 )
-from scenes.models.usd.layers import Layers, reason
-from scenes.models.usd.lights import KINDS, OUTDOORS, light_data
-from scenes.models.usd.shading import material_data
+from pbrnet.scenes.models.usd.layers import Layers, reason
+from pbrnet.scenes.models.usd.lights import KINDS, OUTDOORS, light_data
+from pbrnet.scenes.models.usd.shading import material_data
 
 _DEPTH = 8  # of point instancers in each other
 _MOST_INSTANCES = 20_000  # of all point instancers, those of instances included

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from pxr import UsdGeom
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.errors import InputError
-from scenes.formats.model_parts import triangulated
-from scenes.geometry.mesh import Mesh, creased, face_areas
-from scenes.geometry.primitives import cube, rectangle
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.model_parts import triangulated
+from pbrnet.scenes.geometry.mesh import Mesh, creased, face_areas
+from pbrnet.scenes.geometry.primitives import cube, rectangle
 
 UNREAD = ("BasisCurves", "NurbsCurves", "HermiteCurves", "Points", "NurbsPatch", "TetMesh",
           "Volume")  # fmt: skip

@@ -12,7 +12,7 @@ from typing import Any
 
 from pxr import Ar, Sdf, Tf, Usd
 
-from scenes.errors import InputError
+from pbrnet.scenes.errors import InputError
 
 _MOST_LAYERS = 20_000
 _QUOTED = re.compile(r" : '(.*?)'\s*(?:\n\tError|$)", re.DOTALL)

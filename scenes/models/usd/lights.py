@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from pxr import UsdLux
 
-from scenes.arrays import Float64Array
-from scenes.geometry.primitives import sphere
-from scenes.models.usd.geometry import revolved
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.primitives import sphere
+from pbrnet.scenes.models.usd.geometry import revolved
 
 OUTDOORS = ("DomeLight", "DomeLight_1")
 KINDS = ("SphereLight", "RectLight", "DiskLight", "CylinderLight", "DistantLight", *OUTDOORS)

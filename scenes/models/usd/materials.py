@@ -14,13 +14,13 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore, UnreadableImage
-from scenes.importing.shape import Surface
-from scenes.importing.xml_elements import plugin, prop
-from scenes.models.model import Emission
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
+from pbrnet.scenes.importing.shape import Surface
+from pbrnet.scenes.importing.xml_elements import plugin, prop
+from pbrnet.scenes.models.model import Emission
 
 GREY: Color = (0.18, 0.18, 0.18)  # the default of UsdPreviewSurface
 _MAX_GLASS_OPACITY = 0.6  # up to which a material without opacity map is read as clear glass

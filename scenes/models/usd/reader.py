@@ -13,25 +13,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.child_process import require_extra, run_child
-from scenes.color import Color
-from scenes.errors import InputError
-from scenes.formats.archive import HomeArchive
-from scenes.geometry.mesh import Mesh, cleaned, smooth_normals
-from scenes.importing.assembly import Camera
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore
-from scenes.importing.names import Names
-from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import Shape, Surface
-from scenes.importing.xml_elements import plugin
-from scenes.models.model import Emission, Model, PunctualLight
-from scenes.models.usd.materials import UsdMaterials
-from scenes.opened_files import OpenedFiles
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.child_process import require_extra, run_child
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.archive import HomeArchive
+from pbrnet.scenes.geometry.mesh import Mesh, cleaned, smooth_normals
+from pbrnet.scenes.importing.assembly import Camera
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.names import Names
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.models.model import Emission, Model, PunctualLight
+from pbrnet.scenes.models.usd.materials import UsdMaterials
+from pbrnet.scenes.opened_files import OpenedFiles
 
 if TYPE_CHECKING:  # the child's code: what an import gives depends on it, but it is loaded there
-    from scenes.models.usd import export as _export  # noqa: F401
+    from pbrnet.scenes.models.usd import export as _export  # noqa: F401
 
 _SECONDS = 240  # of a processor, for OpenUSD
 _MEMORY = 8 * 2**30  # bytes of address space, for OpenUSD
@@ -55,7 +55,7 @@ def read_model(
     out.mkdir()
     arguments = (str(stage_file), str(root), str(out))
     try:
-        run_child("scenes.models.usd.export:export", arguments, path, _SECONDS, _MEMORY)
+        run_child("pbrnet.scenes.models.usd.export:export", arguments, path, _SECONDS, _MEMORY)
     except InputError as error:
         # Names inside a package are unpacked to a place that means nothing to the user.
         text = str(error).replace(f"{root}/", "") if is_package else str(error)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from scenes.assets.index import IndexEntry
-from scenes.procedural.piece import Anchor
+from pbrnet.scenes.assets.index import IndexEntry
+from pbrnet.scenes.procedural.piece import Anchor
 
 Range = tuple[float, float]
 ANY_SIZE: Range = (0.0, 1e9)

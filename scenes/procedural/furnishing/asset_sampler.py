@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.assets.index import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.assets.index import (
     INDEX,
     Asset,
     AssetIndex,
@@ -23,10 +23,15 @@ from scenes.assets.index import (
     load_asset,
     load_index,
 )
-from scenes.formats.ply import read_ply
-from scenes.params import SceneParams
-from scenes.procedural.furnishing.asset_rules import ASSET_RULES, AssetRule
-from scenes.procedural.piece import CatalogueCredit, CatalogueMaterial, FurniturePiece, PiecePart
+from pbrnet.scenes.formats.ply import read_ply
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.procedural.furnishing.asset_rules import ASSET_RULES, AssetRule
+from pbrnet.scenes.procedural.piece import (
+    CatalogueCredit,
+    CatalogueMaterial,
+    FurniturePiece,
+    PiecePart,
+)
 
 _MODELS = 3  # of one kind in a home
 _SMALL = 0.45  # metres; kinds below this size have more models

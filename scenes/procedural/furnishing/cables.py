@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furnishing.space import PlacedPiece
-from scenes.procedural.furniture.things.packages import power_cable
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
+from pbrnet.scenes.procedural.furniture.things.packages import power_cable
 
 # Kind of furniture -> chance that a cable leads from behind it, and height where it ends, metres.
 _DRIVEN: dict[str, tuple[float, float]] = {

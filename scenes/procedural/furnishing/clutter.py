@@ -6,12 +6,12 @@ fittings. Valid poses are decided by `RoomSpace`, so nothing floats, meets or bl
 
 from __future__ import annotations
 
-from scenes.procedural.furnishing.cables import run_cables
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furnishing.space import PlacedPiece
-from scenes.procedural.furniture.things import BY_PLACE
-from scenes.procedural.plan import Opening
-from scenes.procedural.scene_item import Pose
+from pbrnet.scenes.procedural.furnishing.cables import run_cables
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
+from pbrnet.scenes.procedural.furniture.things import BY_PLACE
+from pbrnet.scenes.procedural.plan import Opening
+from pbrnet.scenes.procedural.scene_item import Pose
 
 # Kind of furniture -> place, mean number of things there in a home of middling disorder.
 _ON: dict[str, tuple[str, float]] = {

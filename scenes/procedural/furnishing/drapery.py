@@ -10,12 +10,12 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import cKDTree
 
-from scenes.arrays import Float64Array
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furniture.cloth import sampled
-from scenes.procedural.furniture.drapes import Cut, over, slices
-from scenes.procedural.furniture.things.soft import garment
-from scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furniture.cloth import sampled
+from pbrnet.scenes.procedural.furniture.drapes import Cut, over, slices
+from pbrnet.scenes.procedural.furniture.things.soft import garment
+from pbrnet.scenes.procedural.piece import FurniturePiece
 
 # Garment -> outline, width and length in metres.
 _CLOTHES: dict[str, tuple[Cut, float, float]] = {

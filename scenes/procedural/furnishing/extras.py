@@ -5,9 +5,9 @@ They are placed last and by the same spatial rules, so they never displace other
 
 from __future__ import annotations
 
-from scenes.procedural.furnishing.asset_sampler import AssetSampler
-from scenes.procedural.furnishing.space import PlacedPiece, RoomSpace
-from scenes.procedural.plan import Opening
+from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
+from pbrnet.scenes.procedural.furnishing.space import PlacedPiece, RoomSpace
+from pbrnet.scenes.procedural.plan import Opening
 
 # Kind of furniture -> kinds of objects placed on it, and their greatest number.
 _ON_FURNITURE: dict[str, tuple[tuple[str, ...], int]] = {

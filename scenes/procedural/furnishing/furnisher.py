@@ -6,14 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from scenes.procedural.furnishing.asset_sampler import AssetSampler
-from scenes.procedural.furnishing.space import GAP, PlacedPiece, RoomSpace, yaw_facing
-from scenes.procedural.furniture import FURNITURE_KINDS, Style
-from scenes.procedural.furniture.decoration import SPECIES
-from scenes.procedural.furniture.things import THINGS
-from scenes.procedural.piece import FurniturePiece
-from scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
-from scenes.procedural.scene_item import Pose
+from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
+from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece, RoomSpace, yaw_facing
+from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, Style
+from pbrnet.scenes.procedural.furniture.decoration import SPECIES
+from pbrnet.scenes.procedural.furniture.things import THINGS
+from pbrnet.scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
+from pbrnet.scenes.procedural.scene_item import Pose
 
 Point = np.ndarray
 # Furniture that is left like a thing: in few rooms each.

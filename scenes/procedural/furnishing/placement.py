@@ -11,23 +11,23 @@ from collections.abc import Callable
 
 import numpy as np
 
-from scenes.procedural.furnishing.asset_sampler import AssetSampler
-from scenes.procedural.furnishing.clutter import leave_things
-from scenes.procedural.furnishing.drapery import drape_cloth
-from scenes.procedural.furnishing.extras import add_catalogue_extras
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furnishing.rooms.bathroom import furnish_bathroom
-from scenes.procedural.furnishing.rooms.bedroom import furnish_bedroom
-from scenes.procedural.furnishing.rooms.dining import furnish_dining
-from scenes.procedural.furnishing.rooms.hall import furnish_hall
-from scenes.procedural.furnishing.rooms.kitchen import furnish_kitchen
-from scenes.procedural.furnishing.rooms.living import furnish_living
-from scenes.procedural.furnishing.rooms.study import furnish_study
-from scenes.procedural.furnishing.rooms.windows import fill_sills, furnish_windows
-from scenes.procedural.furniture import Style
-from scenes.procedural.piece import FurniturePiece
-from scenes.procedural.plan import Plan
-from scenes.procedural.scene_item import Pose, SceneItem
+from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
+from pbrnet.scenes.procedural.furnishing.clutter import leave_things
+from pbrnet.scenes.procedural.furnishing.drapery import drape_cloth
+from pbrnet.scenes.procedural.furnishing.extras import add_catalogue_extras
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furnishing.rooms.bathroom import furnish_bathroom
+from pbrnet.scenes.procedural.furnishing.rooms.bedroom import furnish_bedroom
+from pbrnet.scenes.procedural.furnishing.rooms.dining import furnish_dining
+from pbrnet.scenes.procedural.furnishing.rooms.hall import furnish_hall
+from pbrnet.scenes.procedural.furnishing.rooms.kitchen import furnish_kitchen
+from pbrnet.scenes.procedural.furnishing.rooms.living import furnish_living
+from pbrnet.scenes.procedural.furnishing.rooms.study import furnish_study
+from pbrnet.scenes.procedural.furnishing.rooms.windows import fill_sills, furnish_windows
+from pbrnet.scenes.procedural.furniture import Style
+from pbrnet.scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.plan import Plan
+from pbrnet.scenes.procedural.scene_item import Pose, SceneItem
 
 _FURNISH_ROOM: dict[str, Callable[[Furnisher], None]] = {
     "living": furnish_living,

@@ -20,14 +20,14 @@ from scipy import ndimage
 from shapely.geometry import Polygon, box
 from shapely.prepared import prep
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.regions import buffered, deepest_point, largest_part
-from scenes.procedural.niches import niche_piece, niche_solids
-from scenes.procedural.piece import FurniturePiece
-from scenes.procedural.plan import Niche, Opening, Plan, PlanRoom, WallEdge
-from scenes.procedural.roof import level_part
-from scenes.procedural.scene_item import Pose, SceneItem, place_piece
-from scenes.procedural.structure import CASING, SKIRTING, leaf_footprint
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.geometry.regions import buffered, deepest_point, largest_part
+from pbrnet.scenes.procedural.niches import niche_piece, niche_solids
+from pbrnet.scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.plan import Niche, Opening, Plan, PlanRoom, WallEdge
+from pbrnet.scenes.procedural.roof import level_part
+from pbrnet.scenes.procedural.scene_item import Pose, SceneItem, place_piece
+from pbrnet.scenes.procedural.structure import CASING, SKIRTING, leaf_footprint
 
 Boxes = Float64Array  # (N, 2, 3): low and high corners
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from scenes.procedural.furniture import (
+from pbrnet.scenes.procedural.furniture import (
     bathroom,
     beds,
     decoration,
@@ -21,8 +21,8 @@ from scenes.procedural.furniture import (
     tables,
     textiles,
 )
-from scenes.procedural.furniture.style import Style, make_style
-from scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.furniture.style import Style, make_style
+from pbrnet.scenes.procedural.piece import FurniturePiece
 
 __all__ = ["FurnitureKind", "Style", "catalogue", "make_style"]
 

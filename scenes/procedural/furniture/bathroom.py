@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cabinets import add_door, add_drawer, carcass
-from scenes.procedural.furniture.cloth import plane, surface
-from scenes.procedural.furniture.drapes import dropped, hung
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.cabinets import add_door, add_drawer, carcass
+from pbrnet.scenes.procedural.furniture.cloth import plane, surface
+from pbrnet.scenes.procedural.furniture.drapes import dropped, hung
+from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
     box,
@@ -22,7 +22,7 @@ from scenes.procedural.furniture.geometry import (
     superellipse,
     tube,
 )
-from scenes.procedural.furniture.style import (
+from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
     CERAMIC,
     CHROME,
@@ -35,7 +35,7 @@ from scenes.procedural.furniture.style import (
     Style,
     hex_color,
 )
-from scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 
 
 def _tap(spout: float, height: float) -> BodyMesh:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cabinets import feet, leg_material
-from scenes.procedural.furniture.cloth import (
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.cabinets import feet, leg_material
+from pbrnet.scenes.procedural.furniture.cloth import (
     Push,
     Weave,
     block,
@@ -19,9 +19,9 @@ from scenes.procedural.furniture.cloth import (
     started,
     stuffed,
 )
-from scenes.procedural.furniture.geometry import BodyMesh, box, rounded_box, span
-from scenes.procedural.furniture.style import Style
-from scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, rounded_box, span
+from pbrnet.scenes.procedural.furniture.style import Style
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 
 
 def double_bed(

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scenes.assets.free_space import SupportSurface
-from scenes.procedural.furniture.geometry import Axis, BodyMesh, merge
-from scenes.procedural.piece import Anchor, Contained, FurniturePiece, Material, PiecePart
+from pbrnet.scenes.assets.free_space import SupportSurface
+from pbrnet.scenes.procedural.furniture.geometry import Axis, BodyMesh, merge
+from pbrnet.scenes.procedural.piece import Anchor, Contained, FurniturePiece, Material, PiecePart
 
 
 @dataclass

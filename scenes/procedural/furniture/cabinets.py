@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
     box,
@@ -18,8 +18,8 @@ from scenes.procedural.furniture.geometry import (
     span,
     tube,
 )
-from scenes.procedural.furniture.style import Style
-from scenes.procedural.piece import Material
+from pbrnet.scenes.procedural.furniture.style import Style
+from pbrnet.scenes.procedural.piece import Material
 
 BOARD = 0.018  # metres
 FRONT = 0.019

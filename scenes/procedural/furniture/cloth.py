@@ -15,9 +15,9 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import cKDTree
 
-from scenes.arrays import BoolArray, Float64Array, Int64Array
-from scenes.procedural.furniture.geometry import BodyMesh, grid, merge, rims
-from scenes.seeds import generator
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, grid, merge, rims
+from pbrnet.scenes.seeds import generator
 
 Push = Callable[[Float64Array], BoolArray]  # moves points out of a body; True where it did
 _GRAVITY = 0.0006  # metres a step squared

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from scenes.geometry.mesh import face_areas
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.drapes import hooked
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.drapes import hooked
+from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
     box,
@@ -23,8 +23,8 @@ from scenes.procedural.furniture.geometry import (
     sphere,
     tube,
 )
-from scenes.procedural.furniture.storage import add_basket, add_stack, add_vase
-from scenes.procedural.furniture.style import (
+from pbrnet.scenes.procedural.furniture.storage import add_basket, add_stack, add_vase
+from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
     CERAMIC,
     CHROME,
@@ -40,7 +40,7 @@ from scenes.procedural.furniture.style import (
     Style,
     hex_color,
 )
-from scenes.procedural.piece import FurniturePiece, Material, PiecePart
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material, PiecePart
 
 LABEL = Material("paper", hex_color("#e9e1cc"), 0.8)
 LEAVES = ("#4f7a3a", "#3c6a3a", "#5f8a4a", "#2f5a3a", "#74935a", "#4a6b3f")

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cloth import (
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.cloth import (
     LINEN,
     Push,
     Samples,
@@ -24,8 +24,8 @@ from scenes.procedural.furniture.cloth import (
     started,
     surface,
 )
-from scenes.procedural.furniture.geometry import BodyMesh
-from scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 
 Cut = Literal["sheet", "shirt", "trousers"]
 _DEEPEST = 0.0025  # metres that a cloth may reach into what it lies on

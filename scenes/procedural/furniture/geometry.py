@@ -17,8 +17,8 @@ import mapbox_earcut
 import numpy as np
 import shapely
 
-from scenes.arrays import BoolArray, Float64Array, Int64Array
-from scenes.procedural.piece import CREASE_COSINE
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.procedural.piece import CREASE_COSINE
 
 Axis = Literal["x", "y", "z"]
 AXES: dict[str, int] = {"x": 0, "y": 1, "z": 2}

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
-from scenes.params import StyleName
+from pbrnet.scenes.params import StyleName
 
 Front = Literal["flat", "framed"]
 Handle = Literal["bar", "knob", "edge"]

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cabinets import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.cabinets import (
     BOARD,
     add_door,
     add_drawer,
@@ -18,7 +18,7 @@ from scenes.procedural.furniture.cabinets import (
     left_open,
     shelf,
 )
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
     box,
@@ -34,7 +34,7 @@ from scenes.procedural.furniture.geometry import (
     superellipse,
     tube,
 )
-from scenes.procedural.furniture.style import (
+from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
     CERAMIC,
     CHROME,
@@ -45,7 +45,7 @@ from scenes.procedural.furniture.style import (
     Style,
     hex_color,
 )
-from scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 
 DEPTH = 0.6
 PLINTH = 0.1

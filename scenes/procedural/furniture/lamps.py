@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.geometry import (
     bar,
     box,
     cylinder,
@@ -17,8 +17,8 @@ from scenes.procedural.furniture.geometry import (
     superellipse,
     tube,
 )
-from scenes.procedural.furniture.style import CHROME, WHITE_PAINT, Style
-from scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.furniture.style import CHROME, WHITE_PAINT, Style
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 
 OPAL = Material("plastic", (0.86, 0.85, 0.82), 0.4)
 _DOWNWARDS = 0.5  # share of a shaded lamp's light that leaves by its diffuser

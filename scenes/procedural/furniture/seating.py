@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cabinets import feet, leg_material
-from scenes.procedural.furniture.cloth import stuffed
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.cabinets import feet, leg_material
+from pbrnet.scenes.procedural.furniture.cloth import stuffed
+from pbrnet.scenes.procedural.furniture.geometry import (
     bar,
     box,
     cylinder,
@@ -20,8 +20,8 @@ from scenes.procedural.furniture.geometry import (
     thick_sheet,
     tube,
 )
-from scenes.procedural.furniture.style import BLACK_PLASTIC, CHROME, RUBBER, Style
-from scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.furniture.style import BLACK_PLASTIC, CHROME, RUBBER, Style
+from pbrnet.scenes.procedural.piece import FurniturePiece
 
 
 def dining_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:

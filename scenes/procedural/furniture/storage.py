@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cabinets import (
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.cabinets import (
     BOARD,
     FRONT,
     add_door,
@@ -16,7 +16,7 @@ from scenes.procedural.furniture.cabinets import (
     leg_material,
     shelf,
 )
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
     box,
@@ -27,8 +27,15 @@ from scenes.procedural.furniture.geometry import (
     span,
     superellipse,
 )
-from scenes.procedural.furniture.style import CHROME, PAGES, RUBBER, WHITE_PLASTIC, WICKER, Style
-from scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.furniture.style import (
+    CHROME,
+    PAGES,
+    RUBBER,
+    WHITE_PLASTIC,
+    WICKER,
+    Style,
+)
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 
 
 def add_books(

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenes.color import Color, decode_srgb_value
-from scenes.params import STYLES, StyleName
-from scenes.procedural.furniture.interiors import INTERIORS, Front, Handle, Interior, Legs
-from scenes.procedural.piece import Material
+from pbrnet.scenes.color import Color, decode_srgb_value
+from pbrnet.scenes.params import STYLES, StyleName
+from pbrnet.scenes.procedural.furniture.interiors import INTERIORS, Front, Handle, Interior, Legs
+from pbrnet.scenes.procedural.piece import Material
 
 
 def hex_color(code: str) -> Color:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cabinets import (
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.cabinets import (
     BOARD,
     add_drawer,
     carcass,
@@ -13,9 +13,9 @@ from scenes.procedural.furniture.cabinets import (
     left_open,
     leg_material,
 )
-from scenes.procedural.furniture.cloth import block, plane
-from scenes.procedural.furniture.drapes import dropped
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.cloth import block, plane
+from pbrnet.scenes.procedural.furniture.drapes import dropped
+from pbrnet.scenes.procedural.furniture.geometry import (
     box,
     cylinder,
     lathe,
@@ -24,8 +24,8 @@ from scenes.procedural.furniture.geometry import (
     span,
     superellipse,
 )
-from scenes.procedural.furniture.style import GLASS, Style
-from scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.furniture.style import GLASS, Style
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 
 
 def dining_table(

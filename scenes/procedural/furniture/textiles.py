@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cloth import (
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.cloth import (
     Weave,
     plane,
     refined,
@@ -17,7 +17,7 @@ from scenes.procedural.furniture.cloth import (
     started,
     stuffed,
 )
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
     box,
@@ -30,9 +30,9 @@ from scenes.procedural.furniture.geometry import (
     thick_sheet,
     tube,
 )
-from scenes.procedural.furniture.style import WHITE_PAINT, Style
-from scenes.procedural.piece import FurniturePiece
-from scenes.seeds import generator
+from pbrnet.scenes.procedural.furniture.style import WHITE_PAINT, Style
+from pbrnet.scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.seeds import generator
 
 SHAPES = 6  # simulations of each size of curtain
 _BUNCHES = (0.3, 0.41, 0.55)  # metres, widths of open panels

@@ -7,13 +7,13 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.geometry.mesh import face_areas
-from scenes.procedural.furniture.geometry import BodyMesh, box, grid, prism, span
-from scenes.procedural.furniture.style import hex_color
-from scenes.procedural.piece import Material, PiecePart
-from scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, grid, prism, span
+from pbrnet.scenes.procedural.furniture.style import hex_color
+from pbrnet.scenes.procedural.piece import Material, PiecePart
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
 
 STOREY = 2.9  # metres
 Roof = Literal["gable", "flat", "hip"]
@@ -52,7 +52,8 @@ def building(
 ) -> SceneItem:
     """Return a building whose front faces -Y before it is turned, with its centre at `at` (2,).
 
-    At night some of its windows shine, see `scenes.procedural.lighting`: their parts have lumens.
+    At night some of its windows shine, see `pbrnet.scenes.procedural.lighting`: their parts have
+    lumens.
     """
     width, depth = block.width, block.depth
     high = STOREY * block.storeys + 0.4

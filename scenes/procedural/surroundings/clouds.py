@@ -6,10 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from scenes.arrays import Float64Array, Int64Array
-from scenes.procedural.furniture.geometry import BodyMesh, merge
-from scenes.procedural.piece import Material
-from scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, merge
+from pbrnet.scenes.procedural.piece import Material
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
 
 NEAREST, FARTHEST = 1500.0, 2050.0  # metres along the ground to the middle of a cloud
 LARGEST = 340.0  # metres from the middle of a cloud to its end

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.procedural.furniture.geometry import BodyMesh, box, grid, merge, tube
-from scenes.procedural.furniture.style import hex_color, scaled_color
-from scenes.procedural.piece import Material
-from scenes.procedural.scene_item import SceneItem, make_part
-from scenes.procedural.textures.fields import Spectrum, noise
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, grid, merge, tube
+from pbrnet.scenes.procedural.furniture.style import hex_color, scaled_color
+from pbrnet.scenes.procedural.piece import Material
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.procedural.textures.fields import Spectrum, noise
 
 _LEAVES = ("#3f5230", "#4c5c36", "#38492f", "#59603a", "#5f5f36")
 _BARK = "#4d4136"

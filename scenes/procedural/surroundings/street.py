@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
     box,
@@ -16,9 +16,9 @@ from scenes.procedural.furniture.geometry import (
     superellipse,
     tube,
 )
-from scenes.procedural.furniture.style import hex_color
-from scenes.procedural.piece import Material, PiecePart
-from scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.procedural.furniture.style import hex_color
+from pbrnet.scenes.procedural.piece import Material, PiecePart
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
 
 ROAD, PAVEMENT = 6.5, 2.2  # metres, widths
 _PAINTS = ("#b9bcc0", "#1d1f22", "#e4e4e2", "#3a4a63", "#6a1f22", "#55595c", "#7a8288")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.arrays import Float32Array
-from scenes.procedural.textures.fields import (
+from pbrnet.scenes.arrays import Float32Array
+from pbrnet.scenes.procedural.textures.fields import (
     BLOTCH,
     CLOUD,
     CRUMB,

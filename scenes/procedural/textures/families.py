@@ -12,12 +12,12 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from scenes.arrays import Float32Array, UInt8Array
-from scenes.procedural.piece import Material
-from scenes.procedural.textures import cloth, goods, masonry, woods
-from scenes.procedural.textures.fields import Surface
-from scenes.procedural.textures.wear import worn
-from scenes.seeds import derive, generator
+from pbrnet.scenes.arrays import Float32Array, UInt8Array
+from pbrnet.scenes.procedural.piece import Material
+from pbrnet.scenes.procedural.textures import cloth, goods, masonry, woods
+from pbrnet.scenes.procedural.textures.fields import Surface
+from pbrnet.scenes.procedural.textures.wear import worn
+from pbrnet.scenes.seeds import derive, generator
 
 SEEDS = 6  # different draws of each family
 WEARS = 3  # steps from new to old

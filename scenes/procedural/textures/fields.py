@@ -13,9 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scenes.arrays import AnyArray, Float32Array, Float64Array, Int16Array, Int64Array, UInt8Array
-from scenes.color import encode_srgb
-from scenes.seeds import generator
+from pbrnet.scenes.arrays import (
+    AnyArray,
+    Float32Array,
+    Float64Array,
+    Int16Array,
+    Int64Array,
+    UInt8Array,
+)
+from pbrnet.scenes.color import encode_srgb
+from pbrnet.scenes.seeds import generator
 
 DRAWS = 2  # different fields of each spectrum; shifts and turns make many of them
 _CUTOFF = 384  # periods per tile; finer noise is white to the eye and costs memory

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.textures.fields import (
+from pbrnet.scenes.procedural.textures.fields import (
     BLOTCH,
     CLOUD,
     CRUMB,

@@ -6,9 +6,9 @@ import colorsys
 
 import numpy as np
 
-from scenes.arrays import Float32Array, Float64Array
-from scenes.color import decode_srgb_value
-from scenes.procedural.textures.fields import GRIT, Spectrum, axes, noise, smoothstep
+from pbrnet.scenes.arrays import Float32Array, Float64Array
+from pbrnet.scenes.color import decode_srgb_value
+from pbrnet.scenes.procedural.textures.fields import GRIT, Spectrum, axes, noise, smoothstep
 
 SCREEN_SIZE = (90, 160)  # rows and columns of pixels of what a screen shows
 _EDGE = Spectrum(1.8)  # of ragged outlines

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
-from scenes.arrays import AnyArray, Float32Array, UInt8Array
-from scenes.color import decode_srgb
-from scenes.procedural.piece import Trace, Use
-from scenes.procedural.textures.fields import (
+from pbrnet.scenes.arrays import AnyArray, Float32Array, UInt8Array
+from pbrnet.scenes.color import decode_srgb
+from pbrnet.scenes.procedural.piece import Trace, Use
+from pbrnet.scenes.procedural.textures.fields import (
     BLOTCH,
     CLOUD,
     Spectrum,
@@ -23,7 +23,7 @@ from scenes.procedural.textures.fields import (
     noise,
     smoothstep,
 )
-from scenes.seeds import generator
+from pbrnet.scenes.seeds import generator
 
 _SOIL = np.array([0.075, 0.062, 0.05], dtype=np.float32)  # reflectance of grime and grease
 _DUST = np.array([0.42, 0.40, 0.37], dtype=np.float32)  # of dust and scale

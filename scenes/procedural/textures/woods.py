@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenes.arrays import Float32Array
-from scenes.procedural.textures.fields import (
+from pbrnet.scenes.arrays import Float32Array
+from pbrnet.scenes.procedural.textures.fields import (
     BEND,
     CLOUD,
     CRUMB,

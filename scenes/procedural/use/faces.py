@@ -13,9 +13,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from scenes.arrays import BoolArray, Float64Array, Int64Array
-from scenes.procedural.piece import Material, PiecePart, Trace, Use
-from scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.procedural.piece import Material, PiecePart, Trace, Use
+from pbrnet.scenes.procedural.scene_item import SceneItem
 
 _GRID = 4  # decimals of metres: the last bits of coordinates depend on the processor
 _ASIDE = 1.3e-6  # metres; keeps multiples of half a step of that grid off its borders

@@ -11,12 +11,12 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from scenes.arrays import Float64Array
-from scenes.geometry.regions import simplified
-from scenes.procedural.piece import Trace
-from scenes.procedural.plan import Plan, PlanRoom
-from scenes.procedural.scene_item import SceneItem
-from scenes.procedural.use.faces import Draw, Face, Point, on_grid, rounded
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.regions import simplified
+from pbrnet.scenes.procedural.piece import Trace
+from pbrnet.scenes.procedural.plan import Plan, PlanRoom
+from pbrnet.scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.procedural.use.faces import Draw, Face, Point, on_grid, rounded
 
 _CELL = 0.15  # metres, of the grid that paths are found on
 _BLOCKED = 40.0  # cost of a step through furniture, relative to free floor

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.procedural.piece import PiecePart, Trace
-from scenes.procedural.scene_item import SceneItem
-from scenes.procedural.use.faces import Draw, Face, split
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.piece import PiecePart, Trace
+from pbrnet.scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.procedural.use.faces import Draw, Face, split
 
 
 def _on_table(face: Face, rng: Draw) -> list[Trace]:

@@ -6,13 +6,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from scenes.procedural.plan import Plan
-from scenes.procedural.scene_item import SceneItem
-from scenes.procedural.use.faces import split, whole
-from scenes.procedural.use.floors import on_floor
-from scenes.procedural.use.furniture import TOPS, on_leaf, on_seats
-from scenes.procedural.use.walls import on_walls
-from scenes.seeds import generator
+from pbrnet.scenes.procedural.plan import Plan
+from pbrnet.scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.procedural.use.faces import split, whole
+from pbrnet.scenes.procedural.use.floors import on_floor
+from pbrnet.scenes.procedural.use.furniture import TOPS, on_leaf, on_seats
+from pbrnet.scenes.procedural.use.walls import on_walls
+from pbrnet.scenes.seeds import generator
 
 
 def leave_traces(items: Iterable[SceneItem], plan: Plan, seed: int) -> list[SceneItem]:

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.procedural.piece import Material, PiecePart, Trace
-from scenes.procedural.scene_item import SceneItem
-from scenes.procedural.structure import GABLE
-from scenes.procedural.use.faces import Draw, Face, face_of, of_faces, on_grid, with_traces
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.piece import Material, PiecePart, Trace
+from pbrnet.scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.procedural.structure import GABLE
+from pbrnet.scenes.procedural.use.faces import Draw, Face, face_of, of_faces, on_grid, with_traces
 
 
 def on_walls(item: SceneItem, beside: Sequence[SceneItem], rng: Draw) -> SceneItem:

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from shapely.geometry import Polygon
 
-from scenes.geometry.regions import buffered, symmetric_difference, union, valid
+from pbrnet.scenes.geometry.regions import buffered, symmetric_difference, union, valid
 
 _TOKEN = re.compile(r"([MmLlHhVvCcSsQqTtAaZz])|([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
 _ARGUMENTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}

@@ -12,14 +12,14 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from scenes.arrays import Float64Array
-from scenes.geometry.regions import buffered, difference, simplified, union
-from scenes.sweethome.building.levels import Storey
-from scenes.sweethome.building.portals import Doorway
-from scenes.sweethome.building.slabs import CeilingHeights
-from scenes.sweethome.building.solids import polygons, world_region
-from scenes.sweethome.building.spaces import CLOSING, Space, is_tall
-from scenes.sweethome.building.walls import PlannedWall
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.regions import buffered, difference, simplified, union
+from pbrnet.scenes.sweethome.building.levels import Storey
+from pbrnet.scenes.sweethome.building.portals import Doorway
+from pbrnet.scenes.sweethome.building.slabs import CeilingHeights
+from pbrnet.scenes.sweethome.building.solids import polygons, world_region
+from pbrnet.scenes.sweethome.building.spaces import CLOSING, Space, is_tall
+from pbrnet.scenes.sweethome.building.walls import PlannedWall
 
 _ALONG_WALL = 0.05  # metres between the outline of a room and the wall along it
 _SHORTEST = 0.05  # metres of a gap

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from scenes.errors import InputError
-from scenes.importing.changes import Changes
-from scenes.sweethome.home import Home, HomePiece, Level, RoomShape, Wall
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.home import Home, HomePiece, Level, RoomShape, Wall
 
 _Item = TypeVar("_Item", Wall, RoomShape, HomePiece)
 

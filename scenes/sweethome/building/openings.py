@@ -12,12 +12,12 @@ from shapely.affinity import translate
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from scenes.arrays import Float64Array
-from scenes.geometry.regions import intersection, union
-from scenes.importing.changes import Changes
-from scenes.sweethome.building.cutouts import UnreadablePath, path_region
-from scenes.sweethome.building.solids import polygons
-from scenes.sweethome.home import HomePiece
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.regions import intersection, union
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.building.cutouts import UnreadablePath, path_region
+from pbrnet.scenes.sweethome.building.solids import polygons
+from pbrnet.scenes.sweethome.home import HomePiece
 
 _TOUCH = 1.0  # square centimetres: smallest overlap with a wall, and cut-out, that count
 _PAST = 3.0  # cm by which a hole is deeper than the wall, skirting included

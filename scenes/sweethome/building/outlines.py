@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from shapely.geometry import Polygon
 
-from scenes.arrays import Float64Array
-from scenes.geometry.regions import buffered, valid
-from scenes.sweethome.home import Wall
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.regions import buffered, valid
+from pbrnet.scenes.sweethome.home import Wall
 
 _SHORT = 1e-5  # cm: a wall shorter than this has no direction
 _LEAST_ARC = 1e-3  # radians

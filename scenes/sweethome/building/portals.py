@@ -9,11 +9,11 @@ import shapely
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from scenes.arrays import Float64Array
-from scenes.geometry.regions import simplified
-from scenes.sweethome.building.openings import Opening
-from scenes.sweethome.building.solids import polygons
-from scenes.sweethome.furnishing.items import PlacedItem
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.regions import simplified
+from pbrnet.scenes.sweethome.building.openings import Opening
+from pbrnet.scenes.sweethome.building.solids import polygons
+from pbrnet.scenes.sweethome.furnishing.items import PlacedItem
 
 _BEYOND = 25.0  # cm in front of and behind a wall: points that tell the rooms on its sides
 _MAX_CORNERS = 48

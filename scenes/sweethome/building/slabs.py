@@ -12,13 +12,13 @@ from scipy.spatial import cKDTree
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.geometry.mesh import Mesh
-from scenes.geometry.regions import buffered, difference, intersection, union
-from scenes.importing.changes import Changes
-from scenes.sweethome.building.cutouts import UnreadablePath, path_region
-from scenes.sweethome.building.levels import Storey
-from scenes.sweethome.building.solids import (
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.geometry.regions import buffered, difference, intersection, union
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.building.cutouts import UnreadablePath, path_region
+from pbrnet.scenes.sweethome.building.levels import Storey
+from pbrnet.scenes.sweethome.building.solids import (
     polygonal,
     polygons,
     prism,
@@ -26,16 +26,16 @@ from scenes.sweethome.building.solids import (
     to_world,
     world_region,
 )
-from scenes.sweethome.building.spaces import Space, is_tall
-from scenes.sweethome.building.walls import PlannedWall
-from scenes.sweethome.furnishing.finishes import (
+from pbrnet.scenes.sweethome.building.spaces import Space, is_tall
+from pbrnet.scenes.sweethome.building.walls import PlannedWall
+from pbrnet.scenes.sweethome.furnishing.finishes import (
     ground_reflectance,
     reflectance_of_argb,
     surface_finish,
     texture_coordinates,
 )
-from scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish
-from scenes.sweethome.home import Environment, HomePiece, Surface
+from pbrnet.scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish
+from pbrnet.scenes.sweethome.home import Environment, HomePiece, Surface
 
 Stairwell = tuple[BaseGeometry, float, float]  # region (world), foot and top (cm)
 _FLOOR = 0.12  # metres: thickness of a floor on the ground

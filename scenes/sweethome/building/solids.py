@@ -15,9 +15,9 @@ from shapely.geometry import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from scenes.arrays import Float64Array
-from scenes.geometry.mesh import Mesh
-from scenes.geometry.regions import on_grid
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.geometry.regions import on_grid
 
 _SMALLEST_AREA = 1e-6  # square metres: regions smaller than this are dropped
 _GRID = 1e-6  # metres: spikes thinner than this are dropped

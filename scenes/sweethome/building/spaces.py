@@ -13,14 +13,14 @@ from shapely import STRtree
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from scenes.geometry.regions import buffered, difference, intersection, simplified, union
-from scenes.importing.changes import Changes
-from scenes.sweethome.building.levels import Storey
-from scenes.sweethome.building.openings import Opening
-from scenes.sweethome.building.outlines import polygon
-from scenes.sweethome.building.solids import polygonal, polygons, to_world, world_region
-from scenes.sweethome.building.walls import PlannedWall
-from scenes.sweethome.home import RoomShape, Surface
+from pbrnet.scenes.geometry.regions import buffered, difference, intersection, simplified, union
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.building.levels import Storey
+from pbrnet.scenes.sweethome.building.openings import Opening
+from pbrnet.scenes.sweethome.building.outlines import polygon
+from pbrnet.scenes.sweethome.building.solids import polygonal, polygons, to_world, world_region
+from pbrnet.scenes.sweethome.building.walls import PlannedWall
+from pbrnet.scenes.sweethome.home import RoomShape, Surface
 
 _CRACK = 0.02  # metres: gaps between walls up to this size count as closed
 _SMALLEST = 1.0  # square metres of a closed space that makes a room

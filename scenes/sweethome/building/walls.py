@@ -11,21 +11,33 @@ from shapely import STRtree
 from shapely.geometry import Point
 from shapely.geometry.base import BaseGeometry
 
-from scenes.arrays import Float64Array
-from scenes.geometry.mesh import Mesh, creased
-from scenes.geometry.regions import union
-from scenes.importing.changes import Changes
-from scenes.sweethome.building.levels import Storey
-from scenes.sweethome.building.openings import Opening
-from scenes.sweethome.building.outlines import Outline, arc_centre, has_length, is_round, joined
-from scenes.sweethome.building.solids import cut, prism, surface, triangle_normals, world_region
-from scenes.sweethome.furnishing.finishes import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.mesh import Mesh, creased
+from pbrnet.scenes.geometry.regions import union
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.building.levels import Storey
+from pbrnet.scenes.sweethome.building.openings import Opening
+from pbrnet.scenes.sweethome.building.outlines import (
+    Outline,
+    arc_centre,
+    has_length,
+    is_round,
+    joined,
+)
+from pbrnet.scenes.sweethome.building.solids import (
+    cut,
+    prism,
+    surface,
+    triangle_normals,
+    world_region,
+)
+from pbrnet.scenes.sweethome.furnishing.finishes import (
     reflectance_of_argb,
     surface_finish,
     texture_coordinates,
 )
-from scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish
-from scenes.sweethome.home import Baseboard, Surface, Texture, Wall
+from pbrnet.scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish
+from pbrnet.scenes.sweethome.home import Baseboard, Surface, Texture, Wall
 
 EMBED = 0.5  # cm by which walls extend into floor and ceiling
 _NEARLY = 20.0  # cm: a wall that ends no farther below the ceiling is raised to it

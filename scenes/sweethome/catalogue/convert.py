@@ -14,27 +14,35 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from scenes.arrays import Float64Array
-from scenes.assets import preview
-from scenes.assets.free_space import SupportSurface, covering_boxes, support_surfaces
-from scenes.assets.index import PREVIEW, Asset, AssetPart, Checks, Point3, Provenance, save_asset
-from scenes.assets.piece import CataloguePiece
-from scenes.color import REC709, encode_srgb
-from scenes.errors import InputError
-from scenes.files import atomic_directory, digest_bytes
-from scenes.formats.archive import HomeArchive
-from scenes.formats.model_parts import Model, UnreadableModel
-from scenes.formats.ply import read_ply, write_ply
-from scenes.geometry.mesh import Mesh, creased
-from scenes.image_files import open_image
-from scenes.importing.changes import Changes
-from scenes.photometry import LUMEN, color_temperature
-from scenes.sweethome import home
-from scenes.sweethome.catalogue.library import UnusablePiece
-from scenes.sweethome.furnishing import furniture
-from scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish, area, merge_parts
-from scenes.sweethome.furnishing.lamps import lit_parts
-from scenes.sweethome.furnishing.models import read_model
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.assets import preview
+from pbrnet.scenes.assets.free_space import SupportSurface, covering_boxes, support_surfaces
+from pbrnet.scenes.assets.index import (
+    PREVIEW,
+    Asset,
+    AssetPart,
+    Checks,
+    Point3,
+    Provenance,
+    save_asset,
+)
+from pbrnet.scenes.assets.piece import CataloguePiece
+from pbrnet.scenes.color import REC709, encode_srgb
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import atomic_directory, digest_bytes
+from pbrnet.scenes.formats.archive import HomeArchive
+from pbrnet.scenes.formats.model_parts import Model, UnreadableModel
+from pbrnet.scenes.formats.ply import read_ply, write_ply
+from pbrnet.scenes.geometry.mesh import Mesh, creased
+from pbrnet.scenes.image_files import open_image
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.photometry import LUMEN, color_temperature
+from pbrnet.scenes.sweethome import home
+from pbrnet.scenes.sweethome.catalogue.library import UnusablePiece
+from pbrnet.scenes.sweethome.furnishing import furniture
+from pbrnet.scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish, area, merge_parts
+from pbrnet.scenes.sweethome.furnishing.lamps import lit_parts
+from pbrnet.scenes.sweethome.furnishing.models import read_model
 
 _MAX_IMAGE = 64 * 2**20  # bytes
 _SIZE_TOLERANCE = 0.01  # of a side

@@ -7,12 +7,12 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from scenes.assets.piece import CataloguePiece, LightSource, OpeningRule
-from scenes.errors import InputError
-from scenes.formats.archive import HomeArchive
-from scenes.importing.categories import category_of_piece
-from scenes.sweethome.catalogue.properties import parse_properties
-from scenes.sweethome.credits import licence_in
+from pbrnet.scenes.assets.piece import CataloguePiece, LightSource, OpeningRule
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.archive import HomeArchive
+from pbrnet.scenes.importing.categories import category_of_piece
+from pbrnet.scenes.sweethome.catalogue.properties import parse_properties
+from pbrnet.scenes.sweethome.credits import licence_in
 
 PROPERTIES = "PluginFurnitureCatalog.properties"
 MAX_PIECES = 20_000

@@ -14,15 +14,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import REC709, Color, decode_srgb_value
-from scenes.errors import InputError
-from scenes.formats.archive import HomeArchive
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore, UnreadableImage
-from scenes.importing.xml_elements import plugin, prop
-from scenes.sweethome.furnishing.items import SurfaceFinish
-from scenes.sweethome.home import Surface, Texture
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import REC709, Color, decode_srgb_value
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.archive import HomeArchive
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
+from pbrnet.scenes.importing.xml_elements import plugin, prop
+from pbrnet.scenes.sweethome.furnishing.items import SurfaceFinish
+from pbrnet.scenes.sweethome.home import Surface, Texture
 
 WHITEST = 0.82  # largest reflectance of paint
 DARKEST = 0.03  # smallest reflectance of paint in any band: that of its surface

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.formats.model_parts import Model, ModelMaterial, ModelPart
-from scenes.geometry.mesh import Mesh
-from scenes.importing.changes import Changes
-from scenes.sweethome.furnishing.finishes import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.formats.model_parts import Model, ModelMaterial, ModelPart
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.furnishing.finishes import (
     WHITE,
     glossy_finish,
     mapped_uvs,
@@ -21,9 +21,9 @@ from scenes.sweethome.furnishing.finishes import (
     roughness_of,
     texture_coordinates,
 )
-from scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish
-from scenes.sweethome.furnishing.placement import model_to_unit_box, unit_box_to_world
-from scenes.sweethome.home import HomePiece, NamedMaterial, Texture
+from pbrnet.scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish
+from pbrnet.scenes.sweethome.furnishing.placement import model_to_unit_box, unit_box_to_world
+from pbrnet.scenes.sweethome.home import HomePiece, NamedMaterial, Texture
 
 _PANE = "sweethome3d_window_pane"
 _MIRROR = "sweethome3d_window_mirror"

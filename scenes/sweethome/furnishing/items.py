@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.color import Color
-from scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas
 
 
 @dataclass(frozen=True)

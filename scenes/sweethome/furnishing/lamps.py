@@ -12,17 +12,17 @@ from dataclasses import replace
 import numpy as np
 from shapely.geometry import Polygon
 
-from scenes.arrays import Float64Array
-from scenes.color import REC709, Color
-from scenes.contract import Room
-from scenes.geometry.directions import fibonacci_sphere
-from scenes.importing.changes import Changes
-from scenes.importing.light.ceiling_lamps import ceiling_lamp, octahedron
-from scenes.photometry import LUMEN
-from scenes.reconstruction.raycast import RayCaster
-from scenes.sweethome.furnishing.finishes import decode_clipped
-from scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish, area
-from scenes.sweethome.home import Bulb, HomePiece
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import REC709, Color
+from pbrnet.scenes.contract import Room
+from pbrnet.scenes.geometry.directions import fibonacci_sphere
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.light.ceiling_lamps import ceiling_lamp, octahedron
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.sweethome.furnishing.finishes import decode_clipped
+from pbrnet.scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish, area
+from pbrnet.scenes.sweethome.home import Bulb, HomePiece
 
 USUAL = 1000.0  # lumens of a source of colour AA9770 at power 0.5
 _USUAL_COLOR = 0xAA9770

@@ -11,9 +11,9 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from scenes.contract import Point3
-from scenes.importing.changes import Changes
-from scenes.sweethome.home import HomePiece
+from pbrnet.scenes.contract import Point3
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.home import HomePiece
 
 ABSENT = "missing in the file"
 _MAX_NAMES = 60  # in one sentence; `scene.json` lists all

@@ -6,15 +6,15 @@ front) and units.
 
 from __future__ import annotations
 
-from scenes.errors import InputError
-from scenes.formats.archive import HomeArchive
-from scenes.formats.collada import read_dae
-from scenes.formats.max3ds import read_3ds
-from scenes.formats.model_parts import Model, ModelMaterial, UnreadableModel
-from scenes.formats.mtl import MAX_MTL
-from scenes.formats.obj_model import read_model_materials, read_obj_model
-from scenes.importing.changes import Changes
-from scenes.sweethome.furnishing.missing import ABSENT
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.archive import HomeArchive
+from pbrnet.scenes.formats.collada import read_dae
+from pbrnet.scenes.formats.max3ds import read_3ds
+from pbrnet.scenes.formats.model_parts import Model, ModelMaterial, UnreadableModel
+from pbrnet.scenes.formats.mtl import MAX_MTL
+from pbrnet.scenes.formats.obj_model import read_model_materials, read_obj_model
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.furnishing.missing import ABSENT
 
 _SUFFIXES = (".obj", ".dae", ".3ds")  # of models in a zip; the first is preferred
 

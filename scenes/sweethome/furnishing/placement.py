@@ -12,8 +12,8 @@ import math
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.sweethome.home import HomePiece
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.sweethome.home import HomePiece
 
 _LEAST = 0.001  # the application's least extent of a model, in the model's units
 

@@ -38,8 +38,8 @@ def small_params(folder: Path) -> None:
 
 def write_frames(folder: Path) -> None:
     """Frames, cameras and a scene of a box room, and networks that nobody trained."""
-    from pipeline.params import load_params
-    from pipeline.views import CameraFile, save_cameras
+    from pbrnet.pipeline.params import load_params
+    from pbrnet.pipeline.views import CameraFile, save_cameras
     from tests.fixtures.predict import box_frames, box_room
     from tests.fixtures.predictor import untrained_models
 
@@ -53,7 +53,7 @@ def write_frames(folder: Path) -> None:
 
 
 def write_ledger(folder: Path) -> None:
-    from pipeline.costs.ledger import Ledger
+    from pbrnet.pipeline.costs.ledger import Ledger
 
     small_params(folder)
     (folder / "data").mkdir()

@@ -72,7 +72,7 @@ class CommandLines(Family):
         (folder / "zero.glb").symlink_to("/dev/zero")
         if number < len(self.made):
             return self.made[number](folder)
-        from pipeline.cli import LazyGroup, cli
+        from pbrnet.pipeline.cli import LazyGroup, cli
 
         name = rng.choice(_COMMANDS)
         assert isinstance(cli, LazyGroup)

@@ -19,8 +19,8 @@ CHECKED = (
 
 
 def _dataset(folder: Path) -> None:
-    from pipeline.dataset.pack import pack_dataset
-    from pipeline.params import load_params
+    from pbrnet.pipeline.dataset.pack import pack_dataset
+    from pbrnet.pipeline.params import load_params
     from tests.fixtures.dataset import make_data
     from tests.fixtures.predictor import untrained_models
 

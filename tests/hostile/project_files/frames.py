@@ -27,7 +27,7 @@ def _exr(
     def write(folder: Path) -> Arguments:
         import OpenEXR
 
-        from pipeline.frames import pixels_digest, read_frame
+        from pbrnet.pipeline.frames import pixels_digest, read_frame
 
         frame = read_frame(folder / path)
         pixels = dict(frame.channels)

@@ -20,7 +20,7 @@ MODEL = (PREDICT, PREDICT, f"inspect {WEIGHTS} --out p.png", f"inspect {CARD} --
 
 def _digests(folder: Path) -> None:
     """Let the cards hold the digests of the weights, so that damage is not seen by them."""
-    from scenes.files import digest_file
+    from pbrnet.scenes.files import digest_file
 
     if not (folder / WEIGHTS).is_file() or (folder / WEIGHTS).stat().st_size > 2**28:
         return

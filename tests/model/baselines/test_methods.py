@@ -11,9 +11,9 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from model.baselines import cyclegan, pix2pix
-from model.baselines.can import CAN, AdaptiveNorm, MeanSquares
-from model.baselines.cyclegan import (
+from pbrnet.model.baselines import cyclegan, pix2pix
+from pbrnet.model.baselines.can import CAN, AdaptiveNorm, MeanSquares
+from pbrnet.model.baselines.cyclegan import (
     BUFFER_SIZE,
     REFLECTANCE,
     CycleObjective,
@@ -21,14 +21,14 @@ from model.baselines.cyclegan import (
     ImageBuffer,
     Residual,
 )
-from model.baselines.layers import STACKED, BatchNorm, InstanceNorm, stacked
-from model.baselines.pix2pix import AdversarialObjective, Generator, PatchDiscriminator
-from model.data.encoding import CHANNELS
-from model.methods import BASELINES, METHODS, extras_of, is_current
-from model.networks.objective import Batch, Objective, Setting
-from model.networks.pbrnet import Architecture
-from model.titles import METHOD_TITLES, NETWORK_TITLES
-from pipeline.params import Baseline, TrainParams
+from pbrnet.model.baselines.layers import STACKED, BatchNorm, InstanceNorm, stacked
+from pbrnet.model.baselines.pix2pix import AdversarialObjective, Generator, PatchDiscriminator
+from pbrnet.model.data.encoding import CHANNELS
+from pbrnet.model.methods import BASELINES, METHODS, extras_of, is_current
+from pbrnet.model.networks.objective import Batch, Objective, Setting
+from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.model.titles import METHOD_TITLES, NETWORK_TITLES
+from pbrnet.pipeline.params import Baseline, TrainParams
 
 
 def inputs(height: int, width: int) -> dict[str, torch.Tensor]:

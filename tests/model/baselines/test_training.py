@@ -12,19 +12,19 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from model.baselines import cyclegan
-from model.data.encoding import encode, to_image
-from model.data.reader import Dataset
-from model.evaluation.evaluate import evaluate
-from model.evaluation.metrics import ssim
-from model.methods import BASELINES, METHODS, Adam
-from model.networks.objective import Batch, Objective
-from model.training import train as training
-from model.training.loop import TrainingError
-from model.training.store import load_model
-from model.training.train import Folders, train_network
-from pipeline.params import Params, StageTrainParams, TrainParams
-from pipeline.tonemap import tonemap
+from pbrnet.model.baselines import cyclegan
+from pbrnet.model.data.encoding import encode, to_image
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.evaluation.evaluate import evaluate
+from pbrnet.model.evaluation.metrics import ssim
+from pbrnet.model.methods import BASELINES, METHODS, Adam
+from pbrnet.model.networks.objective import Batch, Objective
+from pbrnet.model.training import train as training
+from pbrnet.model.training.loop import TrainingError
+from pbrnet.model.training.store import load_model
+from pbrnet.model.training.train import Folders, train_network
+from pbrnet.pipeline.params import Params, StageTrainParams, TrainParams
+from pbrnet.pipeline.tonemap import tonemap
 from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset
 from tests.fixtures.training import Killed, stop_at

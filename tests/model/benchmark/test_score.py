@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from model.benchmark.metrics import angles, local_rmse, scale_invariant_rmse
-from model.benchmark.score import Score, score_folder
-from model.benchmark.views import load_views, pin_views, save_views
-from model.commands.score import score
-from pipeline.export.images import rgb_planes, write_exr
-from pipeline.export.rows import DatasetRows
-from pipeline.images import normal_picture, png_bytes, reflectance_picture, tone_picture
-from scenes.errors import InputError
+from pbrnet.model.benchmark.metrics import angles, local_rmse, scale_invariant_rmse
+from pbrnet.model.benchmark.score import Score, score_folder
+from pbrnet.model.benchmark.views import load_views, pin_views, save_views
+from pbrnet.model.commands.score import score
+from pbrnet.pipeline.export.images import rgb_planes, write_exr
+from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.images import normal_picture, png_bytes, reflectance_picture, tone_picture
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.exports import HEIGHT, UNIT, WIDTH, make_dataset, truths
 
 TRUTHS = truths()

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.data.direct_light import direct_shading, panorama_radiance, pixel_rays
-from model.data.encoding import solid_angles
-from model.data.reader import Dataset, Example, mirrored
-from pipeline.passes.panorama_lights import panorama_directions, sources
-from pipeline.tonemap import Exposure
-from scenes.color import luminance
+from pbrnet.model.data.direct_light import direct_shading, panorama_radiance, pixel_rays
+from pbrnet.model.data.encoding import solid_angles
+from pbrnet.model.data.reader import Dataset, Example, mirrored
+from pbrnet.pipeline.passes.panorama_lights import panorama_directions, sources
+from pbrnet.pipeline.tonemap import Exposure
+from pbrnet.scenes.color import luminance
 from tests.fixtures.model import box_dataset
 
 SIZE = (60, 80)  # rows, columns

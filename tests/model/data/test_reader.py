@@ -11,11 +11,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from model.data.direct_light import panorama_radiance
-from model.data.encoding import encode
-from model.data.reader import Dataset, _convert, coin_flips, mirrored
-from scenes.color import encode_srgb
-from scenes.errors import InputError
+from pbrnet.model.data.direct_light import panorama_radiance
+from pbrnet.model.data.encoding import encode
+from pbrnet.model.data.reader import Dataset, _convert, coin_flips, mirrored
+from pbrnet.scenes.color import encode_srgb
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.model import UNIT, box_dataset, box_rows, box_view, write_shard
 
 SIZE = {"width": 8, "height": 6, "panorama": 8}

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import pytest
 
-from model.evaluation.budget import Effort, efforts_for
-from pipeline.passes.transport import samples_for
+from pbrnet.model.evaluation.budget import Effort, efforts_for
+from pbrnet.pipeline.passes.transport import samples_for
 from tests.fixtures.paths import ROOT
 
 TOLERANCE = 0.001  # of FLIP: neighbours this close may be in either order

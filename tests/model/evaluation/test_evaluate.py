@@ -14,19 +14,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from model.data.encoding import neutral_background
-from model.data.reader import Dataset
-from model.evaluation import evaluate as evaluation
-from model.evaluation.evaluate import LeakError, evaluate
-from model.evaluation.inference import load_networks
-from model.evaluation.predict import resized
-from model.evaluation.product import product, product_linear
-from model.evaluation.reference import sheet, summary
-from model.training.train import Folders, train_network
-from pipeline.cli import main
-from pipeline.costs.ledger import Ledger
-from pipeline.images import png_facts, read_picture
-from pipeline.params import (
+from pbrnet.model.data.encoding import neutral_background
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.evaluation import evaluate as evaluation
+from pbrnet.model.evaluation.evaluate import LeakError, evaluate
+from pbrnet.model.evaluation.inference import load_networks
+from pbrnet.model.evaluation.predict import resized
+from pbrnet.model.evaluation.product import product, product_linear
+from pbrnet.model.evaluation.reference import sheet, summary
+from pbrnet.model.training.train import Folders, train_network
+from pbrnet.pipeline.cli import main
+from pbrnet.pipeline.costs.ledger import Ledger
+from pbrnet.pipeline.images import png_facts, read_picture
+from pbrnet.pipeline.params import (
     DatasetParams,
     EvaluateParams,
     ImageParams,
@@ -36,11 +36,11 @@ from pipeline.params import (
     ToneParams,
     TrainParams,
 )
-from pipeline.tonemap import Exposure, tonemap
-from pipeline.views import View, as_matrix, intrinsics_of
-from scenes.color import decode_srgb
-from scenes.contract import load_scene
-from scenes.errors import InputError
+from pbrnet.pipeline.tonemap import Exposure, tonemap
+from pbrnet.pipeline.views import View, as_matrix, intrinsics_of
+from pbrnet.scenes.color import decode_srgb
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.predict import box_camera, box_frames, box_room
@@ -358,7 +358,7 @@ def predict(
 def test_predicting_from_frames_in_a_process_of_its_own(trained: Folders, tmp_path: Path) -> None:
     box_frames(tmp_path / "data", width=37, height=23, panorama=20)
     (tmp_path / "params.yaml").write_text("seed: 0\n")
-    command = [sys.executable, "-m", "pipeline.cli", "predict", *FRAMES]
+    command = [sys.executable, "-m", "pbrnet.pipeline.cli", "predict", *FRAMES]
     command += ["--models", str(trained.models), "--out", "p.png"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
     assert done.returncode == 0, done.stderr

@@ -10,7 +10,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 from skimage import data
 
-from model.evaluation.metrics import (
+from pbrnet.model.evaluation.metrics import (
     Lpips,
     alexnet_features,
     bootstrap,

@@ -18,21 +18,21 @@ from click.testing import CliRunner, Result
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
-from model.evaluation import predict as prediction
-from model.evaluation.budget import Choice, Effort, choose, efforts_for
-from model.evaluation.inference import Prediction, load_networks
-from model.evaluation.predict import from_frames
-from model.release import pretrained
-from model.training import weights as weights_module
-from model.training.weights import write_weights
-from pipeline.channels import TRANSPORT_DIRECT, TRANSPORT_INDIRECT
-from pipeline.cli import cli
-from pipeline.frames import pixels_digest, read_frame, read_meta
-from pipeline.images import png_facts, read_picture
-from pipeline.photograph import photograph
-from pipeline.tonemap import Exposure, tonemap
-from scenes.errors import InputError, MachineError
-from scenes.files import digest_file
+from pbrnet.model.evaluation import predict as prediction
+from pbrnet.model.evaluation.budget import Choice, Effort, choose, efforts_for
+from pbrnet.model.evaluation.inference import Prediction, load_networks
+from pbrnet.model.evaluation.predict import from_frames
+from pbrnet.model.release import pretrained
+from pbrnet.model.training import weights as weights_module
+from pbrnet.model.training.weights import write_weights
+from pbrnet.pipeline.channels import TRANSPORT_DIRECT, TRANSPORT_INDIRECT
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.frames import pixels_digest, read_frame, read_meta
+from pbrnet.pipeline.images import png_facts, read_picture
+from pbrnet.pipeline.photograph import photograph
+from pbrnet.pipeline.tonemap import Exposure, tonemap
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import digest_file
 from tests.fixtures.paths import ROOT
 from tests.fixtures.predict import box_camera, box_frames, box_room
 from tests.fixtures.predictor import untrained_models
@@ -195,7 +195,7 @@ def test_every_method_that_a_time_budget_may_choose_is_predicted(
 ) -> None:
     shutil.copytree(ROOT / "weights", "weights")
     monkeypatch.setattr(
-        "model.commands.predict.choose", lambda *_: Choice(Effort(method, 1), 0.1, 1)
+        "pbrnet.model.commands.predict.choose", lambda *_: Choice(Effort(method, 1), 0.1, 1)
     )
     view = (room, "--view", "east", "--size", "36x20")
     done = predict(*view, "--seconds", "2", "--out", "chosen.png")

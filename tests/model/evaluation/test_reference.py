@@ -9,11 +9,11 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from model.evaluation.evaluate import evaluate
-from model.evaluation.reference import SHOWN
-from model.training.train import Folders
-from pipeline.cli import cli
-from pipeline.params import EvaluateParams, Params, TrainParams
+from pbrnet.model.evaluation.evaluate import evaluate
+from pbrnet.model.evaluation.reference import SHOWN
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.params import EvaluateParams, Params, TrainParams
 from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
 

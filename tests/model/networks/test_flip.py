@@ -7,9 +7,9 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from model.evaluation.metrics import flip_map
-from model.networks.flip import Flip
-from scenes.arrays import AnyArray
+from pbrnet.model.evaluation.metrics import flip_map
+from pbrnet.model.networks.flip import Flip
+from pbrnet.scenes.arrays import AnyArray
 
 
 def batch(*images: AnyArray) -> torch.Tensor:

@@ -14,14 +14,14 @@ import pytest
 import torch
 from PIL import Image
 
-from model.data.display import tonemap_exposed
-from model.data.encoding import encode, radiances, targets
-from model.data.reader import NOISY_IMAGES, TRANSPORT_IMAGES, Dataset, Example, mirrored
-from model.evaluation.evaluate import evaluate
-from model.evaluation.inference import load_networks
-from model.methods import METHODS
-from model.networks.flip import Flip
-from model.networks.hybrid import (
+from pbrnet.model.data.display import tonemap_exposed
+from pbrnet.model.data.encoding import encode, radiances, targets
+from pbrnet.model.data.reader import NOISY_IMAGES, TRANSPORT_IMAGES, Dataset, Example, mirrored
+from pbrnet.model.evaluation.evaluate import evaluate
+from pbrnet.model.evaluation.inference import load_networks
+from pbrnet.model.methods import METHODS
+from pbrnet.model.networks.flip import Flip
+from pbrnet.model.networks.hybrid import (
     EQUAL_PIXELS,
     EQUAL_POWER,
     EQUAL_SAMPLES,
@@ -29,22 +29,22 @@ from model.networks.hybrid import (
     HybridNet,
     start_logit,
 )
-from model.networks.objective import Batch, ExposedLoss, Setting
-from model.networks.pbrnet import Architecture
-from model.training import train
-from model.training.train import Folders, train_network
-from pipeline.channels import Kind
-from pipeline.cli import main
-from pipeline.costs.ledger import Ledger
-from pipeline.frames import read_frame, write_frame
-from pipeline.params import NoisyParams, Params, StageTrainParams, TrainParams
-from pipeline.passes.registry import PASSES
-from pipeline.render.scene import open_scene, set_variant
-from pipeline.tonemap import Exposure, tonemap
-from pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
-from scenes.arrays import AnyArray
-from scenes.contract import load_scene
-from scenes.errors import InputError
+from pbrnet.model.networks.objective import Batch, ExposedLoss, Setting
+from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.model.training import train
+from pbrnet.model.training.train import Folders, train_network
+from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.cli import main
+from pbrnet.pipeline.costs.ledger import Ledger
+from pbrnet.pipeline.frames import read_frame, write_frame
+from pbrnet.pipeline.params import NoisyParams, Params, StageTrainParams, TrainParams
+from pbrnet.pipeline.passes.registry import PASSES
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.tonemap import Exposure, tonemap
+from pbrnet.pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.stages import write_room

@@ -9,10 +9,10 @@ import pytest
 import torch
 from torch import nn
 
-from model.data.encoding import CHANNELS, NOISY_SAMPLES_CHANNELS, TRANSPORT_CHANNELS
-from model.methods import METHODS, build_network
-from model.networks.pbrnet import Architecture, NormalPanorama, Panorama, averaged, look_up
-from model.training.backbone import EfficientNetLite0, Vgg19
+from pbrnet.model.data.encoding import CHANNELS, NOISY_SAMPLES_CHANNELS, TRANSPORT_CHANNELS
+from pbrnet.model.methods import METHODS, build_network
+from pbrnet.model.networks.pbrnet import Architecture, NormalPanorama, Panorama, averaged, look_up
+from pbrnet.model.training.backbone import EfficientNetLite0, Vgg19
 
 KINDS = tuple(dict.fromkeys(method.kind for method in METHODS.values()))
 PANORAMAS: tuple[Panorama, ...] = get_args(Panorama)

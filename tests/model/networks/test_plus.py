@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.encoding import encode, radiances, targets
-from model.data.reader import TRANSPORT_IMAGES, Dataset, Example, mirrored
-from model.methods import METHODS
-from model.networks.flip import Flip
-from model.networks.objective import Batch, ExposedLoss, Setting
-from model.networks.pbrnet import Architecture
-from model.networks.plus import MAX_GLOSS, MAX_LOG_FACTOR, PlusNet
-from model.training.store import load_model
-from model.training.train import Folders, train_network
-from pipeline.params import Params, StageTrainParams, TrainParams
-from pipeline.tonemap import tonemap
-from scenes.arrays import AnyArray
-from scenes.errors import InputError
+from pbrnet.model.data.encoding import encode, radiances, targets
+from pbrnet.model.data.reader import TRANSPORT_IMAGES, Dataset, Example, mirrored
+from pbrnet.model.methods import METHODS
+from pbrnet.model.networks.flip import Flip
+from pbrnet.model.networks.objective import Batch, ExposedLoss, Setting
+from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.model.networks.plus import MAX_GLOSS, MAX_LOG_FACTOR, PlusNet
+from pbrnet.model.training.store import load_model
+from pbrnet.model.training.train import Folders, train_network
+from pbrnet.pipeline.params import Params, StageTrainParams, TrainParams
+from pbrnet.pipeline.tonemap import tonemap
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.reader import Dataset, Example
-from model.evaluation.inference import load_networks
-from model.networks.pbrnet import Architecture, Panorama, UNet
-from model.networks.tiles import margin, stride, tile_grid, tiled, unet_margin
-from scenes.errors import InputError
+from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.evaluation.inference import load_networks
+from pbrnet.model.networks.pbrnet import Architecture, Panorama, UNet
+from pbrnet.model.networks.tiles import margin, stride, tile_grid, tiled, unet_margin
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
 
@@ -72,7 +72,9 @@ def test_too_little_overlap_would_show(example: Example, tmp_path: Path,
     """The test above can fail: with a tenth of the margin, tiles differ from the whole."""
     models = untrained_models(tmp_path / "models", ("unet",), levels=3)
     whole = load_networks(models, ["unet"]).predict("unet", example)
-    monkeypatch.setattr("model.networks.tiles.margin", lambda architecture: stride(architecture))
+    monkeypatch.setattr(
+        "pbrnet.model.networks.tiles.margin", lambda architecture: stride(architecture)
+    )
     cut = load_networks(models, ["unet"], tile=32).predict("unet", example)
     assert np.abs(whole.color - cut.color).max() > 1e-4
 

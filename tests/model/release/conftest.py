@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model.data.encoding import Policy
-from model.data.reader import Dataset, Example
-from model.evaluation.inference import Networks, load_networks
-from model.networks.pbrnet import Panorama
-from model.release.onnx_export import export_onnx
+from pbrnet.model.data.encoding import Policy
+from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.evaluation.inference import Networks, load_networks
+from pbrnet.model.networks.pbrnet import Panorama
+from pbrnet.model.release.onnx_export import export_onnx
 from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
 

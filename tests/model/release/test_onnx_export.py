@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.encoding import DEFAULT_WHITE
-from model.data.reader import Example
-from model.evaluation.inference import Prediction
-from model.networks.pbrnet import Panorama
-from model.release.onnx_export import (
+from pbrnet.model.data.encoding import DEFAULT_WHITE
+from pbrnet.model.data.reader import Example
+from pbrnet.model.evaluation.inference import Prediction
+from pbrnet.model.networks.pbrnet import Panorama
+from pbrnet.model.release.onnx_export import (
     GRID,
     ExportedMethod,
     export_onnx,
     exported_inputs,
     on_grid,
 )
-from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, exposure_of, tonemap
-from scenes.arrays import AnyArray
-from scenes.errors import MachineError
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap
+from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.errors import MachineError
 from tests.fixtures.paths import ROOT
 from tests.model.release.conftest import ExportedFile, untrained
 
@@ -90,7 +90,9 @@ def test_without_the_packages_it_says_how_to_get_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     networks = untrained(tmp_path / "models", "pbrnet")
-    monkeypatch.setattr("model.release.onnx_export.importlib.util.find_spec", lambda _name: None)
+    monkeypatch.setattr(
+        "pbrnet.model.release.onnx_export.importlib.util.find_spec", lambda _name: None
+    )
     (tmp_path / "out").mkdir()
     with pytest.raises(MachineError, match=r"pip install 'pbrnet\[onnx\]'"):
         export_onnx(networks, tmp_path / "out" / "model.onnx")

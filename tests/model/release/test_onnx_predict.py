@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from model.data.encoding import DEFAULT_WHITE
-from model.evaluation.predict import from_frames
-from pipeline.images import read_picture
-from pipeline.params import ToneParams
-from pipeline.tonemap import Exposure, exposure_of, tonemap
+from pbrnet.model.data.encoding import DEFAULT_WHITE
+from pbrnet.model.evaluation.predict import from_frames
+from pbrnet.pipeline.images import read_picture
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap
 from tests.fixtures.model import box_dataset
 from tests.fixtures.paths import ROOT
 from tests.fixtures.predict import box_frames

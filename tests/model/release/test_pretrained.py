@@ -16,12 +16,12 @@ import torch
 from click.testing import CliRunner
 from safetensors.torch import load_file
 
-from model.data.reader import Dataset
-from model.evaluation.inference import load_networks
-from model.release import pretrained
-from model.release.pretrained import MEAN, WORST, find_models, half_type, pack
-from pipeline.cli import cli
-from scenes.errors import InputError
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.evaluation.inference import load_networks
+from pbrnet.model.release import pretrained
+from pbrnet.model.release.pretrained import MEAN, WORST, find_models, half_type, pack
+from pbrnet.pipeline.cli import cli
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.model import box_dataset
 from tests.fixtures.paths import ROOT
 from tests.fixtures.predictor import untrained_models

@@ -16,15 +16,15 @@ import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
-from model.commands.report import report
-from model.figures.charts import line_chart, line_figure, strip_figure, strip_plot
-from model.figures.diagrams import TALL, WIDE, Node, chain, panorama_guide
-from model.figures.row_pictures import environment_pictures, light_pictures, rows_with
-from model.report.page import Places, write_report
-from pipeline.dataset.pack import pack_dataset
-from pipeline.frames import frame_path
-from pipeline.images import png_bytes
-from scenes.contract import Credit
+from pbrnet.model.commands.report import report
+from pbrnet.model.figures.charts import line_chart, line_figure, strip_figure, strip_plot
+from pbrnet.model.figures.diagrams import TALL, WIDE, Node, chain, panorama_guide
+from pbrnet.model.figures.row_pictures import environment_pictures, light_pictures, rows_with
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.frames import frame_path
+from pbrnet.pipeline.images import png_bytes
+from pbrnet.scenes.contract import Credit
 from tests.fixtures.dataset import add_scene, make_data, make_view, small_params
 from tests.fixtures.report import make_ledger, make_results
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.studies.illumination.agreement import (
+from pbrnet.model.studies.illumination.agreement import (
     LEAST_CHANGE,
     agreement,
     block_means,
     log_change,
     sums,
 )
-from model.studies.illumination.results import Agreement, Estimate
+from pbrnet.model.studies.illumination.results import Agreement, Estimate
 
 
 def rng() -> np.random.Generator:

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from model.studies.pairs.answers import Key, read_answers, read_key, score
-from model.studies.pairs.folders import write_folders_page
-from model.studies.pairs.study import QUESTION, PairsConfig, write_pairs_page
-from pipeline.params import Params
+from pbrnet.model.studies.pairs.answers import Key, read_answers, read_key, score
+from pbrnet.model.studies.pairs.folders import write_folders_page
+from pbrnet.model.studies.pairs.study import QUESTION, PairsConfig, write_pairs_page
+from pbrnet.pipeline.params import Params
 from tests.fixtures.browser import PATIENCE, Browser, open_browser
 from tests.fixtures.study import workplace
 

@@ -11,9 +11,9 @@ import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
 
-from model.studies import complete
-from model.studies.complete import PARTS, Part
-from pipeline.cli import cli
+from pbrnet.model.studies import complete
+from pbrnet.model.studies.complete import PARTS, Part
+from pbrnet.pipeline.cli import cli
 from tests.fixtures.model import box_dataset
 
 SIZE = {"width": 16, "height": 12, "panorama": 8}

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from model.data.reader import Example
-from model.report.page import Places, write_report
-from model.studies.flicker.study import FlickerConfig, flicker, move_cameras, reproject
-from pipeline.cli import cli
-from pipeline.params import Params
-from pipeline.tonemap import Exposure
-from scenes.errors import InputError
+from pbrnet.model.data.reader import Example
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.model.studies.flicker.study import FlickerConfig, flicker, move_cameras, reproject
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.tonemap import Exposure
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.predict import box_camera, box_room
 from tests.fixtures.predictor import untrained_models
 

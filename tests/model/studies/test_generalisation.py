@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model.data.reader import Dataset, Example
-from model.report.page import Places, write_report
-from model.studies.generalisation.study import divide
-from model.studies.trials.results import TrialsResult
-from model.studies.trials.specular import measure_apart, specular_mask
-from model.training.train import Folders
-from pipeline.cli import main
-from scenes.checked import build
-from scenes.errors import InputError
-from scenes.files import digest_file, read_json
+from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.model.studies.generalisation.study import divide
+from pbrnet.model.studies.trials.results import TrialsResult
+from pbrnet.model.studies.trials.specular import measure_apart, specular_mask
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.cli import main
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_file, read_json
 from tests.fixtures.model import box_rows, write_shard
 from tests.fixtures.training import stop_at
 from tests.fixtures.trial import PARAMS, SIZE, SMALL, folders_in, trial_workplace

@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model.data.reader import Dataset, Example
-from model.evaluation.inference import load_networks
-from model.report.page import Places, write_report
-from model.studies.illumination import study
-from model.studies.illumination.compare import LitView, compare, direct_image, log_average
-from model.studies.illumination.results import IlluminationResult
-from model.training.train import Folders
-from pipeline.cli import main
-from pipeline.frames import layout
-from pipeline.images import png_facts, read_picture
-from pipeline.views import CameraFile, load_cameras, save_cameras
-from scenes.checked import build
-from scenes.errors import InputError
+from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.evaluation.inference import load_networks
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.model.studies.illumination import study
+from pbrnet.model.studies.illumination.compare import LitView, compare, direct_image, log_average
+from pbrnet.model.studies.illumination.results import IlluminationResult
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.cli import main
+from pbrnet.pipeline.frames import layout
+from pbrnet.pipeline.images import png_facts, read_picture
+from pbrnet.pipeline.views import CameraFile, load_cameras, save_cameras
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.light import PARAMS, lit_workplace, room
 from tests.fixtures.predictor import untrained_models
 

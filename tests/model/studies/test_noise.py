@@ -12,23 +12,23 @@ import numpy as np
 import pytest
 import yaml
 
-from model.data.reader import IMAGES, Dataset
-from model.studies.noise import study
-from model.studies.noise.study import noisy_truths
-from model.studies.trials.derived_splits import TruthImages, write_derived_split
-from model.studies.trials.results import TrialsResult
-from model.training.train import Folders, train_network
-from pipeline.cli import main
-from pipeline.frames import read_frame
-from pipeline.params import ToneParams
-from pipeline.passes.denoise import denoise, guides
-from pipeline.render.scene import open_scene, set_variant
-from pipeline.tonemap import exposure_of
-from pipeline.views import load_cameras
-from scenes.checked import build, plain
-from scenes.contract import load_scene
-from scenes.errors import InputError
-from scenes.files import read_json
+from pbrnet.model.data.reader import IMAGES, Dataset
+from pbrnet.model.studies.noise import study
+from pbrnet.model.studies.noise.study import noisy_truths
+from pbrnet.model.studies.trials.derived_splits import TruthImages, write_derived_split
+from pbrnet.model.studies.trials.results import TrialsResult
+from pbrnet.model.training.train import Folders, train_network
+from pbrnet.pipeline.cli import main
+from pbrnet.pipeline.frames import read_frame
+from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.passes.denoise import denoise, guides
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.tonemap import exposure_of
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.checked import build, plain
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json
 from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.light import PARAMS as LIT
 from tests.fixtures.light import lit_workplace, room

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model.data.reader import Dataset
-from model.evaluation.evaluate import true_color
-from model.evaluation.inference import load_networks
-from model.report.page import Places, write_report
-from model.studies.pairs.answers import (
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.evaluation.evaluate import true_color
+from pbrnet.model.evaluation.inference import load_networks
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.model.studies.pairs.answers import (
     MAX_BYTES,
     Answers,
     Key,
@@ -29,21 +29,21 @@ from model.studies.pairs.answers import (
     read_key,
     score,
 )
-from model.studies.pairs.study import (
+from pbrnet.model.studies.pairs.study import (
     PRACTICE_PAIRS,
     PairsConfig,
     equal_length_pngs,
     plan_pairs,
     write_pairs_page,
 )
-from model.training.train import Folders
-from pipeline.cli import main
-from pipeline.images import read_picture
-from pipeline.params import Params
-from pipeline.tonemap import to_bytes
-from scenes.checked import plain
-from scenes.errors import InputError, ParameterError
-from scenes.seeds import generator
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.cli import main
+from pbrnet.pipeline.images import read_picture
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.tonemap import to_bytes
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.seeds import generator
 from tests.fixtures.study import answers_to, key_of, untrained, without, workplace, write
 
 METHODS = ("pbrnet", "product", "unet")

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from model.report.page import Places, write_report
-from model.studies.pairs.answers import (
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.model.studies.pairs.answers import (
     FolderKey,
     FolderPair,
     PictureFile,
@@ -24,14 +24,14 @@ from model.studies.pairs.answers import (
     read_key,
     score_folders,
 )
-from model.studies.pairs.folders import LONGEST, plan_folders, read_pair
-from model.studies.pairs.study import QUESTION
-from pipeline.cli import main
-from pipeline.images import read_picture
-from pipeline.params import Params
-from scenes.checked import plain
-from scenes.errors import InputError
-from scenes.seeds import generator
+from pbrnet.model.studies.pairs.folders import LONGEST, plan_folders, read_pair
+from pbrnet.model.studies.pairs.study import QUESTION
+from pbrnet.pipeline.cli import main
+from pbrnet.pipeline.images import read_picture
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.seeds import generator
 from tests.fixtures.study import write
 from tests.model.studies.test_pairs import content_of, png_of
 

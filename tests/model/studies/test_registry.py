@@ -13,11 +13,11 @@ import pytest
 from click.testing import CliRunner
 from markupsafe import Markup
 
-from model.figures.section import Section
-from model.report.page import Places, write_report
-from model.studies.commands import study
-from model.studies.registry import STUDIES, study_command
-from pipeline.params import Params
+from pbrnet.model.figures.section import Section
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.model.studies.commands import study
+from pbrnet.model.studies.registry import STUDIES, study_command
+from pbrnet.pipeline.params import Params
 from tests.fixtures.paths import ROOT
 
 SHARED = {"trials"}  # packages that are not studies
@@ -57,7 +57,7 @@ def test_one_line_adds_a_study_to_command_line_and_report(
         ),
     }
     for module, name in (("command", "command"), ("results", "report_section")):
-        made = ModuleType(f"model.studies.example.{module}")
+        made = ModuleType(f"pbrnet.model.studies.example.{module}")
         setattr(made, name, parts[name])
         monkeypatch.setitem(sys.modules, made.__name__, made)
     monkeypatch.setitem(STUDIES, "example", "An example.")

@@ -10,18 +10,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from model.data.encoding import solid_angles
-from model.studies.illumination.cases import lamp_radiance, possible_changes, visible_light
-from model.studies.illumination.lamp_position import RADIUS, left_rear_position
-from model.studies.illumination.relight import ADDED_LAMP_ID, AddedLamp, LightChange, open_relit
-from pipeline.params import IlluminationParams
-from pipeline.passes.groundtruth import render_truth
-from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import render_inputs
-from pipeline.render.scene import open_scene
-from pipeline.views import View
-from scenes.contract import Light, Scene
-from scenes.errors import InputError
+from pbrnet.model.data.encoding import solid_angles
+from pbrnet.model.studies.illumination.cases import lamp_radiance, possible_changes, visible_light
+from pbrnet.model.studies.illumination.lamp_position import RADIUS, left_rear_position
+from pbrnet.model.studies.illumination.relight import (
+    ADDED_LAMP_ID,
+    AddedLamp,
+    LightChange,
+    open_relit,
+)
+from pbrnet.pipeline.params import IlluminationParams
+from pbrnet.pipeline.passes.groundtruth import render_truth
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.contract import Light, Scene
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.light import PARAMS, room, views
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
 

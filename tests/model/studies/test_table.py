@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.data.encoding import color_exposure
-from model.data.reader import Dataset
-from model.evaluation.metrics import psnr
-from model.report.page import Places, write_report
-from model.studies.table.study import table_study
-from model.studies.trials.plan import TrialConfig, plan
-from model.studies.trials.results import TrialsResult
-from model.training.train import Folders
-from pipeline.cli import main
-from pipeline.tonemap import tonemap
-from scenes.checked import build
-from scenes.errors import InputError
-from scenes.files import read_json
+from pbrnet.model.data.encoding import color_exposure
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.evaluation.metrics import psnr
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.model.studies.table.study import table_study
+from pbrnet.model.studies.trials.plan import TrialConfig, plan
+from pbrnet.model.studies.trials.results import TrialsResult
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.cli import main
+from pbrnet.pipeline.tonemap import tonemap
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_json
 from tests.fixtures.training import stop_at
 from tests.fixtures.trial import PARAMS, SMALL, folders_in, trial_workplace
 

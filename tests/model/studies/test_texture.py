@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from model.studies.trials.texture import TILE, detail, grid
-from scenes.seeds import generator
+from pbrnet.model.studies.trials.texture import TILE, detail, grid
+from pbrnet.scenes.seeds import generator
 
 
 def noise(height: int = 192, width: int = 256, spread: float = 0.05) -> np.ndarray:

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from model.report.page import Places, write_report
-from model.studies.frame_store import with_samples
-from model.studies.time import study
-from model.studies.time.plot import time_figure
-from model.studies.time.results import (
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.model.studies.frame_store import with_samples
+from pbrnet.model.studies.time import study
+from pbrnet.model.studies.time.plot import time_figure
+from pbrnet.model.studies.time.results import (
     HYBRID_SAMPLES,
     PAPER,
     TRANSPORT_SAMPLES,
@@ -23,13 +23,13 @@ from model.studies.time.results import (
     fastest_better,
     part_rows,
 )
-from model.studies.time.study import ViewMeasurement, _parts_of
-from model.titles import METHOD_TITLES
-from model.training.train import Folders
-from pipeline.cli import main
-from pipeline.images import read_picture
-from scenes.checked import build
-from scenes.errors import InputError
+from pbrnet.model.studies.time.study import ViewMeasurement, _parts_of
+from pbrnet.model.titles import METHOD_TITLES
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.cli import main
+from pbrnet.pipeline.images import read_picture
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.light import PARAMS, lit_workplace
 
 

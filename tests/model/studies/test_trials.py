@@ -14,30 +14,30 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from model.baselines.end_to_end import EndToEnd
-from model.data.reader import Dataset
-from model.evaluation.evaluate import LeakError
-from model.methods import build_network
-from model.networks.pbrnet import Architecture
-from model.report.page import Places, write_report
-from model.studies.composition.study import composition_study
-from model.studies.decomposition.study import decomposition_study
-from model.studies.loss.study import loss_study
-from model.studies.trials.learning_curve import extrapolations, power_law
-from model.studies.trials.plan import TrialConfig, TrialStudy, plan, subset
-from model.studies.trials.results import MetricEstimate, TrialsResult, TrialsRow
-from model.studies.trials.runs import Log
-from model.studies.trials.scores import ViewScores, busiest_window, figures
-from model.studies.trials.summary import run_and_summarise
-from model.training import train
-from model.training.store import load_model
-from model.training.train import Folders, train_network
-from pipeline.cli import main
-from pipeline.images import read_picture
-from pipeline.params import Params
-from scenes.checked import build, plain
-from scenes.errors import InputError, ParameterError
-from scenes.files import read_json
+from pbrnet.model.baselines.end_to_end import EndToEnd
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.evaluation.evaluate import LeakError
+from pbrnet.model.methods import build_network
+from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.model.report.page import Places, write_report
+from pbrnet.model.studies.composition.study import composition_study
+from pbrnet.model.studies.decomposition.study import decomposition_study
+from pbrnet.model.studies.loss.study import loss_study
+from pbrnet.model.studies.trials.learning_curve import extrapolations, power_law
+from pbrnet.model.studies.trials.plan import TrialConfig, TrialStudy, plan, subset
+from pbrnet.model.studies.trials.results import MetricEstimate, TrialsResult, TrialsRow
+from pbrnet.model.studies.trials.runs import Log
+from pbrnet.model.studies.trials.scores import ViewScores, busiest_window, figures
+from pbrnet.model.studies.trials.summary import run_and_summarise
+from pbrnet.model.training import train
+from pbrnet.model.training.store import load_model
+from pbrnet.model.training.train import Folders, train_network
+from pbrnet.pipeline.cli import main
+from pbrnet.pipeline.images import read_picture
+from pbrnet.pipeline.params import Params
+from pbrnet.scenes.checked import build, plain
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.files import read_json
 from tests.fixtures.model import box_rows, write_shard
 from tests.fixtures.training import Killed, stop_at
 from tests.fixtures.trial import PARAMS, SIZE, TRAIN, folders_in, trial_workplace

@@ -10,7 +10,7 @@ import torch
 from skimage import data, transform
 from torch import nn
 
-from model.training.backbone import (
+from pbrnet.model.training.backbone import (
     BALANCE,
     EfficientNetLite0,
     Vgg19,
@@ -18,9 +18,9 @@ from model.training.backbone import (
     load_backbone,
     make_backbone,
 )
-from model.training.loss import PerceptualLoss, layer_weights
-from pipeline.params import BackboneParams, LossParams
-from scenes.errors import InputError, MachineError
+from pbrnet.model.training.loss import PerceptualLoss, layer_weights
+from pbrnet.pipeline.params import BackboneParams, LossParams
+from pbrnet.scenes.errors import InputError, MachineError
 
 
 class Multiples(nn.Module):

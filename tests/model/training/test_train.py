@@ -15,16 +15,16 @@ import pyarrow.parquet as pq
 import pytest
 import torch
 
-from model.data.encoding import encode, to_image
-from model.data.reader import Dataset
-from model.evaluation.metrics import ssim
-from model.methods import learning_rate
-from model.training.loop import TrainingError, batches_from
-from model.training.store import load_model
-from model.training.train import Folders, choose_precision, train_network
-from pipeline.params import LossParams, Params, StageTrainParams, TrainParams
-from pipeline.tonemap import tonemap
-from scenes.errors import InputError
+from pbrnet.model.data.encoding import encode, to_image
+from pbrnet.model.data.reader import Dataset
+from pbrnet.model.evaluation.metrics import ssim
+from pbrnet.model.methods import learning_rate
+from pbrnet.model.training.loop import TrainingError, batches_from
+from pbrnet.model.training.store import load_model
+from pbrnet.model.training.train import Folders, choose_precision, train_network
+from pbrnet.pipeline.params import LossParams, Params, StageTrainParams, TrainParams
+from pbrnet.pipeline.tonemap import tonemap
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.training import Killed, stop_at

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from pipeline.cameras.framing import framing_of, is_framed
-from scenes.contract import Scene, SceneObject
+from pbrnet.pipeline.cameras.framing import framing_of, is_framed
+from pbrnet.scenes.contract import Scene, SceneObject
 
 NAMES = (("walls", "wall", True), ("floor", "floor", True), ("lamp", "lamp", False),
          ("sofa", "sofa", False))  # fmt: skip

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.cameras.overlap import outlook, overlap
-from pipeline.cameras.reprojection import reproject
-from pipeline.params import CameraParams, ImageParams, Params
-from pipeline.passes.inputs import render_inputs
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.stages.camera_files import NO_SET, make_cameras
-from pipeline.views import View, look
-from scenes.contract import load_scene
+from pbrnet.pipeline.cameras.overlap import outlook, overlap
+from pbrnet.pipeline.cameras.reprojection import reproject
+from pbrnet.pipeline.params import CameraParams, ImageParams, Params
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.stages.camera_files import NO_SET, make_cameras
+from pbrnet.pipeline.views import View, look
+from pbrnet.scenes.contract import load_scene
 from tests.fixtures.render import diffuse, quad, write_scene
 from tests.fixtures.stages import write_room
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.cameras.reprojection import reproject
-from pipeline.params import CameraParams, Params
-from pipeline.passes.inputs import render_inputs
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.stages.camera_files import make_cameras
-from pipeline.stages.view_sampling import TOO_CLOSE
-from pipeline.views import CameraFile, View, look
-from scenes.contract import load_scene
+from pbrnet.pipeline.cameras.reprojection import reproject
+from pbrnet.pipeline.params import CameraParams, Params
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.stages.camera_files import make_cameras
+from pbrnet.pipeline.stages.view_sampling import TOO_CLOSE
+from pbrnet.pipeline.views import CameraFile, View, look
+from pbrnet.scenes.contract import load_scene
 from tests.fixtures.stages import write_room
 
 BASELINE = 0.12

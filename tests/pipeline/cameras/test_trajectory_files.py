@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.cameras.trajectory_files import Trajectory, read_trajectory
-from pipeline.params import CameraParams, ImageParams, Params
-from pipeline.render.scene import open_scene
-from pipeline.stages.camera_files import THROUGH, make_cameras
-from pipeline.stages.view_sampling import INSIDE, TOO_CLOSE
-from pipeline.views import as_matrix, look
-from scenes.contract import load_scene
-from scenes.errors import InputError
+from pbrnet.pipeline.cameras.trajectory_files import Trajectory, read_trajectory
+from pbrnet.pipeline.params import CameraParams, ImageParams, Params
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.pipeline.stages.camera_files import THROUGH, make_cameras
+from pbrnet.pipeline.stages.view_sampling import INSIDE, TOO_CLOSE
+from pbrnet.pipeline.views import as_matrix, look
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.stages import write_room
 
 

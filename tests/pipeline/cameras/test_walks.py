@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.cameras.free_floor import BODY, free_floors
-from pipeline.params import CameraParams, Params
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.stages.camera_files import NO_WALK, make_cameras
-from pipeline.stages.view_sampling import sample_cameras
-from pipeline.views import View
-from scenes.contract import load_scene
+from pbrnet.pipeline.cameras.free_floor import BODY, free_floors
+from pbrnet.pipeline.params import CameraParams, Params
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.stages.camera_files import NO_WALK, make_cameras
+from pbrnet.pipeline.stages.view_sampling import sample_cameras
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.contract import load_scene
 from tests.fixtures.stages import Block, write_room
 
 DESK = Block("desk", (0.6, 0.9, 0.0), (1.3, 1.9, 0.75))

@@ -10,9 +10,9 @@ import pyarrow as pa
 import pytest
 from matplotlib.axes import Axes
 
-from pipeline.costs.charts import LedgerChart, draw_ledger, ledger_charts
-from pipeline.costs.ledger import SCHEMA
-from pipeline.plotting import SERIES, new_chart
+from pbrnet.pipeline.costs.charts import LedgerChart, draw_ledger, ledger_charts
+from pbrnet.pipeline.costs.ledger import SCHEMA
+from pbrnet.pipeline.plotting import SERIES, new_chart
 
 BEGIN = datetime(2026, 1, 1, tzinfo=UTC)
 Bar = tuple[float, float, float, str]  # begin and end in minutes, row, colour

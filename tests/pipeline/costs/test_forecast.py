@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from pipeline.cli import cli
-from pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, joined, samples_of
-from pipeline.costs.ledger import Ledger, read_ledger
-from pipeline.params import GroundTruthParams, ImageParams, NoisyParams, Params
-from scenes.errors import InputError
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, joined, samples_of
+from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
+from pbrnet.pipeline.params import GroundTruthParams, ImageParams, NoisyParams, Params
+from pbrnet.scenes.errors import InputError
 
 OPEN, FIXED, RATE = 4.0, 0.6, 2e-6  # seconds a scene, a view, a sample
 

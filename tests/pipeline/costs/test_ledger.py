@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.costs.ledger import SCHEMA, Ledger, ledger_path, read_ledger
-from pipeline.inspection.describe import inspect_path
-from scenes.errors import InputError
+from pbrnet.pipeline.costs.ledger import SCHEMA, Ledger, ledger_path, read_ledger
+from pbrnet.pipeline.inspection.describe import inspect_path
+from pbrnet.scenes.errors import InputError
 
 
 def test_a_row_is_replaced_and_counts_how_often_it_was_made(tmp_path: Path) -> None:

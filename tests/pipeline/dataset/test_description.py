@@ -19,10 +19,10 @@ import pytest
 import yaml
 from PIL import Image
 
-from pipeline.dataset.columns import PREVIEWS, dataset_columns
-from pipeline.dataset.description.facts import DatasetFacts, view_facts
-from pipeline.dataset.pack import pack_dataset
-from pipeline.dataset.previews import _DRAW
+from pbrnet.pipeline.dataset.columns import PREVIEWS, dataset_columns
+from pbrnet.pipeline.dataset.description.facts import DatasetFacts, view_facts
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.dataset.previews import _DRAW
 from tests.fixtures.dataset import box_frames as frames_of
 from tests.fixtures.dataset import make_data, make_view, rows_of, small_params, write_view
 from tests.fixtures.paths import ROOT

@@ -10,10 +10,15 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from pipeline.commands.data import inspect
-from pipeline.dataset.diversity import QUANTITIES, count_lights, dataset_figures, view_figures
-from pipeline.dataset.pack import pack_dataset
-from scenes.errors import InputError
+from pbrnet.pipeline.commands.data import inspect
+from pbrnet.pipeline.dataset.diversity import (
+    QUANTITIES,
+    count_lights,
+    dataset_figures,
+    view_figures,
+)
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.dataset import make_data, small_params
 
 

@@ -10,12 +10,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.dataset.checks import check_frames
-from pipeline.dataset.pack import pack_dataset
-from pipeline.frames import Channels, Frame, frame_path
-from pipeline.inspection.describe import inspect_path
-from pipeline.params import CheckParams, Params
-from pipeline.views import View, load_cameras
+from pbrnet.pipeline.dataset.checks import check_frames
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.frames import Channels, Frame, frame_path
+from pbrnet.pipeline.inspection.describe import inspect_path
+from pbrnet.pipeline.params import CheckParams, Params
+from pbrnet.pipeline.views import View, load_cameras
 from tests.fixtures.dataset import (
     box_environment,
     box_frames,

@@ -12,11 +12,11 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.dataset.pack import pack_dataset
-from pipeline.frames import Channels, frame_path
-from pipeline.inspection.describe import inspect_path
-from pipeline.params import Params
-from pipeline.views import View, load_cameras
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.frames import Channels, frame_path
+from pbrnet.pipeline.inspection.describe import inspect_path
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.views import View, load_cameras
 from tests.fixtures.dataset import (
     ROOM,
     box_labels,

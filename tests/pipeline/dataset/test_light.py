@@ -11,14 +11,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.channels import ALBEDO, RGB, light_bands
-from pipeline.dataset.pack import pack_dataset
-from pipeline.frames import Channels, frame_path, read_frame
-from pipeline.inspection.describe import inspect_path
-from pipeline.params import LightParams, Params
-from pipeline.passes.light import adding_up
-from pipeline.views import View, load_cameras
-from scenes.errors import InputError
+from pbrnet.pipeline.channels import ALBEDO, RGB, light_bands
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.frames import Channels, frame_path, read_frame
+from pbrnet.pipeline.inspection.describe import inspect_path
+from pbrnet.pipeline.params import LightParams, Params
+from pbrnet.pipeline.passes.light import adding_up
+from pbrnet.pipeline.views import View, load_cameras
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.dataset import images_of, make_data, small_params, write_view
 
 PARTS = ("direct", "indirect", "diffuse", "specular", "irradiance", "residual")

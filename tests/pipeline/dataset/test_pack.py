@@ -22,22 +22,28 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from pipeline.channels import TINT
-from pipeline.cli import cli
-from pipeline.dataset.checks import REASONS, black_share, blown_share, check_frames, firefly_share
-from pipeline.dataset.checksums import verify_sums
-from pipeline.dataset.columns import dataset_columns
-from pipeline.dataset.held_out import kept_back
-from pipeline.dataset.pack import pack_dataset
-from pipeline.dataset.shards import ShardWriter
-from pipeline.dataset.splits import Source, split_plans
-from pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
-from pipeline.images import read_picture
-from pipeline.params import CheckParams, SplitParams
-from pipeline.tonemap import exposure_of
-from scenes.contract import Credit
-from scenes.errors import InputError, MachineError
-from scenes.files import digest_folder
+from pbrnet.pipeline.channels import TINT
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.dataset.checks import (
+    REASONS,
+    black_share,
+    blown_share,
+    check_frames,
+    firefly_share,
+)
+from pbrnet.pipeline.dataset.checksums import verify_sums
+from pbrnet.pipeline.dataset.columns import dataset_columns
+from pbrnet.pipeline.dataset.held_out import kept_back
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.dataset.shards import ShardWriter
+from pbrnet.pipeline.dataset.splits import Source, split_plans
+from pbrnet.pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
+from pbrnet.pipeline.images import read_picture
+from pbrnet.pipeline.params import CheckParams, SplitParams
+from pbrnet.pipeline.tonemap import exposure_of
+from pbrnet.scenes.contract import Credit
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import digest_folder
 from tests.fixtures.dataset import (
     add_scene,
     box_frames,
@@ -622,7 +628,7 @@ def test_the_command_packs_and_tells(tmp_path: Path) -> None:
     values = {"image": {"width": 32, "height": 24}, "illumination": {"width": 32}}
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(values))
     ran = subprocess.run(
-        [sys.executable, "-m", "pipeline.cli", "dataset"],
+        [sys.executable, "-m", "pbrnet.pipeline.cli", "dataset"],
         cwd=tmp_path,
         capture_output=True,
         text=True,

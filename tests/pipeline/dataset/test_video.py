@@ -10,13 +10,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.channels import VIDEO_BANDS
-from pipeline.dataset.flow_checks import reprojected
-from pipeline.dataset.pack import pack_dataset
-from pipeline.frames import Channels, frame_path
-from pipeline.inspection.describe import inspect_path
-from pipeline.params import Params
-from pipeline.views import View, as_matrix, load_cameras, look, save_cameras
+from pbrnet.pipeline.channels import VIDEO_BANDS
+from pbrnet.pipeline.dataset.flow_checks import reprojected
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.frames import Channels, frame_path
+from pbrnet.pipeline.inspection.describe import inspect_path
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.views import View, as_matrix, load_cameras, look, save_cameras
 from tests.fixtures.dataset import box_frames, make_data, small_params, write_view
 from tests.fixtures.dataset import rows_of as table_rows
 

@@ -13,13 +13,13 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from pipeline.commands.export_data import export_data
-from pipeline.export import images, nerfstudio
-from pipeline.export.parts import RECORD, ExportOptions, Job, run_export
-from pipeline.export.registry import FORMATS
-from pipeline.export.rows import DatasetRows
-from scenes.errors import InputError
-from scenes.files import digest_folder
+from pbrnet.pipeline.commands.export_data import export_data
+from pbrnet.pipeline.export import images, nerfstudio
+from pbrnet.pipeline.export.parts import RECORD, ExportOptions, Job, run_export
+from pbrnet.pipeline.export.registry import FORMATS
+from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_folder
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.exports import make_dataset
 
@@ -33,7 +33,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset of the paper's channels alone, packed by the stage."""
-    from pipeline.dataset.pack import pack_dataset
+    from pbrnet.pipeline.dataset.pack import pack_dataset
 
     data = make_data(tmp_path_factory.mktemp("bare"), small_params(), scenes=3, views=1)
     pack_dataset(data, small_params())

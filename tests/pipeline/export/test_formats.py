@@ -17,11 +17,11 @@ from PIL import Image
 from pycocotools.coco import COCO
 from scipy.spatial.transform import Rotation
 
-from pipeline.export.parts import ExportOptions, Job, run_export
-from pipeline.export.registry import FORMATS
-from pipeline.export.rows import DatasetRows
-from scenes.files import digest_folder
-from scenes.importing.semantics import category_number
+from pbrnet.pipeline.export.parts import ExportOptions, Job, run_export
+from pbrnet.pipeline.export.registry import FORMATS
+from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.scenes.files import digest_folder
+from pbrnet.scenes.importing.semantics import category_number
 from tests.fixtures.dataset import ROOM
 from tests.fixtures.exports import (
     BOX,

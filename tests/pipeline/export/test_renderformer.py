@@ -8,13 +8,13 @@ import h5py
 import numpy as np
 import pytest
 
-from pipeline.export.parts import ExportOptions, Job, run_export
-from pipeline.export.registry import FORMATS
-from pipeline.export.room_mesh import Soup, clustered, split_longest, within_budget
-from pipeline.export.rows import DatasetRows
-from scenes.contract import SceneObject, save_scene, writing_scene
-from scenes.errors import InputError
-from scenes.files import digest_file
+from pbrnet.pipeline.export.parts import ExportOptions, Job, run_export
+from pbrnet.pipeline.export.registry import FORMATS
+from pbrnet.pipeline.export.room_mesh import Soup, clustered, split_longest, within_budget
+from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.scenes.contract import SceneObject, save_scene, writing_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_file
 from tests.fixtures.dataset import ROOM, box_scene
 from tests.fixtures.exports import BOX, HEIGHT, make_dataset, truths
 from tests.fixtures.render import ball, diffuse, glow

@@ -16,15 +16,15 @@ import psutil
 import pytest
 from distributed import Future
 
-from pipeline.farm import cluster
-from pipeline.farm.cluster import Farm
-from pipeline.farm.dispatch import Dispatch
-from pipeline.farm.liveness import Liveness
-from pipeline.farm.recycling import WorkerHistory
-from pipeline.farm.scheduling import BatchQueue, Item
-from pipeline.farm.worker import Outcome
-from pipeline.params import FarmParams
-from scenes.errors import MachineError, ParameterError
+from pbrnet.pipeline.farm import cluster
+from pbrnet.pipeline.farm.cluster import Farm
+from pbrnet.pipeline.farm.dispatch import Dispatch
+from pbrnet.pipeline.farm.liveness import Liveness
+from pbrnet.pipeline.farm.recycling import WorkerHistory
+from pbrnet.pipeline.farm.scheduling import BatchQueue, Item
+from pbrnet.pipeline.farm.worker import Outcome
+from pbrnet.pipeline.params import FarmParams
+from pbrnet.scenes.errors import MachineError, ParameterError
 from tests.fixtures.dask_processes import dask_cluster, workers_of
 from tests.fixtures.farm import no_setup, work
 
@@ -82,7 +82,7 @@ def test_a_worker_that_was_given_up_is_started_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On a busy machine a worker may come back too late for dask, which then forgets it."""
-    monkeypatch.setattr("pipeline.farm.cluster._LOST", "1ms")
+    monkeypatch.setattr("pbrnet.pipeline.farm.cluster._LOST", "1ms")
     once = {"do": "die", "well_after": 1, "log": str(tmp_path)}
     outcomes = _run(_items(6, k2=once), FarmParams(workers=1, batch=2))
     assert all(not outcome.error for outcome in outcomes.values())
@@ -98,7 +98,7 @@ def test_an_endless_item_is_ended_and_named() -> None:
 def test_a_frozen_worker_is_replaced_from_outside(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.farm.dispatch.GRACE", 3.0)
+    monkeypatch.setattr("pbrnet.pipeline.farm.dispatch.GRACE", 3.0)
     once = {"do": "stop", "well_after": 1, "log": str(tmp_path)}
     before = time.monotonic()
     outcomes = _run(_items(6, k2=once), FarmParams(workers=1, batch=2, time_limit=2))
@@ -214,7 +214,7 @@ def test_two_items_of_one_name_are_refused() -> None:
 
 
 def test_no_scheduler_at_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.farm.cluster.CONNECT_PATIENCE", 1.0)
+    monkeypatch.setattr("pbrnet.pipeline.farm.cluster.CONNECT_PATIENCE", 1.0)
     farm = Farm(FarmParams(), "tcp://127.0.0.1:9", no_setup, 1)
     with pytest.raises(MachineError, match=r"no dask scheduler answers at 'tcp://127\.0\.0\.1:9'"):
         farm.__enter__()

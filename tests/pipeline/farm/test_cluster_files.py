@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.params import load_params
-from pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.params import load_params
+from pbrnet.pipeline.stages.cameras import run_cameras
 from tests.fixtures.paths import ROOT
 from tests.fixtures.stages import write_room
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.farm.content_store import (
+from pbrnet.pipeline.farm.content_store import (
     CHUNK_BYTES,
     Chunk,
     ContentStore,
@@ -20,8 +20,8 @@ from pipeline.farm.content_store import (
     list_files,
     read_chunks,
 )
-from scenes.errors import InputError, MachineError
-from scenes.files import digest_folder
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import digest_folder
 
 SIZES = {
     "scene.xml": 700,

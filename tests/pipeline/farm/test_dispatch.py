@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from pipeline.farm import dispatch as module
-from pipeline.farm.dispatch import FIRST_PATIENCE, WORKER_PATIENCE, Dispatch
-from pipeline.params import FarmParams
-from scenes.errors import MachineError
+from pbrnet.pipeline.farm import dispatch as module
+from pbrnet.pipeline.farm.dispatch import FIRST_PATIENCE, WORKER_PATIENCE, Dispatch
+from pbrnet.pipeline.params import FarmParams
+from pbrnet.scenes.errors import MachineError
 
 
 def without_workers(external: bool) -> Dispatch:

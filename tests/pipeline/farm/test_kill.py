@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.dataset.pack import pack_dataset
-from pipeline.params import Params, load_params
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.stages.illumination import run_illumination
-from pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.illumination import run_illumination
+from pbrnet.pipeline.stages.inputs import run_inputs
 from tests.fixtures.dask_processes import dask_cluster, dask_scheduler, dask_worker, workers_of
 from tests.fixtures.paths import ROOT
 from tests.fixtures.stages import write_room
@@ -51,7 +51,7 @@ def _start(data: Path, stage: str, *options: str) -> subprocess.Popen[bytes]:
     parameters.write_text(PARAMETERS)
     line = [stage, "--params", str(parameters), "--data", str(data), *options]
     return subprocess.Popen(
-        [sys.executable, "-m", "pipeline.cli", *line],
+        [sys.executable, "-m", "pbrnet.pipeline.cli", *line],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         start_new_session=True,

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.memory import Course, courses, draw, measure, parameters
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
 from tests.fixtures.stages import write_room
 
 

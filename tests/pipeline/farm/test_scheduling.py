@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.costs.estimates import estimator
-from pipeline.costs.ledger import Ledger, read_ledger
-from pipeline.farm.scheduling import BatchQueue, Item
+from pbrnet.pipeline.costs.estimates import estimator
+from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
+from pbrnet.pipeline.farm.scheduling import BatchQueue, Item
 
 
 def _makespan(items: list[Item], seconds: dict[str, float], workers: int, opening: float) -> float:

@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 
-from pipeline.params import Params, load_params
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.stages.illumination import run_illumination
-from pipeline.stages.inputs import run_inputs
-from pipeline.stages.scenes import run_scenes
-from scenes.errors import MachineError
+from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.illumination import run_illumination
+from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.scenes.errors import MachineError
 from tests.fixtures.dask_processes import (
     can_hide,
     dask_scheduler,
@@ -53,7 +53,7 @@ def _command(data: Path, stage: str, *options: str) -> list[str]:
     parameters = data.parent / "params.yaml"
     parameters.write_text(PARAMETERS)
     words = [stage, "--params", str(parameters), "--data", str(data), *options]
-    return [sys.executable, "-m", "pipeline.cli", *words]
+    return [sys.executable, "-m", "pbrnet.pipeline.cli", *words]
 
 
 def _run(data: Path, stage: str, scheduler: str | None = None, **farm: Any) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.passes.denoise import denoise, grey_guide
+from pbrnet.pipeline.passes.denoise import denoise, grey_guide
 
 
 def scene(size: int = 96) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -13,18 +13,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.channels import RGB, SETS
-from pipeline.dataset.environment_checks import disagreement
-from pipeline.frames import Channels
-from pipeline.params import EnvironmentParams, GroundTruthParams, Params
-from pipeline.passes.denoise import denoise
-from pipeline.passes.environment import render_environment, rounded
-from pipeline.passes.groundtruth import render_truth
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.registry import PASSES, frame_fingerprint
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.views import View
-from scenes.geometry.directions import equirectangular_directions
+from pbrnet.pipeline.channels import RGB, SETS
+from pbrnet.pipeline.dataset.environment_checks import disagreement
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import EnvironmentParams, GroundTruthParams, Params
+from pbrnet.pipeline.passes.denoise import denoise
+from pbrnet.pipeline.passes.environment import render_environment, rounded
+from pbrnet.pipeline.passes.groundtruth import render_truth
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.registry import PASSES, frame_fingerprint
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.geometry.directions import equirectangular_directions
 from tests.fixtures.light import SKY, room
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import ball, diffuse, glow, make_view, write_scene
@@ -227,10 +227,10 @@ SCALAR = """
 import sys
 import numpy as np
 from pathlib import Path
-from pipeline.passes.groundtruth import path_integrator
-from pipeline.pathtrace.sphere import trace_scalar
-from pipeline.render.scene import open_scene, set_variant
-from scenes.contract import load_scene
+from pbrnet.pipeline.passes.groundtruth import path_integrator
+from pbrnet.pipeline.pathtrace.sphere import trace_scalar
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.scenes.contract import load_scene
 from tests.pipeline.passes.test_environment import IN_ROOM
 
 set_variant("scalar_rgb")

@@ -15,12 +15,12 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from pipeline.params import GroundTruthParams
-from pipeline.passes import groundtruth
-from pipeline.passes.groundtruth import block_sizes, blocks_per_launch, render_truth
-from pipeline.render.scene import open_scene
-from pipeline.views import View
-from scenes.errors import InputError
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes import groundtruth
+from pbrnet.pipeline.passes.groundtruth import block_sizes, blocks_per_launch, render_truth
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
 
@@ -268,12 +268,12 @@ import sys
 import drjit as dr
 import numpy as np
 from pathlib import Path
-from pipeline.passes.groundtruth import render_truth
-from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import render_inputs
-from pipeline.params import GroundTruthParams, IlluminationParams
-from pipeline.render.scene import open_scene, render_ids, set_variant
-from scenes.contract import load_scene
+from pbrnet.pipeline.passes.groundtruth import render_truth
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.params import GroundTruthParams, IlluminationParams
+from pbrnet.pipeline.render.scene import open_scene, render_ids, set_variant
+from pbrnet.scenes.contract import load_scene
 from tests.fixtures.render import make_view
 
 folder, out, variant, threads, spp = sys.argv[1:]

@@ -9,15 +9,15 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from pipeline.channels import TINT
-from pipeline.frames import Channels
-from pipeline.params import GroundTruthParams, IlluminationParams
-from pipeline.passes.groundtruth import render_truth
-from pipeline.passes.illumination import Panorama, render_illumination
-from pipeline.render.scene import open_scene
-from pipeline.views import View
-from scenes.color import REC709
-from scenes.contract import Portal
+from pbrnet.pipeline.channels import TINT
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import GroundTruthParams, IlluminationParams
+from pbrnet.pipeline.passes.groundtruth import render_truth
+from pbrnet.pipeline.passes.illumination import Panorama, render_illumination
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.color import REC709
+from pbrnet.scenes.contract import Portal
 from tests.fixtures.render import (
     WINDOW,
     ball,

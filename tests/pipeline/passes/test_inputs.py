@@ -10,12 +10,12 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from pipeline.frames import Channels
-from pipeline.passes.inputs import facing_normals, render_inputs
-from pipeline.render.scene import cast, open_scene, render_ids
-from pipeline.render.scene_geometry import Hits
-from pipeline.views import View
-from scenes.errors import InputError
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.inputs import facing_normals, render_inputs
+from pbrnet.pipeline.render.scene import cast, open_scene, render_ids
+from pbrnet.pipeline.render.scene_geometry import Hits
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.render import (
     WINDOW,
     ball,

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.channels import channels_of
-from pipeline.frames import Channels
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.labels import RENDERERS, render_labels
-from pipeline.render.boxes import Box, box_around
-from pipeline.render.scene import open_scene
-from scenes.contract import Light
-from scenes.importing.categories import CATEGORIES
-from scenes.importing.semantics import (
+from pbrnet.pipeline.channels import channels_of
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.labels import RENDERERS, render_labels
+from pbrnet.pipeline.render.boxes import Box, box_around
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.scenes.contract import Light
+from pbrnet.scenes.importing.categories import CATEGORIES
+from pbrnet.scenes.importing.semantics import (
     CATEGORY_LABELS,
     NYU13_NAMES,
     NYU13_OF_NYU40,

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.channels import channels_of
-from pipeline.frames import Channels
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.materials import RENDERERS, render_materials
-from pipeline.render.drjit_arrays import vector
-from pipeline.render.materials import RULES
-from pipeline.render.scene import RenderScene, open_scene
-from pipeline.views import View
-from scenes.registry import import_scene
+from pbrnet.pipeline.channels import channels_of
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.materials import RENDERERS, render_materials
+from pbrnet.pipeline.render.drjit_arrays import vector
+from pbrnet.pipeline.render.materials import RULES
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.gltf import square
 from tests.fixtures.render import ball, glow, make_view, quad, write_scene
 

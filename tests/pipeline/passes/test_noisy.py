@@ -13,12 +13,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pipeline.costs.ledger import read_ledger
-from pipeline.dataset.pack import pack_dataset
-from pipeline.dataset.parquet import images_of
-from pipeline.dataset.splits import split_sampling
-from pipeline.frames import Channels, Frame, frame_path, read_frame
-from pipeline.params import (
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.dataset.parquet import images_of
+from pbrnet.pipeline.dataset.splits import split_sampling
+from pbrnet.pipeline.frames import Channels, Frame, frame_path, read_frame
+from pbrnet.pipeline.params import (
     CameraParams,
     FarmParams,
     GroundTruthParams,
@@ -26,9 +26,9 @@ from pipeline.params import (
     NoisyParams,
     Params,
 )
-from pipeline.passes import registry
-from pipeline.passes.denoise import denoiser_version
-from pipeline.passes.registry import (
+from pbrnet.pipeline.passes import registry
+from pbrnet.pipeline.passes.denoise import denoiser_version
+from pbrnet.pipeline.passes.registry import (
     PASSES,
     frame_fingerprint,
     pass_seed,
@@ -36,13 +36,13 @@ from pipeline.passes.registry import (
     render_samples,
     render_truths,
 )
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.views import View, load_cameras
-from scenes.contract import load_scene
-from scenes.files import digest_folder
-from scenes.seeds import derive
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.views import View, load_cameras
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.files import digest_folder
+from pbrnet.scenes.seeds import derive
 from tests.fixtures.dataset import box_frames, make_data, make_view, small_params, write_view
 from tests.fixtures.stages import write_room
 

@@ -10,22 +10,28 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from model.data.reader import Dataset
-from pipeline.channels import BUMPED, DIRECT, NORMAL, RGB
-from pipeline.dataset.label_checks import label_fault, material_fault, world_points
-from pipeline.dataset.pack import pack_dataset
-from pipeline.frames import Frame
-from pipeline.params import CameraParams, EnvironmentParams, GroundTruthParams, ImageParams, Params
-from pipeline.passes.environment import render_environment
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.registry import render_surfaces, render_truths
-from pipeline.passes.visibility import render_visibility
-from pipeline.render.scene import RenderScene, open_scene
-from pipeline.stages.view_sampling import sample_cameras
-from pipeline.views import View
-from scenes.checked import build
-from scenes.contract import load_scene
-from scenes.errors import InputError, ParameterError
+from pbrnet.model.data.reader import Dataset
+from pbrnet.pipeline.channels import BUMPED, DIRECT, NORMAL, RGB
+from pbrnet.pipeline.dataset.label_checks import label_fault, material_fault, world_points
+from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.frames import Frame
+from pbrnet.pipeline.params import (
+    CameraParams,
+    EnvironmentParams,
+    GroundTruthParams,
+    ImageParams,
+    Params,
+)
+from pbrnet.pipeline.passes.environment import render_environment
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.registry import render_surfaces, render_truths
+from pbrnet.pipeline.passes.visibility import render_visibility
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.stages.view_sampling import sample_cameras
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError, ParameterError
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.light import room
 from tests.fixtures.render import make_view

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.frames import Channels
-from pipeline.params import GroundTruthParams, NoisyParams, Params, TransportParams
-from pipeline.passes import groundtruth
-from pipeline.passes.preparation import prepare
-from pipeline.passes.registry import render_samples
-from pipeline.passes.transport import render_transport
-from pipeline.pathtrace import integrator
-from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.render.scene import RenderScene, open_scene
-from pipeline.views import View
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import GroundTruthParams, NoisyParams, Params, TransportParams
+from pbrnet.pipeline.passes import groundtruth
+from pbrnet.pipeline.passes.preparation import prepare
+from pbrnet.pipeline.passes.registry import render_samples
+from pbrnet.pipeline.passes.transport import render_transport
+from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.views import View
 from tests.fixtures.render import WINDOW, diffuse, glow, make_view, quad, room_walls, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.channels import Kind
-from pipeline.frames import Channels
-from pipeline.passes.registry import PASSES, SURFACES
+from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.registry import PASSES, SURFACES
 from tests.fixtures.recorded import FILE, RECORDED, recorded_room, rendered, summary
 
 AGAIN = "python -m tests.fixtures.recorded"

@@ -15,25 +15,25 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pipeline.channels import RGB, channels_of
-from pipeline.params import GroundTruthParams, TransportParams
-from pipeline.passes.denoise import guides
-from pipeline.passes.groundtruth import render_both
-from pipeline.passes.transport import (
+from pbrnet.pipeline.channels import RGB, channels_of
+from pbrnet.pipeline.params import GroundTruthParams, TransportParams
+from pbrnet.pipeline.passes.denoise import guides
+from pbrnet.pipeline.passes.groundtruth import render_both
+from pbrnet.pipeline.passes.transport import (
     Transport,
     render_transport,
     samples_for,
     surfels_for,
     transport_of,
 )
-from pipeline.render.scene import open_scene
-from pipeline.transport import pixels
-from pipeline.transport.guides import fast_guides
-from pipeline.transport.pixels import means
-from pipeline.transport.radiosity import RAYS, Rays, Surfels, cells_of, solve
-from pipeline.transport.smoothing import smooth, spread_fireflies
-from pipeline.views import View
-from scenes.errors import InputError
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.pipeline.transport import pixels
+from pbrnet.pipeline.transport.guides import fast_guides
+from pbrnet.pipeline.transport.pixels import means
+from pbrnet.pipeline.transport.radiosity import RAYS, Rays, Surfels, cells_of, solve
+from pbrnet.pipeline.transport.smoothing import smooth, spread_fireflies
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import (
     WINDOW,
@@ -491,7 +491,7 @@ def test_channels_are_those_of_the_table_and_of_any_light(tmp_path: Path) -> Non
 
 def test_scalar_variants_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = open_scene(write_scene(tmp_path / "a", room_walls(diffuse(0.5))[0]))
-    monkeypatch.setattr("pipeline.passes.transport.integrator.available", lambda: False)
+    monkeypatch.setattr("pbrnet.pipeline.passes.transport.integrator.available", lambda: False)
     with pytest.raises(InputError, match="transport needs a variant other than scalar_rgb"):
         transport_of(scene, make_view(), PARAMS, 1)
 
@@ -500,11 +500,11 @@ THREADS = """
 import sys
 from pathlib import Path
 import drjit as dr
-from pipeline.render.scene import open_scene, set_variant
-from pipeline.params import TransportParams
-from pipeline.passes.transport import render_transport
-from scenes.contract import load_scene
-from scenes.files import digest_bytes
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.params import TransportParams
+from pbrnet.pipeline.passes.transport import render_transport
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.files import digest_bytes
 from tests.fixtures.render import make_view
 set_variant()
 dr.set_thread_count(int(sys.argv[2]))

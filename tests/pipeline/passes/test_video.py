@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.channels import VIDEO_BANDS
-from pipeline.dataset.flow_checks import flow_fault
-from pipeline.frames import Channels
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.video import render_video
-from pipeline.render.scene import RenderScene, open_scene
-from pipeline.views import View, as_matrix, look
+from pbrnet.pipeline.channels import VIDEO_BANDS
+from pbrnet.pipeline.dataset.flow_checks import flow_fault
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.video import render_video
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.views import View, as_matrix, look
 from tests.fixtures.render import diffuse, make_view, quad, room_walls, write_scene
 
 pytestmark = pytest.mark.usefixtures("variant")

@@ -9,19 +9,19 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from model.data.direct_light import direct_light
-from model.evaluation.predict import Rendered, example_of
-from pipeline.frames import Channels, kinds_of
-from pipeline.params import IlluminationParams, Params
-from pipeline.passes.illumination import render_illumination
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.registry import frame_fingerprint
-from pipeline.passes.visibility import choose_sources, render_visibility, surface_mean
-from pipeline.render.scene import RenderScene, open_scene
-from pipeline.views import View
-from scenes.arrays import Float64Array
-from scenes.contract import Portal
-from scenes.geometry.directions import pixel_directions
+from pbrnet.model.data.direct_light import direct_light
+from pbrnet.model.evaluation.predict import Rendered, example_of
+from pbrnet.pipeline.frames import Channels, kinds_of
+from pbrnet.pipeline.params import IlluminationParams, Params
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.registry import frame_fingerprint
+from pbrnet.pipeline.passes.visibility import choose_sources, render_visibility, surface_mean
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import Portal
+from pbrnet.scenes.geometry.directions import pixel_directions
 from tests.fixtures.render import (
     WINDOW,
     ball,

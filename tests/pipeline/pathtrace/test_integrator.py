@@ -10,11 +10,11 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pipeline.params import GroundTruthParams
-from pipeline.passes.groundtruth import render_both, render_truth
-from pipeline.pathtrace.integrator import JointPath, PathState, Scattering
-from pipeline.render.scene import open_scene
-from scenes.errors import InputError
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes.groundtruth import render_both, render_truth
+from pbrnet.pipeline.pathtrace.integrator import JointPath, PathState, Scattering
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.joint import (
     ALBEDO,
     FAITHFUL,

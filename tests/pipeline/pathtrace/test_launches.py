@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.params import GroundTruthParams
-from pipeline.passes.groundtruth import render_both, render_truth, tracer_of
-from pipeline.pathtrace import launches
-from pipeline.render.scene import RenderScene, free_memory, open_scene
-from pipeline.views import View
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes.groundtruth import render_both, render_truth, tracer_of
+from pbrnet.pipeline.pathtrace import launches
+from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene
+from pbrnet.pipeline.views import View
 from tests.fixtures.render import (
     WINDOW,
     ball,

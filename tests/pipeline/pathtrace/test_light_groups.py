@@ -10,15 +10,15 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pipeline.params import GroundTruthParams
-from pipeline.passes.groundtruth import render_both
-from pipeline.pathtrace.guiding import plan_guiding
-from pipeline.pathtrace.light_groups import GroupTable, LightGroups, group_lights
-from pipeline.pathtrace.light_parts import LightParts
-from pipeline.pathtrace.light_pilot import plan_lights
-from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.render.scene import RenderScene, open_scene
-from scenes.contract import Light
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes.groundtruth import render_both
+from pbrnet.pipeline.pathtrace.guiding import plan_guiding
+from pbrnet.pipeline.pathtrace.light_groups import GroupTable, LightGroups, group_lights
+from pbrnet.pipeline.pathtrace.light_parts import LightParts
+from pbrnet.pipeline.pathtrace.light_pilot import plan_lights
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.scenes.contract import Light
 from tests.fixtures.joint import bsdf, deviations, in_parts, number, plain, region_means, rgb
 from tests.fixtures.render import (
     WINDOW,

@@ -10,13 +10,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pipeline.params import GroundTruthParams
-from pipeline.passes.groundtruth import path_integrator, render_both
-from pipeline.pathtrace.light_parts import LightParts, PathParts
-from pipeline.render.scene import RenderScene, open_scene
-from pipeline.render.sensors import make_sensor
-from pipeline.views import View
-from scenes.geometry.directions import pixel_directions
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes.groundtruth import path_integrator, render_both
+from pbrnet.pipeline.pathtrace.light_parts import LightParts, PathParts
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.render.sensors import make_sensor
+from pbrnet.pipeline.views import View
+from pbrnet.scenes.geometry.directions import pixel_directions
 from tests.fixtures.joint import (
     COPPER,
     FAITHFUL,

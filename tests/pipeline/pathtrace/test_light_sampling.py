@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.params import GroundTruthParams
-from pipeline.passes.groundtruth import render_both
-from pipeline.pathtrace.emitter_sampling import MAX_WEIGHTED
-from pipeline.pathtrace.guiding import plan_guiding
-from pipeline.pathtrace.light_pilot import LightPlan, plan_lights
-from pipeline.pathtrace.light_sampling import PlannedLights
-from pipeline.pathtrace.portals import portal_rectangles
-from pipeline.render.drjit_arrays import vector
-from pipeline.render.scene import RenderScene, open_scene
-from scenes.color import luminance
-from scenes.contract import Portal
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes.groundtruth import render_both
+from pbrnet.pipeline.pathtrace.emitter_sampling import MAX_WEIGHTED
+from pbrnet.pipeline.pathtrace.guiding import plan_guiding
+from pbrnet.pipeline.pathtrace.light_pilot import LightPlan, plan_lights
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.pathtrace.portals import portal_rectangles
+from pbrnet.pipeline.render.drjit_arrays import vector
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.contract import Portal
 from tests.fixtures.joint import (
     ALBEDO,
     FAITHFUL,

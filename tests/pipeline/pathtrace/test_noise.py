@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
-from pipeline.frames import Channels
-from pipeline.params import GroundTruthParams, load_params
-from pipeline.passes.groundtruth import render_blocks, render_both, render_truth
-from pipeline.pathtrace.noise import BlockStatistics, firefly_light, residual_noise
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from scenes.errors import ParameterError
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.params import GroundTruthParams, load_params
+from pbrnet.pipeline.passes.groundtruth import render_blocks, render_both, render_truth
+from pbrnet.pipeline.pathtrace.noise import BlockStatistics, firefly_light, residual_noise
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.scenes.errors import ParameterError
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
 
 pytestmark = pytest.mark.usefixtures("variant")

@@ -9,13 +9,13 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pipeline.params import GroundTruthParams
-from pipeline.passes.groundtruth import Truth, render_both, render_truth
-from pipeline.pathtrace.panes import GLASS
-from pipeline.pathtrace.panes import reflectance as reflectance_of
-from pipeline.render.scene import open_scene
-from scenes.contract import Portal
-from scenes.geometry.directions import pixel_directions
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes.groundtruth import Truth, render_both, render_truth
+from pbrnet.pipeline.pathtrace.panes import GLASS
+from pbrnet.pipeline.pathtrace.panes import reflectance as reflectance_of
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.scenes.contract import Portal
+from pbrnet.scenes.geometry.directions import pixel_directions
 from tests.fixtures.render import WINDOW, diffuse, glow, make_view, quad, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")

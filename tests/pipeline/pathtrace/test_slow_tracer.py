@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.pathtrace.integrator import available
-from pipeline.pathtrace.light_pilot import plan_lights
-from pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
-from pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.pathtrace.integrator import available
+from pbrnet.pipeline.pathtrace.light_pilot import plan_lights
+from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from tests.fixtures.joint import ALBEDO, MAX_DEPTH, deviations, joined, region_means
 from tests.fixtures.render import make_view, write_scene
 from tests.fixtures.slow_tracer import Ball, Material, Rectangle, Surface, picture

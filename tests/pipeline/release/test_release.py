@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from pipeline.commands import release as command
-from pipeline.dataset.checksums import verify_sums
-from pipeline.frames import frame_path
-from pipeline.params import Params, load_params
-from pipeline.release.recipe import load_recipe, load_record, recipe_names
-from pipeline.stages.runner import StageError
-from pipeline.views import load_cameras
-from scenes.errors import ParameterError, PbrnetError
+from pbrnet.pipeline.commands import release as command
+from pbrnet.pipeline.dataset.checksums import verify_sums
+from pbrnet.pipeline.frames import frame_path
+from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.release.recipe import load_recipe, load_record, recipe_names
+from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.errors import ParameterError, PbrnetError
 from tests.fixtures.dataset import make_data
 from tests.fixtures.paths import ROOT
 

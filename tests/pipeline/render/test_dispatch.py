@@ -8,11 +8,11 @@ import drjit as dr
 import mitsuba as mi
 import pytest
 
-from pipeline.params import GroundTruthParams
-from pipeline.passes.groundtruth import render_both
-from pipeline.render import dispatch
-from pipeline.render.drjit_arrays import registry_id
-from pipeline.render.scene import RenderScene, free_memory, open_scene
+from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes.groundtruth import render_both
+from pbrnet.pipeline.render import dispatch
+from pbrnet.pipeline.render.drjit_arrays import registry_id
+from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene
 from tests.fixtures.render import ball, glow, make_view, room_walls, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")

@@ -9,10 +9,10 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pipeline.render import raycast
-from pipeline.render.raycast import triangles
-from pipeline.render.scene import open_scene
-from scenes.geometry.directions import unit
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.raycast import triangles
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.scenes.geometry.directions import unit
 from tests.fixtures.instruction_sets import NARROW, digests_under, embree_shim, has_avx512
 from tests.fixtures.render import diffuse, quad, write_scene
 

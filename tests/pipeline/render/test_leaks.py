@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from pipeline.cli import cli
-from pipeline.render.leaks import find_leaks
-from pipeline.render.scene import open_scene
-from scenes.contract import Portal, Scene, load_scene, save_scene
-from scenes.params import SceneParams
-from scenes.procedural.home import make_home
-from scenes.reconstruction.light_walks import OpeningIndex, diffuse_bounce
-from scenes.registry import import_scene
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.render.leaks import find_leaks
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.scenes.contract import Portal, Scene, load_scene, save_scene
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.procedural.home import make_home
+from pbrnet.scenes.reconstruction.light_walks import OpeningIndex, diffuse_bounce
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.gltf import Builder
 from tests.fixtures.leak import ROOM, box_quads, built, west
 from tests.fixtures.stages import write_room

@@ -8,8 +8,8 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pipeline.pathtrace.irradiance import first_hits
-from pipeline.render.meshes import forget, triangles_of
+from pbrnet.pipeline.pathtrace.irradiance import first_hits
+from pbrnet.pipeline.render.meshes import forget, triangles_of
 
 pytestmark = pytest.mark.usefixtures("wavefront")
 
@@ -38,7 +38,7 @@ def test_points_and_normals_have_the_bits_of_the_shapes_own(
     assert triangles_of(meshes) is not None
     fast = first_hits(meshes, *rays)
     assert 50 < fast[2].sum() < 5000
-    monkeypatch.setattr("pipeline.pathtrace.irradiance.triangles_of", lambda scene: None)
+    monkeypatch.setattr("pbrnet.pipeline.pathtrace.irradiance.triangles_of", lambda scene: None)
     for one, other in zip(fast, first_hits(meshes, *rays), strict=True):
         assert np.array_equal(one, other)
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.frames import Channels
-from pipeline.passes.inputs import render_inputs
-from pipeline.passes.materials import render_materials
-from pipeline.passes.registry import render_surfaces
-from pipeline.render.raycast import wavefront
-from pipeline.render.scene import RenderScene, open_scene
-from pipeline.views import View
+from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.materials import render_materials
+from pbrnet.pipeline.passes.registry import render_surfaces
+from pbrnet.pipeline.render.raycast import wavefront
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.views import View
 from tests.fixtures.render import ball, diffuse, make_view, quad, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.costs.ledger import read_ledger
-from pipeline.frames import frame_path
-from pipeline.params import CameraParams, FarmParams, ImageParams, Params, TrajectoryFile
-from pipeline.passes.registry import frame_fingerprint
-from pipeline.stages.cameras import camera_fingerprint, run_cameras
-from pipeline.stages.inputs import run_inputs
-from pipeline.views import load_cameras
-from scenes.errors import InputError
-from scenes.params import SceneParams
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.frames import frame_path
+from pbrnet.pipeline.params import CameraParams, FarmParams, ImageParams, Params, TrajectoryFile
+from pbrnet.pipeline.passes.registry import frame_fingerprint
+from pbrnet.pipeline.stages.cameras import camera_fingerprint, run_cameras
+from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.params import SceneParams
 from tests.fixtures.stages import write_room
 
 pytestmark = pytest.mark.slow

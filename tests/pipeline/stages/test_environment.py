@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.costs.ledger import read_ledger
-from pipeline.frames import frame_path, read_meta
-from pipeline.params import (
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.frames import frame_path, read_meta
+from pbrnet.pipeline.params import (
     CameraParams,
     EnvironmentParams,
     FarmParams,
@@ -17,10 +17,10 @@ from pipeline.params import (
     ImageParams,
     Params,
 )
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.views import load_cameras
-from scenes.params import SceneParams
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.params import SceneParams
 from tests.fixtures.stages import write_room
 
 PAPER = Params(

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.channels import DIFFUSE, DIRECT, light_bands
-from pipeline.frames import frame_path, read_frame
-from pipeline.params import (
+from pbrnet.pipeline.channels import DIFFUSE, DIRECT, light_bands
+from pbrnet.pipeline.frames import frame_path, read_frame
+from pbrnet.pipeline.params import (
     CameraParams,
     FarmParams,
     GroundTruthParams,
@@ -20,14 +20,14 @@ from pipeline.params import (
     LightParams,
     Params,
 )
-from pipeline.passes import registry
-from pipeline.passes.registry import frame_fingerprint, render_truths
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.views import load_cameras
-from scenes.checked import build
-from scenes.errors import InputError, ParameterError
-from scenes.params import SceneParams
+from pbrnet.pipeline.passes import registry
+from pbrnet.pipeline.passes.registry import frame_fingerprint, render_truths
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.params import SceneParams
 from tests.fixtures.render import make_view
 from tests.fixtures.stages import write_room
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.params import Params
-from pipeline.stages import scene_jobs
-from pipeline.stages.assets import _CONVERTER
-from pipeline.versions import source_revision
-from scenes.assets.index import AssetIndex, IndexEntry, save_index
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.stages import scene_jobs
+from pbrnet.pipeline.stages.assets import _CONVERTER
+from pbrnet.pipeline.versions import source_revision
+from pbrnet.scenes.assets.index import AssetIndex, IndexEntry, save_index
 from tests.fixtures.paths import ROOT
 
 HOME, IMPORT, PIECE = scene_jobs._HOME_CODE, scene_jobs._IMPORT_CODE, (_CONVERTER,)

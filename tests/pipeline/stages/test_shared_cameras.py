@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.params import CameraParams, FarmParams, ImageParams, Params, TrajectoryFile
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.stages.camera_files import make_cameras
-from pipeline.stages.cameras import camera_fingerprints, run_cameras
-from pipeline.stages.shared_cameras import take_cameras
-from pipeline.stages.view_sampling import TOO_CLOSE
-from pipeline.views import load_cameras
-from scenes.contract import load_scene, save_scene
-from scenes.errors import InputError
-from scenes.params import SceneParams
+from pbrnet.pipeline.params import CameraParams, FarmParams, ImageParams, Params, TrajectoryFile
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.stages.camera_files import make_cameras
+from pbrnet.pipeline.stages.cameras import camera_fingerprints, run_cameras
+from pbrnet.pipeline.stages.shared_cameras import take_cameras
+from pbrnet.pipeline.stages.view_sampling import TOO_CLOSE
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.contract import load_scene, save_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.params import SceneParams
 from tests.fixtures.stages import LIVING, Block, write_room
 
 EVERYTHING = CameraParams(

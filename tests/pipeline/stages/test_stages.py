@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from pipeline.channels import Kind
-from pipeline.commands import stages
-from pipeline.costs.ledger import read_ledger
-from pipeline.frames import frame_path, holds, read_frame, read_meta
-from pipeline.params import (
+from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.commands import stages
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.frames import frame_path, holds, read_frame, read_meta
+from pbrnet.pipeline.params import (
     CameraParams,
     FarmParams,
     GroundTruthParams,
@@ -27,18 +27,18 @@ from pipeline.params import (
     Params,
     load_params,
 )
-from pipeline.passes.registry import frame_fingerprint
-from pipeline.records import data_lock
-from pipeline.stages.cameras import run_cameras
-from pipeline.stages.groundtruth import run_groundtruth
-from pipeline.stages.illumination import run_illumination
-from pipeline.stages.inputs import run_inputs
-from pipeline.stages.runner import StageError
-from pipeline.stages.scenes import run_scenes
-from pipeline.views import View, load_cameras, save_cameras
-from scenes.contract import load_scene
-from scenes.errors import InputError, MachineError, ParameterError, PbrnetError
-from scenes.params import SceneParams
+from pbrnet.pipeline.passes.registry import frame_fingerprint
+from pbrnet.pipeline.records import data_lock
+from pbrnet.pipeline.stages.cameras import run_cameras
+from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.illumination import run_illumination
+from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.pipeline.views import View, load_cameras, save_cameras
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import InputError, MachineError, ParameterError, PbrnetError
+from pbrnet.scenes.params import SceneParams
 from tests.fixtures.stages import write_room
 
 pytestmark = pytest.mark.slow
@@ -128,7 +128,7 @@ def test_one_worker_makes_the_same_bytes_as_two(finished: Path, tmp_path: Path) 
 def test_a_second_run_keeps_everything_and_starts_nobody(
     data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.stages.runner.Farm", None)
+    monkeypatch.setattr("pbrnet.pipeline.stages.runner.Farm", None)
     before = _files(data)
     for stage, count in (("cameras", 2), ("inputs", 4), ("groundtruth", 8)):
         summary = STAGES[stage](data, PARAMS)

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.params import CameraParams, ImageParams, Params, RoomShare
-from pipeline.render.scene import RenderScene, open_scene, set_variant
-from pipeline.stages import view_sampling
-from pipeline.stages.view_sampling import sample_cameras, score_ids
-from pipeline.views import CameraFile, look
-from scenes.contract import Room, load_scene
+from pbrnet.pipeline.params import CameraParams, ImageParams, Params, RoomShare
+from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.stages import view_sampling
+from pbrnet.pipeline.stages.view_sampling import sample_cameras, score_ids
+from pbrnet.pipeline.views import CameraFile, look
+from pbrnet.scenes.contract import Room, load_scene
 from tests.fixtures.stages import LIVING, Block, write_room
 
 PARAMS = Params(cameras=CameraParams(views_per_room=6))

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenes.errors import InputError
-from scenes.formats.mtl import read_mtl
-from scenes.formats.obj import parse_obj
-from scenes.formats.obj_model import read_model_materials
-from scenes.formats.ply import read_ply, write_ply
-from scenes.geometry.mesh import Mesh
-from scenes.registry import import_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.mtl import read_mtl
+from pbrnet.scenes.formats.obj import parse_obj
+from pbrnet.scenes.formats.obj_model import read_model_materials
+from pbrnet.scenes.formats.ply import read_ply, write_ply
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.registry import import_scene
 
 SQUARE = """\
 v 0 0 0

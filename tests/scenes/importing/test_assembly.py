@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenes.registry import import_scene
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.rooms import Block, write_obj
 
 

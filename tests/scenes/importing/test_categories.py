@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from scenes.importing.categories import CATEGORIES, category_of, category_of_piece, room_type
-from scenes.registry import import_scene
+from pbrnet.scenes.importing.categories import CATEGORIES, category_of, category_of_piece, room_type
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import mitsuba_files, sweethome
 from tests.fixtures.gltf import square
 

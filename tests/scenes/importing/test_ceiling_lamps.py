@@ -7,9 +7,13 @@ import pytest
 import shapely
 from shapely.geometry import Polygon, box
 
-from scenes.importing.light.ceiling_lamps import LUMENS_PER_AREA, CeilingLamp, free_ceiling_lamps
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.importing.light.ceiling_lamps import (
+    LUMENS_PER_AREA,
+    CeilingLamp,
+    free_ceiling_lamps,
+)
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
 
 HEIGHT = 2.5
 CORRIDOR = Polygon([(0, 0), (9, 0), (9, 9), (7.6, 9), (7.6, 1.4), (0, 1.4)])

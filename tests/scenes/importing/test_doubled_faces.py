@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenes.arrays import Float64Array
-from scenes.geometry.mesh import Mesh
-from scenes.importing.changes import Changes
-from scenes.importing.doubled_faces import with_doubled_faces_apart
-from scenes.importing.shape import Shape, Surface
-from scenes.importing.xml_elements import plugin
-from scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.doubled_faces import with_doubled_faces_apart
+from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.reconstruction.raycast import RayCaster
 
 SQUARE = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])

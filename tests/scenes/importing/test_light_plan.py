@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon, box
 
-from scenes.contract import Light, Scene
-from scenes.errors import InputError
-from scenes.geometry.mesh import Mesh
-from scenes.importing.changes import Changes
-from scenes.importing.light.in_rooms import RoomLighting
-from scenes.importing.light.plan import LightPlan, RoomLight, light_plan, note_dark_rooms
-from scenes.importing.shape import Emitter, Shape, Surface, make_object
-from scenes.importing.xml_elements import plugin
-from scenes.photometry import LUMEN
-from scenes.reconstruction.rooms import FoundRoom
-from scenes.registry import import_scene
+from pbrnet.scenes.contract import Light, Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.light.in_rooms import RoomLighting
+from pbrnet.scenes.importing.light.plan import LightPlan, RoomLight, light_plan, note_dark_rooms
+from pbrnet.scenes.importing.shape import Emitter, Shape, Surface, make_object
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import mitsuba_files, pbrt_files
 from tests.fixtures.rooms import Block, shell, write_obj
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenes.geometry.mesh import Mesh
-from scenes.importing.changes import Changes
-from scenes.importing.panes import with_named_glass
-from scenes.importing.shape import Shape, Surface
-from scenes.importing.xml_elements import plugin
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.panes import with_named_glass
+from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.xml_elements import plugin
 from tests.fixtures.buildings import Corner, block
 
 SHEET = ((0.0, 0.0, 0.0), (2.0, 0.02, 1.5))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from scenes.importing.sandbox import Sandbox, model_root
-from scenes.opened_files import OpenedFiles
+from pbrnet.scenes.importing.sandbox import Sandbox, model_root
+from pbrnet.scenes.opened_files import OpenedFiles
 
 PLACES = ("materials/textures", "textures", "Textures", "maps")
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore
 
 pytestmark = pytest.mark.usefixtures("variant")
 

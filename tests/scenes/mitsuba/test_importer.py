@@ -16,19 +16,19 @@ from click.testing import CliRunner
 from PIL import Image
 from shapely.geometry import Point, Polygon
 
-from pipeline.cli import cli
-from pipeline.render.scene import set_variant
-from scenes.contract import Scene, load_scene
-from scenes.errors import InputError
-from scenes.formats.obj import read_obj
-from scenes.formats.ply import read_ply
-from scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
-from scenes.geometry.primitives import cube, cylinder, disk, sphere
-from scenes.importing.materials.spectra import spectrum_to_rgb
-from scenes.importing.materials.textures import read_rgbe
-from scenes.mitsuba.values import snake
-from scenes.reconstruction.orientation import guess_scale, upright
-from scenes.registry import import_scene
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.render.scene import set_variant
+from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.obj import read_obj
+from pbrnet.scenes.formats.ply import read_ply
+from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
+from pbrnet.scenes.geometry.primitives import cube, cylinder, disk, sphere
+from pbrnet.scenes.importing.materials.spectra import spectrum_to_rgb
+from pbrnet.scenes.importing.materials.textures import read_rgbe
+from pbrnet.scenes.mitsuba.values import snake
+from pbrnet.scenes.reconstruction.orientation import guess_scale, upright
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.mitsuba_files import (
     LAMP_0_6,
     SENSOR_0_6,

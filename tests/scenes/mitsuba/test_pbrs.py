@@ -15,16 +15,16 @@ import pytest
 from PIL import Image
 from shapely.geometry import Point, Polygon
 
-from pipeline.params import ImageParams
-from pipeline.render.scene import open_scene, render_ids, set_variant
-from pipeline.stages.view_sampling import score_ids
-from pipeline.views import intrinsics_of
-from scenes.arrays import Float64Array
-from scenes.contract import Scene
-from scenes.errors import InputError
-from scenes.geometry.directions import pixel_directions
-from scenes.mitsuba.pbrs import read_cameras, read_lamps
-from scenes.registry import import_scene
+from pbrnet.pipeline.params import ImageParams
+from pbrnet.pipeline.render.scene import open_scene, render_ids, set_variant
+from pbrnet.pipeline.stages.view_sampling import score_ids
+from pbrnet.pipeline.views import intrinsics_of
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.directions import pixel_directions
+from pbrnet.scenes.mitsuba.pbrs import read_cameras, read_lamps
+from pbrnet.scenes.registry import import_scene
 
 HOUSE = "pbrs/0004d52d1aeeb8ae6de39d6bd993e992"
 CAMERA = "2 1.5 -1  0 -0.196116 0.980581  0 0.980581 0.196116  0.5534 0.433896  7.25"

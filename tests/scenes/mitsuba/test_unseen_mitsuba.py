@@ -12,11 +12,11 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from pipeline.render.leaks import find_leaks
-from pipeline.render.scene import open_scene, set_variant
-from scenes.contract import Scene
-from scenes.errors import InputError
-from scenes.registry import import_scene
+from pbrnet.pipeline.render.leaks import find_leaks
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import mitsuba_files as files
 
 BITMAP = (

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenes.contract import Scene
-from scenes.errors import InputError
-from scenes.formats.ply import read_ply
-from scenes.importing.materials.spectra import blackbody_radiance
-from scenes.registry import import_scene
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.ply import read_ply
+from pbrnet.scenes.importing.materials.spectra import blackbody_radiance
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.mitsuba_files import LAMP_0_6, SENSOR_0_6, room, usual, write
 
 pytestmark = pytest.mark.usefixtures("few_walks")

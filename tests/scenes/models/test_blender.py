@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenes.contract import Scene
-from scenes.errors import InputError, MachineError
-from scenes.models.blender import reader
-from scenes.models.blender.reader import VARIABLE, blender_command
-from scenes.registry import import_scene
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.models.blender import reader
+from pbrnet.scenes.models.blender.reader import VARIABLE, blender_command
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.gltf import SQUARE, Builder
 from tests.fixtures.paths import ROOT
 

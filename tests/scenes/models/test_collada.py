@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenes.color import decode_srgb_value
-from scenes.contract import Scene
-from scenes.errors import InputError
-from scenes.registry import import_scene
+from pbrnet.scenes.color import decode_srgb_value
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import model_file as files
 from tests.fixtures.imported import CORNERS, RULED, look_down, ruler, values
 

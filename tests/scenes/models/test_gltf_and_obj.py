@@ -17,27 +17,27 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline.render import raycast
-from pipeline.render.scene import open_scene, set_variant
-from scenes.contract import Scene
-from scenes.errors import InputError
-from scenes.formats.mtl import MtlMap, read_mtl
-from scenes.formats.ply import read_ply
-from scenes.geometry.mesh import Mesh, face_areas
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore
-from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import Shape, Surface
-from scenes.importing.xml_elements import plugin
-from scenes.models.gltf.container import open_asset
-from scenes.models.gltf.images import Images, texture_matrix
-from scenes.models.gltf.reader import read_gltf
-from scenes.models.importer import import_model
-from scenes.models.model import Model
-from scenes.models.options import READERS, ModelOptions
-from scenes.opened_files import OpenedFiles
-from scenes.photometry import LUMEN
-from scenes.registry import import_scene
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.mtl import MtlMap, read_mtl
+from pbrnet.scenes.formats.ply import read_ply
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.models.gltf.container import open_asset
+from pbrnet.scenes.models.gltf.images import Images, texture_matrix
+from pbrnet.scenes.models.gltf.reader import read_gltf
+from pbrnet.scenes.models.importer import import_model
+from pbrnet.scenes.models.model import Model
+from pbrnet.scenes.models.options import READERS, ModelOptions
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.gltf import SQUARE, SQUARE_FACES, SQUARE_UV, Builder, square
 from tests.fixtures.imported import CORNERS, RULED, look_down, ruler, values
 

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenes.errors import InputError
-from scenes.image_files import UnreadableImage, open_image
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore
-from scenes.importing.sandbox import Sandbox
-from scenes.models.gltf.container import open_asset
-from scenes.models.gltf.images import Images
-from scenes.models.gltf.reader import read_gltf
-from scenes.models.model import Model
-from scenes.opened_files import OpenedFiles
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.image_files import UnreadableImage, open_image
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.models.gltf.container import open_asset
+from pbrnet.scenes.models.gltf.images import Images
+from pbrnet.scenes.models.gltf.reader import read_gltf
+from pbrnet.scenes.models.model import Model
+from pbrnet.scenes.opened_files import OpenedFiles
 from tests.fixtures import ktx
 from tests.fixtures.gltf import SQUARE, SQUARE_FACES, SQUARE_UV, Builder, square
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from scenes.contract import Scene
-from scenes.geometry.mesh import Mesh
-from scenes.importing.shape import Shape, Surface
-from scenes.models.pieces import UNKNOWN, split_unnamed
-from scenes.registry import import_scene
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.models.pieces import UNKNOWN, split_unnamed
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.rooms import Block, corners_of, shell, write_obj
 
 TABLE = [

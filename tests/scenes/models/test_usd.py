@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenes import child_process
-from scenes.contract import Scene
-from scenes.errors import InputError, MachineError
-from scenes.photometry import LUMEN
-from scenes.registry import import_scene
+from pbrnet.scenes import child_process
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import usd
 from tests.fixtures.imported import CORNERS, RULED, look_down, ruler, values
 

@@ -12,24 +12,24 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenes.arrays import Float64Array
-from scenes.contract import Scene
-from scenes.errors import InputError
-from scenes.geometry.mesh import Mesh, face_areas
-from scenes.importing.changes import Changes
-from scenes.importing.materials.textures import TextureStore, UnreadableImage, read_radiance
-from scenes.importing.sandbox import Sandbox
-from scenes.importing.shape import Shape
-from scenes.opened_files import OpenedFiles
-from scenes.pbrt import parser, reader, shapes
-from scenes.pbrt.importer import cameras_of
-from scenes.pbrt.lights import Lights, from_octahedral
-from scenes.pbrt.materials import Materials
-from scenes.pbrt.reader import PbrtScene, read_scene
-from scenes.pbrt.shapes import ShapeReader
-from scenes.pbrt.textures import Textures
-from scenes.pbrt.values import Context
-from scenes.registry import import_scene
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage, read_radiance
+from pbrnet.scenes.importing.sandbox import Sandbox
+from pbrnet.scenes.importing.shape import Shape
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.pbrt import parser, reader, shapes
+from pbrnet.scenes.pbrt.importer import cameras_of
+from pbrnet.scenes.pbrt.lights import Lights, from_octahedral
+from pbrnet.scenes.pbrt.materials import Materials
+from pbrnet.scenes.pbrt.reader import PbrtScene, read_scene
+from pbrnet.scenes.pbrt.shapes import ShapeReader
+from pbrnet.scenes.pbrt.textures import Textures
+from pbrnet.scenes.pbrt.values import Context
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures.pbrt_files import HEAD_V4, LAMP, room, write
 
 TRIANGLE = 'Shape "trianglemesh" "point3 P" [0 0 0 1 0 0 0 1 0] "integer indices" [0 1 2]'

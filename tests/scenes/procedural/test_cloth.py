@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from scenes.procedural.furnishing.drapery import _lies_on
-from scenes.procedural.furniture import drapes
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.cloth import (
+from pbrnet.scenes.procedural.furnishing.drapery import _lies_on
+from pbrnet.scenes.procedural.furniture import drapes
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.cloth import (
     Weave,
     block,
     cleared,
@@ -21,12 +21,12 @@ from scenes.procedural.furniture.cloth import (
     started,
     stuffed,
 )
-from scenes.procedural.furniture.drapes import dropped, hooked, hung
-from scenes.procedural.furniture.geometry import BodyMesh, box, grid
-from scenes.procedural.furniture.style import make_style
-from scenes.procedural.furniture.textiles import SHAPES, curtains, panels
-from scenes.procedural.piece import FurniturePiece, Material
-from scenes.seeds import generator
+from pbrnet.scenes.procedural.furniture.drapes import dropped, hooked, hung
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, grid
+from pbrnet.scenes.procedural.furniture.style import make_style
+from pbrnet.scenes.procedural.furniture.textiles import SHAPES, curtains, panels
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.seeds import generator
 from tests.scenes.procedural.test_furniture import is_closed, volume
 
 

@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from scenes.geometry.mesh import face_areas
-from scenes.procedural.furniture import FURNITURE_KINDS, make_style
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
+from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     box,
     cylinder,
@@ -24,9 +24,9 @@ from scenes.procedural.furniture.geometry import (
     thick_sheet,
     tube,
 )
-from scenes.procedural.piece import FurniturePiece, PiecePart
-from scenes.reconstruction.raycast import RayCaster
-from scenes.seeds import generator
+from pbrnet.scenes.procedural.piece import FurniturePiece, PiecePart
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.seeds import generator
 from tests.fixtures.planes import bodies, coplanar_overlap, welded
 
 SEEDS = range(10)

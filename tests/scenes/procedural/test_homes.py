@@ -22,32 +22,32 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from shapely.geometry import LineString, Point, Polygon
 
-from pipeline.render.scene import set_variant
-from scenes.color import luminance
-from scenes.contract import Scene, SceneObject, load_scene
-from scenes.files import digest_file, digest_folder
-from scenes.formats.ply import read_ply
-from scenes.geometry.mesh import Mesh, face_areas
-from scenes.params import SceneParams
-from scenes.photometry import LUMEN
-from scenes.procedural.furnishing.placement import furnish
-from scenes.procedural.furniture import FURNITURE_KINDS, make_style
-from scenes.procedural.home import make_home
-from scenes.procedural.lighting import (
+from pbrnet.pipeline.render.scene import set_variant
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.contract import Scene, SceneObject, load_scene
+from pbrnet.scenes.files import digest_file, digest_folder
+from pbrnet.scenes.formats.ply import read_ply
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.procedural.furnishing.placement import furnish
+from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
+from pbrnet.scenes.procedural.home import make_home
+from pbrnet.scenes.procedural.lighting import (
     area_emitter,
     draw_screen_states,
     in_state,
     lamp_items,
     mean_radiance,
 )
-from scenes.procedural.materials import MaterialLibrary
-from scenes.procedural.piece import Material, PiecePart
-from scenes.procedural.plan import Plan, WallEdge
-from scenes.procedural.planning import SIZES, make_plan
-from scenes.procedural.roof import COVER
-from scenes.procedural.scene_item import SceneItem
-from scenes.reconstruction.raycast import RayCaster
-from scenes.seeds import generator
+from pbrnet.scenes.procedural.materials import MaterialLibrary
+from pbrnet.scenes.procedural.piece import Material, PiecePart
+from pbrnet.scenes.procedural.plan import Plan, WallEdge
+from pbrnet.scenes.procedural.planning import SIZES, make_plan
+from pbrnet.scenes.procedural.roof import COVER
+from pbrnet.scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.seeds import generator
 from tests.fixtures.geometry import hits, is_sunk
 
 SMALL = SceneParams(texture_size=64)

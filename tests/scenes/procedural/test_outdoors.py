@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenes.geometry.directions import unit
-from scenes.geometry.mesh import face_areas
-from scenes.procedural.outdoors import GROUND, build_outdoors
-from scenes.procedural.planning import make_plan
-from scenes.procedural.surroundings.buildings import Block, Roof, building, hazed
-from scenes.procedural.surroundings.clouds import FARTHEST, LARGEST, NEAREST, clouds
-from scenes.reconstruction.raycast import RayCaster
-from scenes.seeds import generator
+from pbrnet.scenes.geometry.directions import unit
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.procedural.outdoors import GROUND, build_outdoors
+from pbrnet.scenes.procedural.planning import make_plan
+from pbrnet.scenes.procedural.surroundings.buildings import Block, Roof, building, hazed
+from pbrnet.scenes.procedural.surroundings.clouds import FARTHEST, LARGEST, NEAREST, clouds
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.seeds import generator
 from tests.fixtures.planes import bodies, coplanar_overlap
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, Polygon
 
-from pipeline.render.scene import cast, open_scene, set_variant
-from pipeline.stages.view_sampling import surroundings
-from scenes.procedural.niches import BACK, niche_solids
-from scenes.procedural.plan import Plan
-from scenes.procedural.planning import make_plan
-from scenes.seeds import generator
+from pbrnet.pipeline.render.scene import cast, open_scene, set_variant
+from pbrnet.pipeline.stages.view_sampling import surroundings
+from pbrnet.scenes.procedural.niches import BACK, niche_solids
+from pbrnet.scenes.procedural.plan import Plan
+from pbrnet.scenes.procedural.planning import make_plan
+from pbrnet.scenes.seeds import generator
 from tests.scenes.procedural import test_homes
 from tests.scenes.procedural.test_homes import Home, home_of
 

@@ -9,17 +9,17 @@ from itertools import product
 import numpy as np
 import pytest
 
-from scenes.color import Color
-from scenes.params import STYLES, StyleName
-from scenes.procedural.finishes import make_finishes
-from scenes.procedural.furnishing.placement import furnish
-from scenes.procedural.furniture import FURNITURE_KINDS, make_style
-from scenes.procedural.furniture.interiors import INTERIORS
-from scenes.procedural.furniture.style import Style, draw_style_name, hex_color
-from scenes.procedural.piece import Material
-from scenes.procedural.planning import make_plan
-from scenes.procedural.textures.families import FAMILIES, family_of
-from scenes.seeds import generator
+from pbrnet.scenes.color import Color
+from pbrnet.scenes.params import STYLES, StyleName
+from pbrnet.scenes.procedural.finishes import make_finishes
+from pbrnet.scenes.procedural.furnishing.placement import furnish
+from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
+from pbrnet.scenes.procedural.furniture.interiors import INTERIORS
+from pbrnet.scenes.procedural.furniture.style import Style, draw_style_name, hex_color
+from pbrnet.scenes.procedural.piece import Material
+from pbrnet.scenes.procedural.planning import make_plan
+from pbrnet.scenes.procedural.textures.families import FAMILIES, family_of
+from pbrnet.scenes.seeds import generator
 
 ROOMS = {"a": "living", "b": "bedroom", "c": "kitchen", "d": "bathroom"}
 

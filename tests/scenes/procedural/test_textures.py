@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenes.color import decode_srgb
-from scenes.procedural.materials import MAX_REFLECTANCE, MaterialLibrary, colored
-from scenes.procedural.piece import Material
-from scenes.procedural.textures.families import (
+from pbrnet.scenes.color import decode_srgb
+from pbrnet.scenes.procedural.materials import MAX_REFLECTANCE, MaterialLibrary, colored
+from pbrnet.scenes.procedural.piece import Material
+from pbrnet.scenes.procedural.textures.families import (
     FAMILIES,
     WEARS,
     family_of,
@@ -22,7 +22,7 @@ from scenes.procedural.textures.families import (
     packed_surface,
     surface,
 )
-from scenes.procedural.textures.fields import Surface, axes, constant, wave
+from pbrnet.scenes.procedural.textures.fields import Surface, axes, constant, wave
 
 EVERY = [(kind, family) for kind, families in FAMILIES.items() for family in families]
 

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from pipeline.inspection.realism import is_thing
-from scenes.contract import SceneObject
-from scenes.importing.semantics import CATEGORY_LABELS
-from scenes.procedural.furnishing import placement
-from scenes.procedural.furnishing.placement import furnish
-from scenes.procedural.furniture import FURNITURE_KINDS, make_style
-from scenes.procedural.furniture.things import BY_PLACE, THINGS
-from scenes.procedural.furniture.things.soft import fallen
-from scenes.procedural.planning import SIZES, make_plan
-from scenes.procedural.scene_item import SceneItem
-from scenes.seeds import generator
+from pbrnet.pipeline.inspection.realism import is_thing
+from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.importing.semantics import CATEGORY_LABELS
+from pbrnet.scenes.procedural.furnishing import placement
+from pbrnet.scenes.procedural.furnishing.placement import furnish
+from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
+from pbrnet.scenes.procedural.furniture.things import BY_PLACE, THINGS
+from pbrnet.scenes.procedural.furniture.things.soft import fallen
+from pbrnet.scenes.procedural.planning import SIZES, make_plan
+from pbrnet.scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.seeds import generator
 from tests.scenes.procedural.test_furniture import areas, bodies, corners, is_closed, volume
 
 STYLE = make_style(generator(3, "style"))

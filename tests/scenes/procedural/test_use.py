@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenes.arrays import Float64Array
-from scenes.color import decode_srgb
-from scenes.procedural.finishes import make_finishes
-from scenes.procedural.furnishing.placement import furnish
-from scenes.procedural.furniture.style import make_style
-from scenes.procedural.materials import MaterialLibrary
-from scenes.procedural.piece import Material, PiecePart, Trace, Use
-from scenes.procedural.planning import make_plan
-from scenes.procedural.scene_item import SceneItem
-from scenes.procedural.structure import build_structure
-from scenes.procedural.use.home import leave_traces
-from scenes.seeds import generator
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import decode_srgb
+from pbrnet.scenes.procedural.finishes import make_finishes
+from pbrnet.scenes.procedural.furnishing.placement import furnish
+from pbrnet.scenes.procedural.furniture.style import make_style
+from pbrnet.scenes.procedural.materials import MaterialLibrary
+from pbrnet.scenes.procedural.piece import Material, PiecePart, Trace, Use
+from pbrnet.scenes.procedural.planning import make_plan
+from pbrnet.scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.procedural.structure import build_structure
+from pbrnet.scenes.procedural.use.home import leave_traces
+from pbrnet.scenes.seeds import generator
 
 
 def library(folder: Path, wear: float) -> MaterialLibrary:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from shapely.geometry import box
 
-from scenes.reconstruction.connections import ARCHWAY, connected_rooms
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.reconstruction.connections import ARCHWAY, connected_rooms
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
 from tests.fixtures.buildings import Part, block
 
 

@@ -7,10 +7,10 @@ import pytest
 from scipy import ndimage
 from shapely.geometry import box
 
-from scenes.arrays import BoolArray, Float64Array
-from scenes.reconstruction import gap_sealing, rooms
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.reconstruction import gap_sealing, rooms
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
 from tests.fixtures.buildings import slab, walls
 
 CELL = 0.05

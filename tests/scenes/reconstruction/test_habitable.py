@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from scenes.arrays import Float64Array
-from scenes.reconstruction.habitable import habitable
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundRoom, closed_rooms
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.reconstruction.habitable import habitable
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundRoom, closed_rooms
 
 BLOCK, CUPBOARD = (3.0, 2.5, 2.6), (1.6, 1.2, 2.4)  # metres
 

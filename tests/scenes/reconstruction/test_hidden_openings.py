@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from shapely.geometry import box
 
-from scenes.arrays import Float64Array
-from scenes.reconstruction import hidden_openings as search
-from scenes.reconstruction.aperture_sections import CrossSections
-from scenes.reconstruction.raycast import RayCaster
-from scenes.reconstruction.rooms import FoundOpening, FoundRoom
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.reconstruction import hidden_openings as search
+from pbrnet.scenes.reconstruction.aperture_sections import CrossSections
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import FoundOpening, FoundRoom
 from tests.fixtures.buildings import Part, slab, walls
 
 WIDTH, DEPTH, HEIGHT = 4.0, 3.0, 2.5

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon
 
-from scenes.contract import Scene
-from scenes.errors import InputError
-from scenes.registry import import_scene
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import model_file as files
 from tests.fixtures.buildings import BUILDINGS, Building, Part, block, furniture, slab, wall
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenes.geometry.directions import unit
-from scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.geometry.directions import unit
+from pbrnet.scenes.reconstruction.raycast import RayCaster
 
 
 @pytest.mark.parametrize("with_base", [False, True])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import shapely
 
-from scenes.geometry.regions import buffered
-from scenes.reconstruction.room_index import RoomIndex
-from scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.geometry.regions import buffered
+from pbrnet.scenes.reconstruction.room_index import RoomIndex
+from pbrnet.scenes.reconstruction.rooms import FoundRoom
 
 
 def rooms(count: int) -> list[FoundRoom]:

@@ -15,28 +15,28 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from pipeline.commands import stages
-from pipeline.inspection.describe import inspect_path
-from pipeline.params import FarmParams, Params
-from pipeline.stages import assets as stage
-from pipeline.stages.assets import INSTALLED, run_assets
-from pipeline.stages.scenes import run_scenes
-from scenes.assets.free_space import covering_boxes, subdivide_triangles, support_surfaces
-from scenes.assets.index import Asset, Provenance, load_asset, load_index
-from scenes.assets.piece import CataloguePiece
-from scenes.contract import Room, Scene, SceneObject, load_scene, scene_folders
-from scenes.errors import InputError, MachineError
-from scenes.files import digest_folder
-from scenes.formats.ply import read_ply, write_ply
-from scenes.geometry.mesh import Mesh
-from scenes.params import AssetParams, SceneParams
-from scenes.photometry import blackbody, color_temperature
-from scenes.procedural.furnishing.asset_sampler import load_kind_index
-from scenes.procedural.home import make_home
-from scenes.sweethome.catalogue.convert import convert
-from scenes.sweethome.catalogue.library import UnusablePiece, read_library
-from scenes.sweethome.catalogue.properties import parse_properties
-from scenes.sweethome.furnishing.lamps import USUAL
+from pbrnet.pipeline.commands import stages
+from pbrnet.pipeline.inspection.describe import inspect_path
+from pbrnet.pipeline.params import FarmParams, Params
+from pbrnet.pipeline.stages import assets as stage
+from pbrnet.pipeline.stages.assets import INSTALLED, run_assets
+from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.scenes.assets.free_space import covering_boxes, subdivide_triangles, support_surfaces
+from pbrnet.scenes.assets.index import Asset, Provenance, load_asset, load_index
+from pbrnet.scenes.assets.piece import CataloguePiece
+from pbrnet.scenes.contract import Room, Scene, SceneObject, load_scene, scene_folders
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import digest_folder
+from pbrnet.scenes.formats.ply import read_ply, write_ply
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.params import AssetParams, SceneParams
+from pbrnet.scenes.photometry import blackbody, color_temperature
+from pbrnet.scenes.procedural.furnishing.asset_sampler import load_kind_index
+from pbrnet.scenes.procedural.home import make_home
+from pbrnet.scenes.sweethome.catalogue.convert import convert
+from pbrnet.scenes.sweethome.catalogue.library import UnusablePiece, read_library
+from pbrnet.scenes.sweethome.catalogue.properties import parse_properties
+from pbrnet.scenes.sweethome.furnishing.lamps import USUAL
 from tests.fixtures import catalogue as draw
 from tests.fixtures.geometry import Solids, crossings, floating
 

@@ -10,15 +10,15 @@ import pytest
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from scenes.geometry.regions import difference, union
-from scenes.importing import writer
-from scenes.importing.changes import Changes
-from scenes.sweethome import importer
-from scenes.sweethome.building import spaces
-from scenes.sweethome.building.levels import storeys
-from scenes.sweethome.building.openings import Opening, opening_of
-from scenes.sweethome.building.walls import build_walls, plan_walls
-from scenes.sweethome.reader import read_home
+from pbrnet.scenes.geometry.regions import difference, union
+from pbrnet.scenes.importing import writer
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome import importer
+from pbrnet.scenes.sweethome.building import spaces
+from pbrnet.scenes.sweethome.building.levels import storeys
+from pbrnet.scenes.sweethome.building.openings import Opening, opening_of
+from pbrnet.scenes.sweethome.building.walls import build_walls, plan_walls
+from pbrnet.scenes.sweethome.reader import read_home
 from tests.fixtures import sweethome as draw
 
 

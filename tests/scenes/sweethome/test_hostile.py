@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 from shapely.geometry import Polygon
 
-from scenes.contract import Scene
-from scenes.errors import InputError, ParameterError
-from scenes.formats.archive import HomeArchive
-from scenes.formats.model_parts import UnreadableModel
-from scenes.formats.obj_model import read_obj_model
-from scenes.registry import import_scene
-from scenes.sweethome.building.cutouts import UnreadablePath, path_region
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.formats.archive import HomeArchive
+from pbrnet.scenes.formats.model_parts import UnreadableModel
+from pbrnet.scenes.formats.obj_model import read_obj_model
+from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.sweethome.building.cutouts import UnreadablePath, path_region
 from tests.fixtures import sweethome as draw
 
 SECONDS = 10.0

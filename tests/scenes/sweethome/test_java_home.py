@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-from scenes.errors import InputError
-from scenes.formats.java_objects import JavaRecord, read_java_object
-from scenes.importing.changes import Changes
-from scenes.registry import import_scene
-from scenes.sweethome.home import Home
-from scenes.sweethome.java_home import home_xml
-from scenes.sweethome.reader import read_home
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.java_objects import JavaRecord, read_java_object
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.sweethome.home import Home
+from pbrnet.scenes.sweethome.java_home import home_xml
+from pbrnet.scenes.sweethome.reader import read_home
 from tests.fixtures import sweethome as draw
 from tests.fixtures.java import Java, boxed, content, model, serialised
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon
 
-from scenes.contract import Scene
-from scenes.formats.ply import write_ply
-from scenes.geometry.mesh import Mesh
-from scenes.photometry import LUMEN
-from scenes.registry import import_scene
-from scenes.sweethome.building.slabs import triangulated
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.formats.ply import write_ply
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.sweethome.building.slabs import triangulated
 from tests.fixtures import sweethome as draw
 
 pytestmark = pytest.mark.usefixtures("variant")

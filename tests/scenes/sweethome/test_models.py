@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenes.formats.archive import HomeArchive
-from scenes.formats.collada import read_dae
-from scenes.formats.max3ds import read_3ds
-from scenes.formats.model_parts import Model, UnreadableModel
-from scenes.geometry.mesh import face_areas
-from scenes.importing.changes import Changes
-from scenes.registry import import_scene
-from scenes.sweethome.furnishing.models import read_model
+from pbrnet.scenes.formats.archive import HomeArchive
+from pbrnet.scenes.formats.collada import read_dae
+from pbrnet.scenes.formats.max3ds import read_3ds
+from pbrnet.scenes.formats.model_parts import Model, UnreadableModel
+from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.sweethome.furnishing.models import read_model
 from tests.fixtures import model_file as files
 from tests.fixtures import sweethome as draw
 

@@ -12,35 +12,35 @@ import pytest
 import trimesh
 from shapely.geometry import Point
 
-from scenes.contract import Scene
-from scenes.files import digest_folder
-from scenes.formats.obj_model import read_model_materials, read_obj_model
-from scenes.importing.categories import category_of_piece, room_type
-from scenes.importing.changes import Changes
-from scenes.photometry import LUMEN
-from scenes.reconstruction.raycast import RayCaster
-from scenes.registry import import_scene
-from scenes.sweethome.building.cutouts import path_region
-from scenes.sweethome.building.levels import storeys
-from scenes.sweethome.building.openings import opening_of
-from scenes.sweethome.building.outlines import joined, unjoined
-from scenes.sweethome.building.slabs import CeilingHeights, build_slabs, stairwells
-from scenes.sweethome.building.spaces import find_spaces
-from scenes.sweethome.building.walls import build_walls, plan_walls
-from scenes.sweethome.credits import licence_in
-from scenes.sweethome.furnishing.finishes import (
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.files import digest_folder
+from pbrnet.scenes.formats.obj_model import read_model_materials, read_obj_model
+from pbrnet.scenes.importing.categories import category_of_piece, room_type
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.sweethome.building.cutouts import path_region
+from pbrnet.scenes.sweethome.building.levels import storeys
+from pbrnet.scenes.sweethome.building.openings import opening_of
+from pbrnet.scenes.sweethome.building.outlines import joined, unjoined
+from pbrnet.scenes.sweethome.building.slabs import CeilingHeights, build_slabs, stairwells
+from pbrnet.scenes.sweethome.building.spaces import find_spaces
+from pbrnet.scenes.sweethome.building.walls import build_walls, plan_walls
+from pbrnet.scenes.sweethome.credits import licence_in
+from pbrnet.scenes.sweethome.furnishing.finishes import (
     ground_reflectance,
     reflectance_of_argb,
     roughness_of,
     texture_coordinates,
 )
-from scenes.sweethome.furnishing.lamps import lumens_of
-from scenes.sweethome.furnishing.placement import model_to_unit_box, unit_box_to_world
-from scenes.sweethome.home import Bulb, Home, HomePiece, Texture, Wall
-from scenes.sweethome.home import Surface as Side
-from scenes.sweethome.reader import read_home
-from scenes.sweethome.sun import make_sky, sun_position
-from scenes.sweethome.views import stored_cameras
+from pbrnet.scenes.sweethome.furnishing.lamps import lumens_of
+from pbrnet.scenes.sweethome.furnishing.placement import model_to_unit_box, unit_box_to_world
+from pbrnet.scenes.sweethome.home import Bulb, Home, HomePiece, Texture, Wall
+from pbrnet.scenes.sweethome.home import Surface as Side
+from pbrnet.scenes.sweethome.reader import read_home
+from pbrnet.scenes.sweethome.sun import make_sky, sun_position
+from pbrnet.scenes.sweethome.views import stored_cameras
 from tests.fixtures import sweethome as draw
 
 MARK = np.array([2.0, 1.0, 4.0])  # the box's right, upper, front corner

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.render.leaks import find_leaks
-from pipeline.render.scene import open_scene
-from scenes.contract import Scene
-from scenes.reconstruction import gap_sealing
-from scenes.registry import import_scene
+from pbrnet.pipeline.render.leaks import find_leaks
+from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.reconstruction import gap_sealing
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import sweethome as draw
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -60,7 +60,7 @@ def test_a_gap_between_walls_is_sealed(tmp_path: Path) -> None:
 
 
 def test_the_gap_leaks_without_slabs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scenes.sweethome.importer.seal_home", lambda *_: [])
+    monkeypatch.setattr("pbrnet.scenes.sweethome.importer.seal_home", lambda *_: [])
     assert leaks(bring(tmp_path, APART + ROOM))
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.render.leaks import find_leaks
-from pipeline.render.scene import open_scene, set_variant
-from scenes.contract import Scene
-from scenes.registry import import_scene
+from pbrnet.pipeline.render.leaks import find_leaks
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.registry import import_scene
 from tests.fixtures import model_file as files
 from tests.fixtures import sweethome as draw
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furnishing.rooms.windows import hang_radiators
-from scenes.procedural.furnishing.space import GAP, PlacedPiece
-from scenes.procedural.scene_item import Pose
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furnishing.rooms.windows import hang_radiators
+from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece
+from pbrnet.scenes.procedural.scene_item import Pose
 
 
 def furnish_bathroom(furnisher: Furnisher) -> None:

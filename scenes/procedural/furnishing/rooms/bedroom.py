@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furnishing.furnisher import Furnisher, has_opening
-from scenes.procedural.furnishing.rooms.desks import place_desk
-from scenes.procedural.furnishing.rooms.seats import place_armchair
-from scenes.procedural.furnishing.space import GAP, PlacedPiece
-from scenes.procedural.plan import WallEdge
-from scenes.procedural.scene_item import Pose
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher, has_opening
+from pbrnet.scenes.procedural.furnishing.rooms.desks import place_desk
+from pbrnet.scenes.procedural.furnishing.rooms.seats import place_armchair
+from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece
+from pbrnet.scenes.procedural.plan import WallEdge
+from pbrnet.scenes.procedural.scene_item import Pose
 
 
 def furnish_bedroom(furnisher: Furnisher) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furnishing.furnisher import Furnisher, has_opening
-from scenes.procedural.furnishing.space import PlacedPiece
-from scenes.procedural.piece import FurniturePiece
-from scenes.procedural.scene_item import Pose
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher, has_opening
+from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
+from pbrnet.scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.scene_item import Pose
 
 
 def place_desk(furnisher: Furnisher) -> PlacedPiece | None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furnishing.rooms.tables import place_dining_group
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furnishing.rooms.tables import place_dining_group
 
 
 def furnish_dining(furnisher: Furnisher) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furnishing.space import yaw_facing
-from scenes.procedural.scene_item import Pose
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furnishing.space import yaw_facing
+from pbrnet.scenes.procedural.scene_item import Pose
 
 
 def furnish_hall(furnisher: Furnisher) -> None:

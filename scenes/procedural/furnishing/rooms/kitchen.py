@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scenes.procedural.furnishing.furnisher import Furnisher, has_opening
-from scenes.procedural.furnishing.rooms.tables import place_dining_group
-from scenes.procedural.furnishing.rooms.windows import hang_radiators
-from scenes.procedural.furnishing.space import GAP, PlacedPiece
-from scenes.procedural.furniture.geometry import BodyMesh, span
-from scenes.procedural.furniture.style import hex_color
-from scenes.procedural.piece import FurniturePiece, Material
-from scenes.procedural.plan import WallEdge
-from scenes.procedural.scene_item import make_part
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher, has_opening
+from pbrnet.scenes.procedural.furnishing.rooms.tables import place_dining_group
+from pbrnet.scenes.procedural.furnishing.rooms.windows import hang_radiators
+from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, span
+from pbrnet.scenes.procedural.furniture.style import hex_color
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.plan import WallEdge
+from pbrnet.scenes.procedural.scene_item import make_part
 
 
 def furnish_kitchen(furnisher: Furnisher) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furnishing.rooms.seats import (
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furnishing.rooms.seats import (
     place_armchair,
     place_seating,
     place_second_seats,
 )
-from scenes.procedural.furnishing.rooms.tables import place_dining_group
+from pbrnet.scenes.procedural.furnishing.rooms.tables import place_dining_group
 
 
 def furnish_living(furnisher: Furnisher) -> None:

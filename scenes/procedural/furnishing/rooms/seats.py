@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furnishing.furnisher import Furnisher, Point
-from scenes.procedural.furnishing.space import PlacedPiece, yaw_facing
-from scenes.procedural.piece import FurniturePiece
-from scenes.procedural.plan import WallEdge
-from scenes.procedural.scene_item import Pose
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher, Point
+from pbrnet.scenes.procedural.furnishing.space import PlacedPiece, yaw_facing
+from pbrnet.scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.plan import WallEdge
+from pbrnet.scenes.procedural.scene_item import Pose
 
 
 def place_seating(furnisher: Furnisher) -> PlacedPiece | None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furnishing.rooms.desks import place_desk
-from scenes.procedural.furnishing.rooms.seats import place_armchair
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furnishing.rooms.desks import place_desk
+from pbrnet.scenes.procedural.furnishing.rooms.seats import place_armchair
 
 
 def furnish_study(furnisher: Furnisher) -> None:

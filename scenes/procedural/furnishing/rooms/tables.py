@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furnishing.space import PlacedPiece
-from scenes.procedural.piece import FurniturePiece
-from scenes.procedural.scene_item import Pose
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
+from pbrnet.scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.scene_item import Pose
 
 
 def place_dining_group(furnisher: Furnisher, small: bool) -> PlacedPiece | None:

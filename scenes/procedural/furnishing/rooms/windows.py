@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from scenes.procedural.furnishing.furnisher import Furnisher
-from scenes.procedural.furniture.textiles import SHAPES
-from scenes.procedural.furniture.things import BY_PLACE
-from scenes.procedural.scene_item import Pose
-from scenes.procedural.structure import pane_depth
+from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
+from pbrnet.scenes.procedural.furniture.textiles import SHAPES
+from pbrnet.scenes.procedural.furniture.things import BY_PLACE
+from pbrnet.scenes.procedural.scene_item import Pose
+from pbrnet.scenes.procedural.structure import pane_depth
 
 _ABOVE_FLOOR, _BELOW_SILL = 0.015, 0.04  # metres, hems of curtains
 _SHORT = 0.7  # share of the curtains at radiators that end there

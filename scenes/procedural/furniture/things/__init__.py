@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from scenes.procedural.furniture.things import ornaments, packages, sets, soft, vessels
-from scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.furniture.things import ornaments, packages, sets, soft, vessels
+from pbrnet.scenes.procedural.piece import FurniturePiece
 
 
 @dataclass(frozen=True)

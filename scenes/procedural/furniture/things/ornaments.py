@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.drapes import hooked
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.drapes import hooked
+from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
     box,
@@ -18,7 +18,7 @@ from scenes.procedural.furniture.geometry import (
     superellipse,
     tube,
 )
-from scenes.procedural.furniture.style import (
+from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
     CERAMIC,
     CHROME,
@@ -29,8 +29,8 @@ from scenes.procedural.furniture.style import (
     Style,
     hex_color,
 )
-from scenes.procedural.furniture.things.vessels import glazed, printed, tinted
-from scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.furniture.things.vessels import glazed, printed, tinted
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 
 _CORK = Material("paper", hex_color("#b08a5e"), 0.95, family="corrugated")
 _WAX = Material("plastic", hex_color("#efe6d2"), 0.6)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.decoration import display, with_display
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.decoration import display, with_display
+from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
     box,
@@ -18,7 +18,7 @@ from scenes.procedural.furniture.geometry import (
     sphere,
     tube,
 )
-from scenes.procedural.furniture.style import (
+from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
     CHROME,
     PAGES,
@@ -29,8 +29,8 @@ from scenes.procedural.furniture.style import (
     Style,
     hex_color,
 )
-from scenes.procedural.furniture.things.vessels import glazed, printed, tinted
-from scenes.procedural.piece import Anchor, FurniturePiece, Material
+from pbrnet.scenes.procedural.furniture.things.vessels import glazed, printed, tinted
+from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece, Material
 
 CARDBOARD = Material("paper", hex_color("#a98a62"), 0.9, family="corrugated")
 _PAPER = Material("paper", hex_color("#e4e2dc"), 0.9, family="creased")

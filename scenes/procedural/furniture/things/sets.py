@@ -7,11 +7,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.geometry import BodyMesh, bar, box, cylinder, lathe, span, tube
-from scenes.procedural.furniture.style import CHROME, GLASS, PAGES, STEEL, Style
-from scenes.procedural.furniture.things.vessels import bottle, cup, glazed, jar, printed, tinted
-from scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.geometry import (
+    BodyMesh,
+    bar,
+    box,
+    cylinder,
+    lathe,
+    span,
+    tube,
+)
+from pbrnet.scenes.procedural.furniture.style import CHROME, GLASS, PAGES, STEEL, Style
+from pbrnet.scenes.procedural.furniture.things.vessels import (
+    bottle,
+    cup,
+    glazed,
+    jar,
+    printed,
+    tinted,
+)
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 
 # What a set holds -> names of its things.
 _CONTENTS: dict[str, tuple[str, ...]] = {

@@ -6,9 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from scenes.arrays import Float64Array
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.geometry import (
     bar,
     box,
     cylinder,
@@ -19,10 +19,10 @@ from scenes.procedural.furniture.geometry import (
     thick_sheet,
     tube,
 )
-from scenes.procedural.furniture.style import BLACK_PLASTIC, RUBBER, Style, hex_color
-from scenes.procedural.furniture.things.vessels import tinted
-from scenes.procedural.piece import Anchor, FurniturePiece, Material
-from scenes.seeds import generator
+from pbrnet.scenes.procedural.furniture.style import BLACK_PLASTIC, RUBBER, Style, hex_color
+from pbrnet.scenes.procedural.furniture.things.vessels import tinted
+from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece, Material
+from pbrnet.scenes.seeds import generator
 
 _CLOTHS = ("cotton", "denim", "knit", "twill", "striped", "checked", "linen")
 _FALLS = 6  # settled sheets of each size

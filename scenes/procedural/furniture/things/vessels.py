@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenes.procedural.furniture.build import Builder
-from scenes.procedural.furniture.geometry import BodyMesh, bar, box, cylinder, lathe, tube
-from scenes.procedural.furniture.style import (
+from pbrnet.scenes.procedural.furniture.build import Builder
+from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, bar, box, cylinder, lathe, tube
+from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
     CERAMIC,
     GLASS,
@@ -17,7 +17,7 @@ from scenes.procedural.furniture.style import (
     Style,
     hex_color,
 )
-from scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 
 Profile = list[tuple[float, float]]
 _GREEN = Material("plastic", hex_color("#24402a"), 0.08)

@@ -1,0 +1,1 @@
+"""Training data by physically based rendering, and networks that imitate the renderer."""
