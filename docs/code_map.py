@@ -43,6 +43,7 @@ class Code:
             (name, names[other])
             for name, path in found.items()
             for other in imported_files(path, root)
+            if other in names  # not `pbrnet/__init__.py`
         }
         for name, path in found.items():  # commands are imported by name when they are used
             named = set(re.findall(r'"([\w.]+):\w+"', path.read_text()))

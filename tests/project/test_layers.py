@@ -16,7 +16,12 @@ MOST = 16  # modules and packages in a folder
 MODULES = modules()
 NAMES = {path: name for name, path in MODULES.items()}
 PACKAGES = sorted(name for name, path in MODULES.items() if path.name == "__init__.py")
-EDGES = {(name, NAMES[one]) for name, path in MODULES.items() for one in imported_files(path)}
+EDGES = {
+    (name, NAMES[one])
+    for name, path in MODULES.items()
+    for one in imported_files(path)
+    if one in NAMES  # not `pbrnet/__init__.py`
+}
 
 
 def child(package: str, module: str) -> str | None:
