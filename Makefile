@@ -7,8 +7,8 @@
 # make records checksums of releases, the sample, views and rows of the open benchmark, the plan of
 #              a large release: after a change of the renderer's pixels
 #              (ONLY="tiny quick" for some of tiny, quick, sample, benchmark, plan)
-# make docs    documentation: generated parts (picture and index of the code, tables), and the site,
-#              build/site/index.html; a warning or a link that leads nowhere fails it
+# make docs    generated tables, and the site, build/site/index.html; a warning or a link that leads
+#              nowhere fails it
 # make site    the site alone
 # make lock    pin anew what pyproject.toml allows
 # make clean   remove what the pipeline made (not the environment)
@@ -43,7 +43,8 @@ repro: env
 	$(BIN)/dvc repro
 
 quick: env
-	@time { set -x; $(BIN)/ruff check . && $(PYTEST) -m "not slow and not check"; }
+	@time { set -x; $(BIN)/ruff check . && $(BIN)/lint-imports && \
+		$(PYTEST) -m "not slow and not check"; }
 
 test: env
 	@time { $(MAKE) --no-print-directory lint && set -x && $(PYTEST) --junitxml build/tests.xml; }
@@ -51,6 +52,7 @@ test: env
 lint: env
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/lint-imports
 	$(BIN)/mypy
 
 check: env

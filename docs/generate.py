@@ -1,8 +1,7 @@
-"""Generated parts of the documentation: picture of the packages, index of modules, tables.
+"""Generated parts of the documentation: tables and sentences of measured figures.
 
-`make docs` runs this. The picture (`docs/images/architecture.svg`) and the index
-(`docs/modules.md`) come from the imports and docstrings of the code; tables between
-`<!-- generated: NAME -->` and `<!-- end -->` in README.md and docs/results.md come from
+`make docs` runs this. What stands between `<!-- generated: NAME -->` and `<!-- end -->` in
+README.md and docs/results.md comes from
 `docs/data/quick-start.json`, `metrics/reference.json` and the studies' files in `docs/data`
 (`pbrnet study all --docs docs`), those of the time budgets from `docs/data/budgets.json`, which
 `make bench ONLY=budgets` writes, those in docs/benchmark.md and docs/cluster.md from
@@ -23,7 +22,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from code_map import Code, module_index, picture
 from study_tables import clay_budget_table, clay_budget_words, study_tables
 
 from pbrnet.model.benchmark.pictures import Task
@@ -202,14 +200,11 @@ def main() -> int:
     check = options.check
     if options.quick_start:
         record_quick_start(*options.quick_start)
-    code = Code.read()
     quick = json.loads(QUICK_START.read_text())
     reference = json.loads((ROOT / "metrics" / "reference.json").read_text())
     tables = study_tables(ROOT / "docs" / "data")
     readme, results = ROOT / "README.md", ROOT / "docs" / "results.md"
     wanted = {
-        ROOT / "docs" / "images" / "architecture.svg": picture(code),
-        ROOT / "docs" / "modules.md": module_index(code).encode(),
         readme: filled(
             readme,
             {

@@ -210,14 +210,16 @@ def clay_budget_words(found: dict[str, Any]) -> str:
     apart = ", ".join(f"{value:.3f}" for value in found["halves_flip"].values())
     processors = f"{found['processors']} processors ({found['processor']})"
     clock = "elapsed" if found["clock"] == "wall" else "processor"
-    trained = ", ".join(f"`{name}` {views}" for name, views in found["trained_views"].items())
+    trained = ", ".join(f"`{name}` on {views}" for name, views in found["trained_views"].items())
     sentences = [
         "" if found["sizes"] == "full" else "**A trial run; its figures mean nothing.**",
         f"{found['homes']} views of as many homes; {clock} seconds of {processors}, of which other "
         f"programs used {found['others_busy']:.1f}; Blender {found['blender']}.",
         f"At {sizes}: reference of 2 x {spp} samples a pixel, FLIP between its halves {apart}, "
         f"means within {100 * found['halves_apart']:.1f} %.",
-        f"Views that the networks were trained on: {trained or 'none'}.",
+        f"The networks were trained on views of other homes: {trained}." if trained else "",
+        "Counted are the seconds of one further view of an open scene, with light plan, transport, "
+        "guides, denoiser and network; opening the scene and compiling are not.",
         _not_first(found["cells"]),
     ]
     return " ".join(filter(None, sentences))
