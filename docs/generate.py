@@ -35,7 +35,7 @@ BENCHMARK = ROOT / "docs" / "data" / "benchmark.json"
 PLAN = ROOT / "docs" / "data" / "plan.json"
 REALISM = ROOT / "docs" / "data" / "realism.json"
 BUDGETS = ROOT / "docs" / "data" / "budgets.json"
-QUICK_METHODS = ("pbrnet", "product", "product_linear", "unet", "ceiling")
+SHORT = ("pbrnet", "unet", "denoised", "radiosity", "plus", "hybrid")  # rows of the README
 
 
 def quick_start_time(found: dict[str, Any]) -> str:
@@ -50,14 +50,14 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} minutes"
 
 
-def quick_start_table(found: dict[str, Any]) -> str:
-    """Table of methods of the quick start."""
-    return _method_table({name: found["methods"][name] for name in QUICK_METHODS}, {})
-
-
 def reference_methods(found: dict[str, Any]) -> str:
     """Table of methods of the reference run, with intervals over scenes."""
     return _method_table(found["methods"], found["intervals"])
+
+
+def reference_short(found: dict[str, Any]) -> str:
+    """Table of the README: the methods that matter most, without intervals."""
+    return _method_table({name: found["methods"][name] for name in SHORT}, {})
 
 
 def reference_differences(found: dict[str, Any]) -> str:
@@ -107,17 +107,14 @@ def benchmark_table(found: dict[str, Any], task: Task) -> str:
     return _table(rows)
 
 
-def budget_parts(readme: bool) -> str:
-    """Words, table and plot of the time budgets on clay scenes; the README has no table."""
+def budget_parts() -> str:
+    """Words, table and plots of the time budgets on clay scenes."""
     if not BUDGETS.is_file():
         return "Not measured for this version yet: `make bench ONLY=budgets`."
     found = json.loads(BUDGETS.read_text())
-    folder = "docs/images" if readme else "images"
-    plot = f"![Lowest FLIP in so many seconds, at three sizes]({folder}/budgets.png)"
+    plot = "![Lowest FLIP in so many seconds, at three sizes](images/budgets.png)"
+    sheet = "![Reference and each one's best picture in a second](images/budgets.jpg)"
     words = clay_budget_words(found)
-    if readme:
-        return f"{plot}\n\n{words}"
-    sheet = f"![Reference and each one's best picture in a second]({folder}/budgets.jpg)"
     return f"{words}\n\n{_table(clay_budget_table(found))}\n\n{plot}\n\n{sheet}"
 
 
@@ -209,8 +206,7 @@ def main() -> int:
             readme,
             {
                 "quick-start-time": quick_start_time(quick),
-                "quick-start-table": quick_start_table(quick),
-                "budgets": budget_parts(readme=True),
+                "reference-short": reference_short(reference),
             },
         ).encode(),
         results: filled(
@@ -219,7 +215,7 @@ def main() -> int:
                 "reference-methods": reference_methods(reference),
                 "reference-differences": reference_differences(reference),
                 **{name: _table(rows) for name, rows in tables.items()},
-                "budgets": budget_parts(readme=False),
+                "budgets": budget_parts(),
             },
         ).encode(),
     }
