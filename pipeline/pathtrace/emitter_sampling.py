@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -26,14 +25,14 @@ class EmitterSampler:
     """
 
     slots: int
-    numbers: list[Any]  # mi.Float, 7 per slot: centre, spread, strengths in- and outdoors, share
-    slot_of: Any  # mi.UInt32 by an emitter's registry id; `slots` for the others
-    share_of: Any  # mi.Float by registry id: an emitter's share among the others
-    rest: Any  # mi.Float, probability of all others together in the whole view
-    emitters: Any  # mi.EmitterPtr, those in slots, then the others
-    choice: Any  # mi.DiscreteDistribution over the others; None if there are none
+    numbers: list[mi.Float]  # 7 per slot: centre, spread, strengths in- and outdoors, share
+    slot_of: mi.UInt32  #  by an emitter's registry id; `slots` for the others
+    share_of: mi.Float  #  by registry id: an emitter's share among the others
+    rest: mi.Float  # probability of all others together in the whole view
+    emitters: mi.EmitterPtr  # those in slots, then the others
+    choice: mi.DiscreteDistribution  #  over the others; None if there are none
 
-    def __init__(self, scene: Any, plan: LightPlan) -> None:
+    def __init__(self, scene: mi.Scene, plan: LightPlan) -> None:
         emitters = scene.emitters()
         sampled = np.flatnonzero(plan.emitters)
         strengths = plan.strengths
@@ -67,7 +66,9 @@ class EmitterSampler:
         if len(others):
             self.choice = mi.DiscreteDistribution(column(mi.Float, plan.emitters[others]))
 
-    def weights(self, position: Any, normal: Any, outdoors: Any) -> list[Any]:
+    def weights(
+        self, position: mi.Point3f, normal: mi.Normal3f, outdoors: mi.Bool
+    ) -> list[mi.Float]:
         """Return the approximate irradiance by each slot's emitter at a vertex, then 0."""
         weights = []
         for slot in range(self.slots):
@@ -79,11 +80,11 @@ class EmitterSampler:
             weights.append(strength * geometry_factor(cosine, squared, spread))
         return [*weights, mi.Float(0)]
 
-    def view_probabilities(self) -> list[Any]:
+    def view_probabilities(self) -> list[mi.Float]:
         """Return the view's probability of each slot and of the others together."""
         return [*(self._slot(slot)[6] for slot in range(self.slots)), self.rest]
 
-    def probability(self, emitter: Any, probabilities: list[Any]) -> Any:
+    def probability(self, emitter: mi.EmitterPtr, probabilities: list[mi.Float]) -> mi.Float:
         """Return the probability that an emitter is sampled, given those at the vertex."""
         number = dr.reinterpret_array(mi.UInt32, emitter)
         known = number < dr.opaque(mi.UInt32, dr.width(self.slot_of))
@@ -94,7 +95,7 @@ class EmitterSampler:
             found = dr.select(slot == index, probabilities[index], found)
         return dr.select(known, found, 0)
 
-    def emitter(self, index: Any, sample: Any) -> tuple[Any, Any]:
+    def emitter(self, index: mi.UInt32, sample: mi.Point2f) -> tuple[mi.EmitterPtr, mi.Point2f]:
         """Return the emitter of a slot, or one of the others, and the random numbers left.
 
         `sample` in [0, 1)^2 chooses among the others; its used component is stretched anew.
@@ -108,5 +109,5 @@ class EmitterSampler:
         x = dr.select(is_other, below_one(stretched), sample.x)
         return dr.gather(mi.EmitterPtr, self.emitters, row), mi.Point2f(x, sample.y)
 
-    def _slot(self, slot: int) -> list[Any]:
+    def _slot(self, slot: int) -> list[mi.Float]:
         return self.numbers[7 * slot : 7 * slot + 7]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -23,17 +22,17 @@ class EnvironmentSampler:
     and may give the same directions.
     """
 
-    environment: Any  # mi.Emitter
-    pointer: Any  # mi.EmitterPtr to it
+    environment: mi.Emitter
+    pointer: mi.EmitterPtr  #  to it
     own_sampling: bool
     portals: RectangleSampler | None
     has_sun: bool
-    frame: Any  # mi.Frame3f around the sun's direction
-    cosine: Any  # mi.Float, of the sun's angular radius
-    disc_density: Any  # mi.Float, by solid angle over the disc
-    sun: list[Any]  # mi.Float: the sun's strength, and its probability in the whole view
+    frame: mi.Frame3f  #  around the sun's direction
+    cosine: mi.Float  # of the sun's angular radius
+    disc_density: mi.Float  # by solid angle over the disc
+    sun: list[mi.Float]  # the sun's strength, and its probability in the whole view
 
-    def __init__(self, scene: Any, plan: LightPlan) -> None:
+    def __init__(self, scene: mi.Scene, plan: LightPlan) -> None:
         self.environment = scene.environment()
         number = dr.opaque(mi.UInt32, registry_id(self.environment, mi.EmitterPtr))
         self.pointer = dr.reinterpret_array(mi.EmitterPtr, number)
@@ -62,7 +61,9 @@ class EnvironmentSampler:
         """Number of portals with a weight of their own at every vertex."""
         return 0 if self.portals is None else len(self.portals.rectangles)
 
-    def weights(self, position: Any, normal: Any, outdoors: Any) -> list[Any]:
+    def weights(
+        self, position: mi.Point3f, normal: mi.Normal3f, outdoors: mi.Bool
+    ) -> list[mi.Float]:
         """Return the approximate irradiance through each portal and by the sun at a vertex."""
         weights = [] if self.portals is None else self.portals.weights(position, normal)
         sun = mi.Float(0)
@@ -72,15 +73,21 @@ class EnvironmentSampler:
             sun = dr.select(outdoors | self._sees_sun_through_portal(position), sun, 0)
         return [*weights, sun]
 
-    def view_probabilities(self) -> list[Any]:
+    def view_probabilities(self) -> list[mi.Float]:
         """Return the view's probability of each portal and of the sun."""
         portals = [] if self.portals is None else self.portals.probabilities
         sun = self.sun[1] if self.has_sun else mi.Float(0)
         return [*portals, sun]
 
     def sample(
-        self, scene: Any, si: Any, probabilities: list[Any], index: Any, sample: Any, active: Any
-    ) -> tuple[Any, Any]:
+        self,
+        scene: mi.Scene,
+        si: mi.SurfaceInteraction3f,
+        probabilities: list[mi.Float],
+        index: mi.UInt32,
+        sample: mi.Point2f,
+        active: mi.Bool,
+    ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """Sample a direction through portal `index`, or to the sun if `index` is `slots`.
 
         Returns a `mi.DirectionSample3f` with the density, and the radiance of the environment
@@ -107,8 +114,12 @@ class EnvironmentSampler:
         return ds, dr.select(valid, self.environment.eval(miss, valid), 0)
 
     def density(
-        self, origin: Any, direction: Any, probabilities: list[Any], to_sun: Any = False
-    ) -> Any:
+        self,
+        origin: mi.Point3f,
+        direction: mi.Vector3f,
+        probabilities: list[mi.Float],
+        to_sun: mi.Bool = False,
+    ) -> mi.Float:
         """Return the density by solid angle of a direction from `origin`.
 
         `to_sun` marks directions that were sampled in the sun's disc: at its very edge, rounding
@@ -123,7 +134,7 @@ class EnvironmentSampler:
             density += dr.select(inside, sun * self.disc_density, 0)
         return density
 
-    def _sees_sun_through_portal(self, position: Any) -> Any:
+    def _sees_sun_through_portal(self, position: mi.Point3f) -> mi.Bool:
         """Test whether the sun's direction from a vertex passes a portal."""
         if self.portals is None:
             return mi.Bool(False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -20,13 +19,13 @@ class PathGuide:
     """Guiding distribution of a view, from a `GuidingPlan`."""
 
     targets: RectangleSampler
-    indirect: Any  # mi.Float, mean irradiance by indirect light, W/m^2
+    indirect: mi.Float  # mean irradiance by indirect light, W/m^2
 
     def __init__(self, plan: GuidingPlan, indirect: float) -> None:
         self.targets = RectangleSampler(plan.targets, plan.strengths, np.zeros(0), MAX_TARGETS)
         self.indirect = dr.opaque(mi.Float, indirect)
 
-    def at(self, si: Any, active: Any) -> Guidance:
+    def at(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Guidance:
         """Return the guiding distribution at a vertex."""
         facing = dr.mulsign(si.n, mi.Frame3f.cos_theta(si.wi))
         weights = self.targets.weights(si.p, facing, one_sided=True)
@@ -40,24 +39,24 @@ class PathGuide:
 class Guidance:
     """Guiding distribution at a vertex: a direction is guided with the probability `share`."""
 
-    share: Any  # mi.Float
-    probabilities: list[Any]  # mi.Float, of each target; they sum to 1
+    share: mi.Float
+    probabilities: list[mi.Float]  # of each target; they sum to 1
     targets: RectangleSampler
-    position: Any  # mi.Point3f
+    position: mi.Point3f
 
-    def split(self, random: Any) -> tuple[Any, Any]:
+    def split(self, random: mi.Float) -> tuple[mi.Bool, mi.Float]:
         """Decide with a random number whether to guide; also return the number, stretched anew."""
         guided = random < self.share
         return guided, below_one(
             dr.select(guided, random / self.share, (random - self.share) / (1 - self.share))
         )
 
-    def direction(self, first: Any, second: Any) -> Any:
+    def direction(self, first: mi.Float, second: mi.Point2f) -> mi.Vector3f:
         """Sample a direction to a target with a random number and a random point in [0, 1)^2."""
         target, _ = choose(self.probabilities, first)
         return dr.normalize(self.targets.point(target, second) - self.position)
 
-    def mixed_density(self, pdf: Any, direction: Any) -> Any:
+    def mixed_density(self, pdf: mi.Float, direction: mi.Vector3f) -> mi.Float:
         """Return the mixture's density of a direction with density `pdf` by the BSDF."""
         guided = self.targets.density(self.position, direction, self.probabilities)
         return (1 - self.share) * pdf + self.share * guided

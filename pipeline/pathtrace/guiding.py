@@ -15,7 +15,6 @@ As in the light plan, no material is evaluated, so that shading depends on no co
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -69,7 +68,7 @@ class GuidingPlan:
     strengths: Float64Array
 
 
-def plan_guiding(scene: Any, plan: LightPlan, seed: int) -> GuidingPlan | None:
+def plan_guiding(scene: mi.Scene, plan: LightPlan, seed: int) -> GuidingPlan | None:
     """Return the guiding targets of the view with this light plan; None if there are none.
 
     `scene` is the Mitsuba scene.
@@ -116,7 +115,7 @@ def _geometry_factors(
 
 
 def _outdoor_irradiance(
-    scene: Any,
+    scene: mi.Scene,
     points: Float64Array,
     normals: Float64Array,
     plan: LightPlan,
@@ -142,7 +141,7 @@ def _outdoor_irradiance(
 
 
 def _lit_surface_irradiance(
-    scene: Any,
+    scene: mi.Scene,
     points: Float64Array,
     normals: Float64Array,
     surfaces: Float64Array,
@@ -172,7 +171,7 @@ def _lit_surface_irradiance(
 
 
 def _lit_cells(
-    scene: Any,
+    scene: mi.Scene,
     plan: LightPlan,
     points: Float64Array,
     normals: Float64Array,
@@ -233,7 +232,7 @@ def _fitted_rectangle(
     return centre - halves[0] - halves[1], 2 * halves[0], 2 * halves[1], -normal
 
 
-def _lit_by_lamps(scene: Any, random: np.random.Generator) -> LitSurfaces:
+def _lit_by_lamps(scene: mi.Scene, random: np.random.Generator) -> LitSurfaces:
     """Trace rays from the lamps; return hit points (R, 3), normals (R, 3) and flux (R,)."""
     lamps = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
     if not lamps:

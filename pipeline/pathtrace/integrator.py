@@ -34,7 +34,6 @@ from __future__ import annotations
 import operator
 from dataclasses import dataclass, field
 from functools import cache, reduce
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -42,30 +41,11 @@ import mitsuba as mi
 from pbrnet.pipeline.pathtrace.light_parts import LightParts, NoParts
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.pathtrace.panes import Panes
+from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering, power_heuristic
 from pbrnet.pipeline.render.bsdf_tables import partner
 
 # Squared distance up to which two unit directions are the same one, computed twice.
 _SAME_DIRECTION = 1e-7
-
-
-@dataclass
-class PathState:
-    """State of a path for one of its two images."""
-
-    radiance: Any  # mi.Color3f, accumulated so far
-    throughput: Any  # mi.Color3f
-    pdf: Any  # mi.Float, density of the last direction in this image's material; 1 at the camera
-    delta: Any  # mi.Bool, True if that direction came from a delta lobe or the camera
-
-
-@dataclass
-class Scattering:
-    """One material at one vertex: towards an emitter sample, and a sampled direction of its own."""
-
-    value: Any  # mi.Color3f, BSDF times cosine towards the emitter sample
-    pdf: Any  # mi.Float, density of that direction by the material's own sampling
-    sample: Any  # mi.BSDFSample3f
-    weight: Any  # mi.Color3f, BSDF times cosine over density of the sampled direction
 
 
 def available() -> bool:
@@ -81,7 +61,7 @@ class JointPath:
     scene's window panes.
     """
 
-    twins: Any  # table of each BSDF's neutral twin, see `pbrnet.pipeline.render.bsdf_tables`
+    twins: mi.BSDFPtr  # table of each BSDF's neutral twin, see `pbrnet.pipeline.render.bsdf_tables`
     max_depth: int
     rr_depth: int
     lights: UniformLights | PlannedLights = field(default_factory=UniformLights)
@@ -89,7 +69,7 @@ class JointPath:
     panes: Panes | None = None
     alone: bool = False  # colour without neutral image; `twins` tells a recording which BSDFs exist
 
-    def integrator(self) -> Any:
+    def integrator(self) -> mi.SamplingIntegrator:
         """Return a Mitsuba integrator: colour in `R`, `G`, `B`, the others in three AOVs each.
 
         They are the neutral image, unless colour is alone, and those of `parts`. A band of zeros
@@ -98,7 +78,9 @@ class JointPath:
         return _integrator_class()(self)
 
     @dr.syntax
-    def trace(self, scene: Any, sampler: Any, ray: Any, active: Any) -> list[Any]:
+    def trace(
+        self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
+    ) -> list[mi.Color3f]:
         """Return the radiance along `ray` in each image, `mi.Color3f`.
 
         The images are colour, the neutral twin (unless colour is alone), and those of `parts`.
@@ -162,11 +144,13 @@ class JointPath:
         """Names of the images that are traced with a throughput of their own."""
         return ("colour",) if self.alone else ("colour", "neutral")
 
-    def materials(self, own: Any, active: Any) -> list[Any]:
+    def materials(self, own: mi.BSDFPtr, active: mi.Bool) -> list[mi.BSDFPtr]:
         """Return the BSDF of each image."""
         return [own] if self.alone else [own, partner(self.twins, own, active)]
 
-    def first_pane(self, scene: Any, sampler: Any, ray: Any, active: Any) -> tuple[Any, Any, Any]:
+    def first_pane(
+        self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
+    ) -> tuple[mi.Ray3f, mi.Float, mi.Bool]:
         """Return camera rays after the first window pane, their weights, and which it mirrors.
 
         No random number is drawn in a scene without panes.
@@ -175,14 +159,19 @@ class JointPath:
             return ray, mi.Float(1), mi.Bool(False)
         return self.panes.meet(scene, ray, sampler.next_1d(active), active)
 
-    def add_emission(self, states: list[PathState], emitted: Any, density: Any) -> None:
+    def add_emission(self, states: list[PathState], emitted: mi.Color3f, density: mi.Float) -> None:
         """Add emission that BSDF sampling found to each image."""
         for state in states:
             weight = self.bsdf_sampling_weight(state, density)
             state.radiance += state.throughput * emitted * weight
 
     def add_emitter_sample(
-        self, states: list[PathState], found: list[Scattering], ds: Any, light: Any, lit: Any
+        self,
+        states: list[PathState],
+        found: list[Scattering],
+        ds: mi.DirectionSample3f,
+        light: mi.Color3f,
+        lit: mi.Bool,
     ) -> None:
         """Add an emitter sample to each image."""
         for state, scattering in zip(states, found, strict=True):
@@ -191,13 +180,13 @@ class JointPath:
 
     def scatter_all(
         self,
-        bsdfs: list[Any],
-        si: Any,
-        light: Any,
-        first: Any,
-        second: Any,
-        active: Any,
-        smooth: Any,
+        bsdfs: list[mi.BSDFPtr],
+        si: mi.SurfaceInteraction3f,
+        light: mi.Vector3f,
+        first: mi.Float,
+        second: mi.Point2f,
+        active: mi.Bool,
+        smooth: mi.Bool,
     ) -> list[Scattering]:
         """Evaluate and sample each material; `light` is the direction of the emitter sample.
 
@@ -229,26 +218,34 @@ class JointPath:
         return found
 
     def scatter(
-        self, bsdf: Any, si: Any, wo: Any, first: Any, second: Any, active: Any
+        self,
+        bsdf: mi.BSDFPtr,
+        si: mi.SurfaceInteraction3f,
+        wo: mi.Vector3f,
+        first: mi.Float,
+        second: mi.Point2f,
+        active: mi.Bool,
     ) -> Scattering:
         """Evaluate a material towards the emitter sample `wo`, and sample a direction of it."""
         return Scattering(*bsdf.eval_pdf_sample(mi.BSDFContext(), si, wo, first, second, active))
 
-    def bsdf_sampling_weight(self, state: PathState, density: Any) -> Any:
+    def bsdf_sampling_weight(self, state: PathState, density: mi.Float) -> mi.Float:
         """Return the MIS weight of emission found by BSDF sampling.
 
         `density` is that of the same direction by emitter sampling.
         """
         return dr.select(state.delta, 1, power_heuristic(state.pdf, density))
 
-    def emitter_sampling_value(self, scattering: Scattering, ds: Any) -> Any:
+    def emitter_sampling_value(
+        self, scattering: Scattering, ds: mi.DirectionSample3f
+    ) -> mi.Color3f:
         """Return BSDF times cosine times MIS weight of an emitter sample."""
         weight = dr.select(ds.delta, 1, power_heuristic(ds.pdf, scattering.pdf))
         return scattering.value * weight
 
     def next_direction(
-        self, states: list[PathState], found: list[Scattering], random: Any
-    ) -> tuple[Any, Any, Any]:
+        self, states: list[PathState], found: list[Scattering], random: mi.Float
+    ) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
         """Choose the next direction and update the states; as `choose_direction`."""
         if not self.alone:
             (colour, neutral), (of_colour, of_neutral) = states, found
@@ -262,8 +259,8 @@ class JointPath:
         neutral: PathState,
         of_colour: Scattering,
         of_neutral: Scattering,
-        random: Any,
-    ) -> tuple[Any, Any, Any]:
+        random: mi.Float,
+    ) -> tuple[mi.Vector3f, mi.Float, mi.Float]:
         """Choose the next direction and update both states; see this module's docstring.
 
         Returns the local direction, the relative index of refraction along it, and a random
@@ -283,8 +280,8 @@ class JointPath:
         return wo, eta, dr.select(differ, 2 * random - dr.select(heads, 0.0, 1.0), random)
 
     def roulette(
-        self, colour: PathState, neutral: PathState, eta: Any, depth: Any
-    ) -> tuple[Any, Any]:
+        self, colour: PathState, neutral: PathState, eta: mi.Float, depth: mi.UInt32
+    ) -> tuple[mi.Float, mi.Float]:
         """Return the survival probability of Russian roulette and the factor on the throughputs.
 
         The probability follows the neutral throughput, because shading must not depend on colours,
@@ -299,17 +296,7 @@ class JointPath:
         return dr.select(enabled | (importance == 0), survival, 1.0), factor
 
 
-def power_heuristic(one: Any, other: Any) -> Any:
-    """Return the MIS weight of a sample of density `one`: power heuristic with exponent 2.
-
-    Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", 1995.
-    """
-    one, other = dr.square(one), dr.square(other)
-    weight = one / (one + other)
-    return dr.select(dr.isfinite(weight), weight, 0)
-
-
-def _camera_state(weight: Any) -> PathState:
+def _camera_state(weight: mi.Float) -> PathState:
     return PathState(mi.Color3f(0), mi.Color3f(weight), mi.Float(1), mi.Bool(True))
 
 
@@ -320,25 +307,25 @@ def _follow(state: PathState, scattering: Scattering) -> None:
     state.delta = mi.has_flag(scattering.sample.sampled_type, mi.BSDFFlags.Delta)
 
 
-def _scale(states: list[PathState], factor: Any) -> None:
+def _scale(states: list[PathState], factor: mi.Float) -> None:
     for state in states:
         state.throughput *= factor
 
 
-def _is_smooth(bsdf: Any) -> Any:
+def _is_smooth(bsdf: mi.BSDFPtr) -> mi.Bool:
     return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
 
 
-def _all(masks: list[Any]) -> Any:
+def _all(masks: list[mi.Bool]) -> mi.Bool:
     return reduce(operator.and_, masks)
 
 
-def _any(masks: list[Any]) -> Any:
+def _any(masks: list[mi.Bool]) -> mi.Bool:
     return reduce(operator.or_, masks)
 
 
 @cache
-def _integrator_class() -> Any:
+def _integrator_class() -> type[mi.SamplingIntegrator]:
     """Return the integrator class for a `JointPath`; its base class needs a Mitsuba variant."""
 
     class JointIntegrator(mi.SamplingIntegrator):  # type: ignore[misc]
@@ -347,8 +334,13 @@ def _integrator_class() -> Any:
             self.path = path
 
         def sample(
-            self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True
-        ) -> tuple[Any, Any, list[Any]]:
+            self,
+            scene: mi.Scene,
+            sampler: mi.Sampler,
+            ray: mi.RayDifferential3f,
+            medium: mi.Medium | None = None,
+            active: mi.Bool = True,
+        ) -> tuple[mi.Color3f, mi.Bool, list[mi.Float]]:
             colour, *others = self.path.trace(scene, sampler, ray, active)
             bands = [band for image in others for band in image]
             padding = len(self.aov_names()) - len(bands)

@@ -7,7 +7,6 @@ luminance. Points and normals are (Q, 3), world metres.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -73,7 +72,7 @@ def rms(values: Float64Array) -> Float64Array:
 
 
 def first_hits(
-    scene: Any, origins: Float64Array, directions: Float64Array
+    scene: mi.Scene, origins: Float64Array, directions: Float64Array
 ) -> tuple[Float64Array, Float64Array, BoolArray]:
     """Trace rays; return points (Q, 3), normals facing the ray (Q, 3), and hit flags (Q,).
 
@@ -94,7 +93,7 @@ def first_hits(
     return points, normals, met
 
 
-def environment_of(scene: Any) -> Environment | None:
+def environment_of(scene: mi.Scene) -> Environment | None:
     """Return the environment of a Mitsuba scene, None if it has none."""
     emitter = scene.environment()
     if emitter is None:
@@ -121,7 +120,7 @@ def in_sun_disc(sun: SunDisc | None, directions: Float64Array) -> BoolArray:
 
 
 def environment_luminance(
-    scene: Any, points: Float64Array, directions: Float64Array
+    scene: mi.Scene, points: Float64Array, directions: Float64Array
 ) -> Float64Array:
     """Return the environment's luminance along directions (Q, 3) from points, 0 if occluded."""
     miss = dr.zeros(mi.SurfaceInteraction3f, len(points))
@@ -133,7 +132,7 @@ def environment_luminance(
 
 
 def emitter_irradiance(
-    scene: Any,
+    scene: mi.Scene,
     points: Float64Array,
     normals: Float64Array,
     portals: Rectangles,
@@ -171,7 +170,7 @@ def emitter_irradiance(
 
 
 def portal_irradiance(
-    scene: Any,
+    scene: mi.Scene,
     points: Float64Array,
     normals: Float64Array,
     portals: Rectangles,
@@ -189,7 +188,7 @@ def portal_irradiance(
 
 
 def sun_irradiance(
-    scene: Any,
+    scene: mi.Scene,
     points: Float64Array,
     normals: Float64Array,
     sun: SunDisc | None,
@@ -207,7 +206,7 @@ def sun_irradiance(
 
 
 def sunlit_surfaces(
-    scene: Any,
+    scene: mi.Scene,
     portals: Rectangles,
     sun: SunDisc | None,
     rays: int,
@@ -234,7 +233,7 @@ def sunlit_surfaces(
 
 
 def sun_strength(
-    scene: Any, portals: Rectangles, sun: SunDisc | None, random: np.random.Generator
+    scene: mi.Scene, portals: Rectangles, sun: SunDisc | None, random: np.random.Generator
 ) -> float:
     """Estimate the root mean square of the sun's irradiance where it shines through portals.
 
@@ -248,7 +247,7 @@ def sun_strength(
     return float(np.sqrt((irradiance**2 * areas).sum() / areas.sum()))
 
 
-def _find_sun_disc(emitter: Any, direction: Float64Array) -> SunDisc | None:
+def _find_sun_disc(emitter: mi.Emitter, direction: Float64Array) -> SunDisc | None:
     """Return the sun around `direction`, with its radius measured in the sky's radiance.
 
     None if the radiance has no edge there: the sun is not in this direction.
@@ -266,7 +265,7 @@ def _find_sun_disc(emitter: Any, direction: Float64Array) -> SunDisc | None:
     return SunDisc(direction, float(np.cos(_SUN_MARGIN * angles[edge + 1])))
 
 
-def _extents(scene: Any, points: Float64Array) -> EmitterExtents:
+def _extents(scene: mi.Scene, points: Float64Array) -> EmitterExtents:
     """Return extents from sampled points (N, Q, 3); infinitely distant emitters have no centre."""
     infinite = [mi.has_flag(one.flags(), mi.EmitterFlags.Infinite) for one in scene.emitters()]
     finite = np.where(np.isfinite(points), points, 0)

@@ -9,6 +9,7 @@ is moved instead.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any
 
 import drjit as dr
@@ -30,8 +31,8 @@ class FrozenTracer:
 
     def __init__(self) -> None:
         self._version: int | None = None
-        self._sensors: dict[Any, Any] = {}
-        self._launches: dict[Any, Any] = {}
+        self._sensors: dict[Hashable, mi.Sensor] = {}
+        self._launches: dict[Hashable, Any] = {}
 
     @property
     def recordings(self) -> int:
@@ -40,14 +41,14 @@ class FrozenTracer:
 
     def launch(
         self,
-        scene: Any,
+        scene: mi.Scene,
         version: int,
         view: View,
         copies: int,
         path: JointPath,
         spp: int,
         seed: int,
-    ) -> Any:
+    ) -> mi.TensorXf:
         """Render `copies` independent images of a view, side by side, by `path.integrator()`.
 
         `version` is that of the scene's `MaterialSets`: when it changes, some materials are other
@@ -81,6 +82,8 @@ class FrozenTracer:
         return launch(scene, sensor, path, spp, dr.opaque(mi.UInt32, seed))
 
 
-def _launch(scene: Any, sensor: Any, path: JointPath, spp: int, seed: Any) -> Any:
+def _launch(
+    scene: mi.Scene, sensor: mi.Sensor, path: JointPath, spp: int, seed: mi.UInt32
+) -> mi.TensorXf:
     integrator = path.integrator()
     return mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -32,12 +31,16 @@ class LightGroups:
     """
 
     names: tuple[str, ...]
-    members: tuple[tuple[Any, int], ...]
+    members: tuple[tuple[mi.Emitter, int], ...]
     sun: SunDisc | None = None
 
 
 def group_lights(
-    scene: Any, shapes: Sequence[Any], lights: Sequence[Light], room: str | None, most: int
+    scene: mi.Scene,
+    shapes: Sequence[mi.Shape],
+    lights: Sequence[Light],
+    room: str | None,
+    most: int,
 ) -> LightGroups:
     """Return the groups of a view in `room`: `most` lamps, and `FIXED` more.
 
@@ -75,8 +78,8 @@ class GroupTable:
     """Group of the light that a direction sample points to, for the path tracer."""
 
     count: int
-    group_of: Any  # mi.UInt32 by an emitter's registry id
-    sun: list[Any] = field(default_factory=list)  # mi.Float: direction, cosine of the radius
+    group_of: mi.UInt32  #  by an emitter's registry id
+    sun: list[mi.Float] = field(default_factory=list)  # direction, cosine of the radius
 
     def __init__(self, groups: LightGroups) -> None:
         self.count = len(groups.names)
@@ -94,7 +97,7 @@ class GroupTable:
             direction, cosine = groups.sun.direction, groups.sun.cosine
         self.sun = opaque_floats(np.array([*direction, cosine]))
 
-    def group(self, ds: Any) -> Any:
+    def group(self, ds: mi.DirectionSample3f) -> mi.UInt32:
         """Return the index of the group of `mi.DirectionSample3f`, `mi.UInt32`."""
         number = dr.reinterpret_array(mi.UInt32, ds.emitter)
         group = dr.gather(mi.UInt32, self.group_of, number, number < dr.width(self.group_of))

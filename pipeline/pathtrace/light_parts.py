@@ -27,7 +27,9 @@ import drjit as dr
 import mitsuba as mi
 
 from pbrnet.pipeline.pathtrace.light_groups import GroupTable, LightGroups
+from pbrnet.pipeline.pathtrace.scattering import Scattering
 from pbrnet.pipeline.render.bsdf_tables import partner, partner_table
+from pbrnet.pipeline.render.material_sets import Lobes
 
 _BLACK = 1e-4  # reflectance below which irradiance is not determined
 
@@ -45,16 +47,16 @@ class NoParts:
         """Return the state of a path at the camera."""
         return self
 
-    def start_in_mirror(self, mirrored: Any) -> None:
+    def start_in_mirror(self, mirrored: mi.Bool) -> None:
         """Start these paths with a mirror image in a window pane."""
 
-    def add_emission(self, *contribution: Any) -> None:
+    def add_emission(self, *contribution: object) -> None:
         """Add emission that BSDF sampling found."""
 
-    def add_emitter_sample(self, *vertex: Any) -> None:
+    def add_emitter_sample(self, *vertex: object) -> None:
         """Add an emitter sample, and go on to the next vertex."""
 
-    def images(self) -> tuple[Any, ...]:
+    def images(self) -> tuple[mi.Color3f, ...]:
         """Return the images, `mi.Color3f` each."""
         return ()
 
@@ -63,13 +65,11 @@ class NoParts:
 class LightParts:
     """Direct, diffuse and irradiance of a scene with these `RenderScene.lobes`, light groups."""
 
-    lobes: Any  # table of each BSDF's diffuse lobe
-    reflectances: Any  # table of each BSDF's reflectance twin
+    lobes: mi.BSDFPtr  # table of each BSDF's diffuse lobe
+    reflectances: mi.BSDFPtr  # table of each BSDF's reflectance twin
     groups: GroupTable | None
 
-    def __init__(
-        self, lobes: list[tuple[Any, Any, Any]], groups: LightGroups | None = None
-    ) -> None:
+    def __init__(self, lobes: Lobes, groups: LightGroups | None = None) -> None:
         self.groups = None if groups is None else GroupTable(groups)
         self.lobes = partner_table([(own, lobe) for own, lobe, _ in lobes])
         self.reflectances = partner_table([(own, reflectance) for own, _, reflectance in lobes])
@@ -97,8 +97,13 @@ class LightParts:
         )
 
     def shares(
-        self, own: Any, si: Any, light: Any, of_colour: Any, active: Any
-    ) -> tuple[Any, Any, Any]:
+        self,
+        own: mi.BSDFPtr,
+        si: mi.SurfaceInteraction3f,
+        light: mi.Vector3f,
+        of_colour: Scattering,
+        active: mi.Bool,
+    ) -> tuple[mi.Color3f, mi.Color3f, mi.Color3f]:
         """Return shares of the diffuse lobes in the BSDF, `mi.Color3f` each, and the reflectance.
 
         First towards the emitter sample in world direction `light`, then along the sampled
@@ -124,20 +129,26 @@ class LightParts:
 class PathParts:
     """State of a path: the parts so far, and how its further contributions count."""
 
-    direct: Any  # mi.Color3f
-    diffuse: Any  # mi.Color3f
-    irradiance: Any  # mi.Color3f
-    share: Any  # mi.Color3f, of contributions to colour in `diffuse`; 0 before the first surface
-    white: Any  # mi.Color3f, of contributions to colour in `irradiance`
-    before: Any  # mi.Bool, True up to the first visible surface
-    scattered: Any  # mi.UInt32, how often the path was scattered, for `direct`
-    lights: list[Any]  # mi.Color3f, of each light group
+    direct: mi.Color3f
+    diffuse: mi.Color3f
+    irradiance: mi.Color3f
+    share: mi.Color3f  # of contributions to colour in `diffuse`; 0 before the first surface
+    white: mi.Color3f  # of contributions to colour in `irradiance`
+    before: mi.Bool  # True up to the first visible surface
+    scattered: mi.UInt32  # how often the path was scattered, for `direct`
+    lights: list[mi.Color3f]  # of each light group
 
-    def start_in_mirror(self, mirrored: Any) -> None:
+    def start_in_mirror(self, mirrored: mi.Bool) -> None:
         """Start these paths with a mirror image in a window pane: no light of the first surface."""
         self.before &= ~mirrored
 
-    def add_emission(self, parts: Any, ds: Any, throughput: Any, arriving: Any) -> None:
+    def add_emission(
+        self,
+        parts: Any,
+        ds: mi.DirectionSample3f,
+        throughput: mi.Color3f,
+        arriving: mi.Color3f,
+    ) -> None:
         """Add emission that BSDF sampling found: `arriving` is radiance times MIS weight.
 
         `parts` are the path tracer's `LightParts`, `ds` is the `mi.DirectionSample3f`.
@@ -151,13 +162,13 @@ class PathParts:
     def add_emitter_sample(
         self,
         parts: Any,
-        own: Any,
-        si: Any,
-        ds: Any,
-        of_colour: Any,
-        throughput: Any,
-        arriving: Any,
-        active: Any,
+        own: mi.BSDFPtr,
+        si: mi.SurfaceInteraction3f,
+        ds: mi.DirectionSample3f,
+        of_colour: Scattering,
+        throughput: mi.Color3f,
+        arriving: mi.Color3f,
+        active: mi.Bool,
     ) -> None:
         """Add an emitter sample, and go on to the next vertex.
 
@@ -185,7 +196,13 @@ class PathParts:
         same = through | (mirrored & (self.scattered == 0))
         self.scattered += dr.select(same, mi.UInt32(0), mi.UInt32(1))
 
-    def add_to_group(self, parts: Any, ds: Any, throughput: Any, arriving: Any) -> None:
+    def add_to_group(
+        self,
+        parts: Any,
+        ds: mi.DirectionSample3f,
+        throughput: mi.Color3f,
+        arriving: mi.Color3f,
+    ) -> None:
         """Add a contribution to the group of its light."""
         if parts.groups is not None:
             group = parts.groups.group(ds)
@@ -194,7 +211,7 @@ class PathParts:
                 for number, light in enumerate(self.lights)
             ]
 
-    def images(self) -> tuple[Any, ...]:
+    def images(self) -> tuple[mi.Color3f, ...]:
         """Return the images, `mi.Color3f` each."""
         return self.direct, self.diffuse, self.irradiance, *self.lights
 
@@ -204,7 +221,7 @@ def group_names(count: int) -> tuple[str, ...]:
     return tuple(f"light{number:02d}" for number in range(count))
 
 
-def _share(part: Any, whole: Any) -> Any:
+def _share(part: mi.Color3f, whole: mi.Color3f) -> mi.Color3f:
     """Return part / whole, at most 1; 0 where either is 0."""
     valid = (part > 0) & (whole > 0)
     return dr.select(valid, dr.minimum(part / whole, 1), 0)

@@ -21,8 +21,8 @@ depend on no colour.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
+import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
@@ -115,7 +115,7 @@ class LightPlan:
 
 
 def plan_lights(
-    scene: Any,
+    scene: mi.Scene,
     view: View,
     portals: tuple[Portal, ...],
     seed: int,
@@ -173,7 +173,7 @@ def _grid_directions(view: View) -> Float64Array:
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
-def _trace_pilot(scene: Any, view: View, directions: Float64Array, seed: int) -> PilotPoints:
+def _trace_pilot(scene: mi.Scene, view: View, directions: Float64Array, seed: int) -> PilotPoints:
     """Trace camera rays (P, 3) and one cosine-distributed bounce from each hit."""
     random = generator(seed, "pilot")
     origins = np.tile(view.eye, (len(directions), 1))
@@ -192,7 +192,7 @@ def _trace_pilot(scene: Any, view: View, directions: Float64Array, seed: int) ->
 
 
 def _irradiance(
-    scene: Any,
+    scene: mi.Scene,
     pilot: PilotPoints,
     rectangles: Rectangles,
     environment: Environment | None,

@@ -15,7 +15,6 @@ The classes are dataclasses because Dr.Jit finds the arrays of a frozen kernel i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -35,18 +34,22 @@ _BY_VIEW = 0.2  # share of the choice that follows the view's probabilities alon
 class UniformLights:
     """Mitsuba's own emitter sampling: all emitters have the same probability."""
 
-    def sample(self, scene: Any, si: Any, sample: Any, active: Any) -> tuple[Any, Any]:
+    def sample(
+        self, scene: mi.Scene, si: mi.SurfaceInteraction3f, sample: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """Sample a direction to an emitter from a vertex with `sample` in [0, 1)^2.
 
         Returns a `mi.DirectionSample3f` and radiance over density, 0 if occluded.
         """
         return scene.sample_emitter_direction(si, sample, True, active)  # type: ignore[no-any-return]
 
-    def density(self, scene: Any, ref: Any, ds: Any, active: Any) -> Any:
+    def density(
+        self, scene: mi.Scene, ref: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
+    ) -> mi.Float:
         """Return the density by solid angle of the direction `ds` in `sample` at vertex `ref`."""
         return scene.pdf_emitter_direction(ref, ds, active)
 
-    def guidance(self, si: Any, active: Any) -> None:
+    def guidance(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> None:
         """Return None: paths are not guided."""
 
 
@@ -62,17 +65,21 @@ class PlannedLights:
 
     emitters: EmitterSampler | None
     outdoors: EnvironmentSampler | None
-    indoors: list[Any]  # mi.Float, lowest, then highest coordinates of the rooms
+    indoors: list[mi.Float]  # lowest, then highest coordinates of the rooms
     guide: PathGuide | None
 
-    def __init__(self, scene: Any, plan: LightPlan, guiding: GuidingPlan | None = None) -> None:
+    def __init__(
+        self, scene: mi.Scene, plan: LightPlan, guiding: GuidingPlan | None = None
+    ) -> None:
         self.indoors = opaque_floats(np.clip(plan.indoors, -1e9, 1e9))
         self.emitters = EmitterSampler(scene, plan) if plan.emitters.any() else None
         sampled = plan.portals.sum() + plan.sun > 0
         self.outdoors = EnvironmentSampler(scene, plan) if sampled else None
         self.guide = PathGuide(guiding, plan.indirect) if guiding is not None else None
 
-    def sample(self, scene: Any, si: Any, sample: Any, active: Any) -> tuple[Any, Any]:
+    def sample(
+        self, scene: mi.Scene, si: mi.SurfaceInteraction3f, sample: mi.Point2f, active: mi.Bool
+    ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """Sample a direction to an emitter; see `UniformLights.sample`."""
         probabilities = self.probabilities(si.p, si.n)
         index, stretched = choose(probabilities, sample.x)
@@ -95,7 +102,9 @@ class PlannedLights:
         ds.pdf[occluded] = 0
         return ds, dr.select(occluded, 0, light)
 
-    def density(self, scene: Any, ref: Any, ds: Any, active: Any) -> Any:
+    def density(
+        self, scene: mi.Scene, ref: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
+    ) -> mi.Float:
         """Return the density of a direction; see `UniformLights.density`."""
         probabilities = self.probabilities(ref.p, ref.n)
         density = mi.Float(0)
@@ -110,11 +119,11 @@ class PlannedLights:
             ) * ds.emitter.pdf_direction(ref, ds, sampled)
         return density
 
-    def guidance(self, si: Any, active: Any) -> Guidance | None:
+    def guidance(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Guidance | None:
         """Return the guiding distribution at a vertex; None if the view has no guiding targets."""
         return None if self.guide is None else self.guide.at(si, active)
 
-    def probabilities(self, position: Any, normal: Any) -> list[Any]:
+    def probabilities(self, position: mi.Point3f, normal: mi.Normal3f) -> list[mi.Float]:
         """Return the probability of each light at a vertex.
 
         In this order: emitters with a slot, all other emitters together, portals, sun.
@@ -138,7 +147,7 @@ class PlannedLights:
         """Number of the last `probabilities`: those of portals and sun."""
         return 0 if self.outdoors is None else self.outdoors.slots + 1
 
-    def _is_outdoors(self, position: Any) -> Any:
+    def _is_outdoors(self, position: mi.Point3f) -> mi.Bool:
         """Test whether a vertex lies outside the box around the rooms."""
         outdoors = mi.Bool(False)
         for axis in range(3):
@@ -152,7 +161,13 @@ class PlannedLights:
         """True if the environment's own sampling is used."""
         return self.outdoors is None or self.outdoors.own_sampling
 
-    def _own_density(self, si: Any, ds: Any, probabilities: list[Any], active: Any) -> Any:
+    def _own_density(
+        self,
+        si: mi.SurfaceInteraction3f,
+        ds: mi.DirectionSample3f,
+        probabilities: list[mi.Float],
+        active: mi.Bool,
+    ) -> mi.Float:
         """Return the density of a direction by the environment's own sampling."""
         if self.emitters is None or not self._samples_environment:
             return mi.Float(0)
@@ -162,8 +177,13 @@ class PlannedLights:
         return probability * ds.emitter.pdf_direction(ref, ds, active & (ds.pdf > 0))
 
     def _sample_emitter(
-        self, si: Any, probabilities: list[Any], index: Any, sample: Any, active: Any
-    ) -> tuple[Any, Any]:
+        self,
+        si: mi.SurfaceInteraction3f,
+        probabilities: list[mi.Float],
+        index: mi.UInt32,
+        sample: mi.Point2f,
+        active: mi.Bool,
+    ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """Sample one emitter; density and radiance over density count all strategies."""
         assert self.emitters is not None
         emitter, sample = self.emitters.emitter(index, sample)

@@ -15,19 +15,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.pathtrace.portals import portal_rectangles
+from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Portal
 
 GLASS = 1.5  # relative index of refraction
 _SLOTS = 8  # panes in a scene are padded to a multiple, so that scenes can share kernels
 _FAR = 1e9  # metres; nothing is as far
 _MIRRORED = 0.5  # probability of the mirrored direction
+
+
+class PaneMirror(NamedTuple):
+    """What camera rays meet of the panes."""
+
+    met: mi.Bool  # which rays meet a pane before any surface
+    reflected: mi.Float  # share of light that the pane reflects
+    ray: mi.Ray3f  # mirrored
 
 
 @dataclass(init=False, eq=False)
@@ -50,23 +59,20 @@ class Panes:
         figures[:rows, 12] = [portal.panes for portal in portals]
         self.panes = [_Pane(row) for row in figures]
 
-    def meet(self, scene: Any, ray: Any, random: Any, active: Any) -> tuple[Any, Any, Any]:
+    def meet(
+        self, scene: mi.Scene, ray: mi.Ray3f, random: mi.Float, active: mi.Bool
+    ) -> tuple[mi.Ray3f, mi.Float, mi.Bool]:
         """Reflect camera rays in the first pane before any surface, or let them pass.
 
-        Returns the rays, their weights (`mi.Float`), and which are mirrored (`mi.Bool`). `random`
-        is in [0, 1).
+        Returns the rays, their weights, and which are mirrored. `random` is in [0, 1).
         """
         met, reflected, mirror = self.mirror(scene, ray, active)
         mirrored = met & (random < _MIRRORED)
         share = dr.select(mirrored, reflected / _MIRRORED, (1 - reflected) / (1 - _MIRRORED))
         return dr.select(mirrored, mirror, ray), dr.select(met, share, 1), mirrored
 
-    def mirror(self, scene: Any, ray: Any, active: Any) -> tuple[Any, Any, Any]:
-        """Find the first pane that camera rays meet before any surface.
-
-        Returns which meet one (`mi.Bool`), the share of light that it reflects (`mi.Float`), and
-        the mirrored rays.
-        """
+    def mirror(self, scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> PaneMirror:
+        """Find the first pane that camera rays meet before any surface."""
         nearest, normal, sheets = mi.Float(_FAR), mi.Vector3f(0), mi.Float(0)
         for pane in self.panes:
             distance = pane.distance(ray)
@@ -82,27 +88,27 @@ class Panes:
         # Off the pane by a hair, on the camera's side.
         start = ray.o + nearest * ray.d - dr.mulsign(normal, cosine) * 1e-5
         mirror = mi.Ray3f(start, ray.d - 2 * cosine * normal, ray.time, ray.wavelengths)
-        return met, reflectance(dr.abs(cosine), sheets), mirror
+        return PaneMirror(met, reflectance(dr.abs(cosine), sheets), mirror)
 
 
 @dataclass(init=False, eq=False)
 class _Pane:
     """One pane; an empty one cannot be met."""
 
-    centre: Any  # mi.Vector3f
-    normal: Any  # mi.Vector3f
-    across: Any  # mi.Vector3f, an edge divided by half its squared length
-    along: Any  # mi.Vector3f, the other edge, likewise
-    sheets: Any  # mi.Float, number of sheets of glass
+    centre: mi.Vector3f
+    normal: mi.Vector3f
+    across: mi.Vector3f  # an edge divided by half its squared length
+    along: mi.Vector3f  # the other edge, likewise
+    sheets: mi.Float  # number of sheets of glass
 
-    def __init__(self, figures: Any) -> None:
+    def __init__(self, figures: Float64Array) -> None:
         numbers = [dr.opaque(mi.Float, float(value)) for value in figures]
         self.centre, self.normal, self.across, self.along = (
             mi.Vector3f(*numbers[k : k + 3]) for k in range(0, 12, 3)
         )
         self.sheets = numbers[12]
 
-    def distance(self, ray: Any) -> Any:
+    def distance(self, ray: mi.Ray3f) -> mi.Float:
         """Return the distance along a ray, metres; `_FAR` beside the pane."""
         offset = self.centre - mi.Vector3f(ray.o)
         distance = dr.dot(offset, self.normal) / dr.dot(ray.d, self.normal)
@@ -118,7 +124,7 @@ def panes_of(portals: Sequence[Portal]) -> Panes | None:
     return Panes(glazed) if glazed else None
 
 
-def reflectance(cosine: Any, sheets: Any) -> Any:
+def reflectance(cosine: mi.Float, sheets: mi.Float) -> mi.Float:
     """Return the share of unpolarised light that parallel sheets of clear glass reflect.
 
     `cosine` is that of the angle of incidence, `sheets` their number, 1 or more. All reflections
@@ -135,23 +141,28 @@ def reflectance(cosine: Any, sheets: Any) -> Any:
     return 0.5 * total
 
 
-def with_panes(integrator: Any, portals: Sequence[Portal]) -> Any:
+def with_panes(integrator: mi.Integrator, portals: Sequence[Portal]) -> mi.SamplingIntegrator:
     """Return an integrator that traces camera rays by `integrator` after their first pane."""
     panes = panes_of(portals)
     return integrator if panes is None else _integrator_class()(integrator, panes)
 
 
-def _integrator_class() -> Any:
+def _integrator_class() -> type[mi.SamplingIntegrator]:
     """Return the integrator class; its base class needs a Mitsuba variant."""
 
     class PaneIntegrator(mi.SamplingIntegrator):  # type: ignore[misc]
-        def __init__(self, inner: Any, panes: Panes) -> None:
+        def __init__(self, inner: mi.SamplingIntegrator, panes: Panes) -> None:
             super().__init__(mi.Properties())
             self.inner, self.panes = inner, panes
 
         def sample(
-            self, scene: Any, sampler: Any, ray: Any, medium: Any = None, active: Any = True
-        ) -> tuple[Any, Any, list[Any]]:
+            self,
+            scene: mi.Scene,
+            sampler: mi.Sampler,
+            ray: mi.RayDifferential3f,
+            medium: mi.Medium | None = None,
+            active: mi.Bool = True,
+        ) -> tuple[mi.Color3f, mi.Bool, list[mi.Float]]:
             ray, weight, _ = self.panes.meet(scene, mi.Ray3f(ray), sampler.next_1d(active), active)
             differential = mi.RayDifferential3f(ray)
             color, valid, aovs = self.inner.sample(scene, sampler, differential, medium, active)

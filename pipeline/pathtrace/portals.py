@@ -13,6 +13,8 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array, Int64Array
 from pbrnet.scenes.contract import Portal
 
+Floats = float | Float64Array | Any  # `mi.Float` in kernels
+
 _GRAZING = 0.1  # least cosine at the receiver: emitters have extent and rise above its horizon
 _MIN_AREA = 1e-4  # square metres: smaller openings are left to the environment's own sampling
 
@@ -135,7 +137,7 @@ def rectangle_densities(
     return np.where(inside, metres**2 / (rectangles.area * np.where(inside, exit_cosine, 1)), 0)
 
 
-def geometry_factor(cosine: Any, squared_distance: Any, spread: Any) -> Any:
+def geometry_factor(cosine: Floats, squared_distance: Floats, spread: Floats) -> Any:
     """Return the irradiance, in 1/m^2, that an emitter of strength 1 causes at a surface.
 
     The product of the cosine at the surface, bounded from below because emitters have extent, and

@@ -8,26 +8,31 @@ finds the arrays of a frozen kernel in fields.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+import numpy.typing as npt
 
 from pbrnet.pipeline.pathtrace.portals import Rectangles, geometry_factor
 from pbrnet.pipeline.render.drjit_arrays import column
+from pbrnet.scenes.arrays import Float64Array
 
 
 @dataclass(init=False, eq=False)
 class RectangleSampler:
     """Points on up to `slots` rectangles, uniform by area, and densities of directions to them."""
 
-    numbers: Any  # mi.Float, 9 per rectangle: corner, two edges
+    numbers: mi.Float  # 9 per rectangle: corner, two edges
     rectangles: list[_Rectangle]  # one per slot; the last ones may be empty
-    probabilities: list[Any]  # mi.Float, of each slot in the whole view
+    probabilities: list[mi.Float]  # of each slot in the whole view
 
     def __init__(
-        self, rectangles: Rectangles, strengths: Any, probabilities: Any, slots: int
+        self,
+        rectangles: Rectangles,
+        strengths: Float64Array,
+        probabilities: Float64Array,
+        slots: int,
     ) -> None:
         count = len(rectangles.area)
         strengths, probabilities = padded(strengths, slots), padded(probabilities, slots)
@@ -38,7 +43,9 @@ class RectangleSampler:
         # Distinct objects: a frozen kernel records which of its inputs are identical.
         self.rectangles += [_Rectangle(None, strengths, 0) for _ in range(slots - count)]
 
-    def weights(self, position: Any, normal: Any, one_sided: bool = False) -> list[Any]:
+    def weights(
+        self, position: mi.Point3f, normal: mi.Normal3f, one_sided: bool = False
+    ) -> list[mi.Float]:
         """Return the approximate irradiance by each rectangle at a vertex.
 
         It counts light on the side of `normal` alone if `one_sided`, otherwise on both sides.
@@ -50,13 +57,15 @@ class RectangleSampler:
             weights.append(rectangle.strength * rectangle.geometry_factor(position, cosine))
         return weights
 
-    def point(self, slot: Any, sample: Any) -> Any:
+    def point(self, slot: mi.UInt32, sample: mi.Point2f) -> mi.Vector3f:
         """Return the point of a rectangle at `sample` in [0, 1)^2."""
         numbers = [dr.gather(mi.Float, self.numbers, 9 * slot + i) for i in range(9)]
         corner, first, second = (mi.Vector3f(*numbers[3 * k : 3 * k + 3]) for k in range(3))
         return corner + sample.x * first + sample.y * second
 
-    def density(self, origin: Any, direction: Any, probabilities: list[Any]) -> Any:
+    def density(
+        self, origin: mi.Point3f, direction: mi.Vector3f, probabilities: list[mi.Float]
+    ) -> mi.Float:
         """Return the density by solid angle of a direction from `origin`.
 
         The sum over the rectangles that it passes, each weighted by its probability.
@@ -71,15 +80,15 @@ class RectangleSampler:
 class _Rectangle:
     """One rectangle; an empty one cannot be hit and has strength 0."""
 
-    centre: Any  # mi.Vector3f
-    normal: Any  # mi.Vector3f, in the direction of paths
-    across: Any  # mi.Vector3f, an edge divided by half its squared length
-    along: Any  # mi.Vector3f, the other edge, likewise
-    area: Any  # mi.Float, square metres
-    spread: Any  # mi.Float, metres
-    strength: Any  # mi.Float
+    centre: mi.Vector3f
+    normal: mi.Vector3f  # in the direction of paths
+    across: mi.Vector3f  # an edge divided by half its squared length
+    along: mi.Vector3f  # the other edge, likewise
+    area: mi.Float  # square metres
+    spread: mi.Float  # metres
+    strength: mi.Float
 
-    def __init__(self, rectangles: Rectangles | None, strengths: Any, row: int) -> None:
+    def __init__(self, rectangles: Rectangles | None, strengths: Float64Array, row: int) -> None:
         if rectangles is None:
             up, far = np.array([0.0, 0.0, 1.0]), np.full(3, 1e9)
             vectors, figures = (far, up, far, far), (1.0, 1.0, 0.0)
@@ -97,18 +106,18 @@ class _Rectangle:
         )
         self.area, self.spread, self.strength = opaque_floats(figures)
 
-    def direction(self, position: Any) -> Any:
+    def direction(self, position: mi.Point3f) -> mi.Vector3f:
         """Return the direction from a vertex to the centre."""
         offset = self.centre - position
         return offset * dr.rsqrt(dr.squared_norm(offset) + 1e-12)
 
-    def geometry_factor(self, position: Any, cosine: Any) -> Any:
+    def geometry_factor(self, position: mi.Point3f, cosine: mi.Float) -> mi.Float:
         """Return the geometry factor at a vertex with this cosine, times the cosine here."""
         own_cosine = dr.maximum(dr.dot(self.direction(position), self.normal), 0)
         squared = dr.squared_norm(self.centre - position)
         return own_cosine * geometry_factor(cosine, squared, self.spread)
 
-    def density(self, origin: Any, direction: Any) -> Any:
+    def density(self, origin: mi.Point3f, direction: mi.Vector3f) -> mi.Float:
         """Return the density by solid angle of a direction from `origin`; 0 beside it."""
         own_cosine = dr.dot(direction, self.normal)
         offset = self.centre - origin
@@ -120,7 +129,7 @@ class _Rectangle:
         return dr.select(inside, dr.square(distance) / (self.area * own_cosine), 0)
 
 
-def choose(probabilities: list[Any], random: Any) -> tuple[Any, Any]:
+def choose(probabilities: list[mi.Float], random: mi.Float) -> tuple[mi.UInt32, mi.Float]:
     """Choose an index with a random number in [0, 1); also return that number, stretched anew."""
     index, start, size = mi.UInt32(0), mi.Float(0), probabilities[0]
     end = mi.Float(probabilities[0])
@@ -133,16 +142,16 @@ def choose(probabilities: list[Any], random: Any) -> tuple[Any, Any]:
     return index, dr.select(size > 0, (random - start) / size, 0)
 
 
-def below_one(number: Any) -> Any:
+def below_one(number: mi.Float) -> mi.Float:
     """Clamp a stretched random number to [0, 1): rounded up to 1, some samplers return NaN."""
     return dr.clip(number, 0, dr.one_minus_epsilon(mi.Float))
 
 
-def opaque_floats(values: Any) -> list[Any]:
+def opaque_floats(values: npt.ArrayLike) -> list[mi.Float]:
     """Return a one-entry `mi.Float` per value: kernels read these faster than gathered arrays."""
     return [dr.opaque(mi.Float, float(value)) for value in np.ravel(values)]
 
 
-def padded(rows: Any, count: int) -> Any:
+def padded(rows: Float64Array, count: int) -> Float64Array:
     """Append zero rows up to `count`."""
     return np.concatenate([rows, np.zeros((count - len(rows), *rows.shape[1:]))])

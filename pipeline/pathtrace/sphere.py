@@ -9,6 +9,7 @@ is recorded by `dr.freeze` and replayed with new inputs.
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from typing import Any
 
 import drjit as dr
@@ -29,12 +30,12 @@ class SphereTracer:
 
     def __init__(self) -> None:
         self._version: int | None = None
-        self._sampler: Any = mi.load_dict({"type": "multijitter"})
-        self._launches: dict[Any, Any] = {}
+        self._sampler: mi.Sampler = mi.load_dict({"type": "multijitter"})
+        self._launches: dict[Hashable, Any] = {}
 
     def launch(
         self,
-        scene: Any,
+        scene: mi.Scene,
         version: int,
         view: View,
         width: int,
@@ -73,7 +74,13 @@ class SphereTracer:
 
 
 def trace_scalar(
-    scene: Any, integrator: Any, view: View, width: int, copies: int, spp: int, seed: int
+    scene: mi.Scene,
+    integrator: mi.Integrator,
+    view: View,
+    width: int,
+    copies: int,
+    spp: int,
+    seed: int,
 ) -> Float64Array:
     """Return what `SphereTracer.launch` does, in a scalar variant and by Mitsuba's `path`."""
     sampler = mi.load_dict({"type": "multijitter", "sample_count": spp})
@@ -96,17 +103,17 @@ def trace_scalar(
 
 
 def _launch(
-    scene: Any,
-    sampler: Any,
+    scene: mi.Scene,
+    sampler: mi.Sampler,
     path: JointPath,
-    eye: Any,
-    axes: Any,
+    eye: mi.Float,
+    axes: mi.Float,
     width: int,
     copies: int,
     spp: int,
     images: int,
-    seed: Any,
-) -> list[Any]:
+    seed: mi.UInt32,
+) -> list[mi.Color3f]:
     """Return the radiance of each sample in the first images of `path`, `mi.Color3f` each.
 
     Samples are in the order copy, row, column, sample.
@@ -136,5 +143,5 @@ def _launch(
     return path.trace(scene, sampler, ray, mi.Bool(True))[:images]
 
 
-def _entry(values: Any, index: int) -> Any:
+def _entry(values: mi.Float, index: int) -> mi.Float:
     return dr.gather(mi.Float, values, mi.UInt32(index))

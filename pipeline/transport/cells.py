@@ -8,7 +8,6 @@ surfel, or else the mean of all surfels.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -91,11 +90,11 @@ class Cells:
 class LightTable:
     """Light by cell in a kernel; a dataclass, so that Dr.Jit finds its arrays."""
 
-    keys: Any  # mi.UInt32, sorted
-    irradiance: Any  # mi.Float, over pi, three bands a cell; the last entry is for all surfels
-    radiosity: Any  # mi.Float, likewise: what the surfels reflect
-    large: Any  # mi.UInt32, likewise: 1 where `radiosity` is without direct light
-    origin: list[Any]  # mi.Float
+    keys: mi.UInt32  # sorted
+    irradiance: mi.Float  # over pi, three bands a cell; the last entry is for all surfels
+    radiosity: mi.Float  # likewise: what the surfels reflect
+    large: mi.UInt32  # likewise: 1 where `radiosity` is without direct light
+    origin: list[mi.Float]
 
     def __init__(self, cells: Cells) -> None:
         keys = np.full(1 << _SIZE_BITS, _UNUSED, dtype=np.uint32)
@@ -112,7 +111,9 @@ class LightTable:
         """Set the light of the cells, (C + 1, 3) each; before, they are dark."""
         self.irradiance, self.radiosity = _table(irradiance), _table(radiosity)
 
-    def find(self, position: Any, shift: Any, normal: Any, active: Any) -> Any:
+    def find(
+        self, position: mi.Point3f, shift: mi.Vector3f, normal: mi.Vector3f, active: mi.Bool
+    ) -> mi.UInt32:
         """Return the entry of surface points, `mi.UInt32`.
 
         The smallest cell at `position` + `shift` counts; if no surfel is there, as behind the edge
@@ -120,7 +121,9 @@ class LightTable:
         """
         side = _side(normal)
 
-        def step(missing: Any, entry: Any, place: Any, level: Any, scale: Any) -> tuple[Any, ...]:
+        def step(
+            missing: mi.Bool, entry: mi.UInt32, place: mi.Point3f, level: mi.UInt32, scale: mi.Float
+        ) -> tuple[mi.Bool, mi.UInt32, mi.Point3f, mi.UInt32, mi.Float]:
             key = mi.UInt32(level << (3 * _BITS + 3)) | side
             for axis in range(3):
                 number = mi.UInt32(dr.clip((place[axis] - self.origin[axis]) * scale, 0, _MOST))
@@ -154,7 +157,7 @@ class LightTable:
         )[1]
 
 
-def _table(light: Float32Array) -> Any:
+def _table(light: Float32Array) -> mi.Float:
     """Return the light of cells (C + 1, 3) as a table with a fixed number of entries."""
     table = np.zeros(((1 << _SIZE_BITS) + 1, 3), dtype=np.float32)
     table[: len(light) - 1], table[-1] = light[:-1], light[-1]
@@ -180,7 +183,7 @@ def _keys(points: Float32Array, normals: Float32Array, origin: Float32Array) -> 
     return keys
 
 
-def _side(normal: Any) -> Any:
+def _side(normal: mi.Vector3f) -> mi.UInt32:
     """Return which of six sides a normal points to, `mi.UInt32`; as in `_keys`."""
     size = dr.abs(normal)
     along_x = (size.x >= size.y) & (size.x >= size.z)

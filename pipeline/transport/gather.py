@@ -9,13 +9,12 @@ cosine-distributed, or guided to bright surfaces (`pbrnet.pipeline.pathtrace.gui
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from pbrnet.pipeline.pathtrace.integrator import power_heuristic
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.pathtrace.scattering import power_heuristic
 from pbrnet.pipeline.render.bsdf_tables import partner
 from pbrnet.pipeline.transport.cells import CELL, LightTable
 from pbrnet.pipeline.transport.rays import (
@@ -28,31 +27,35 @@ from pbrnet.pipeline.transport.rays import (
 _GLOSS_ALBEDO = 0.05  # part of what the base colour absorbs that gloss reflects
 
 
+@dataclass(eq=False)
+class World:
+    """What kernels trace rays in and look up; a dataclass, so that Dr.Jit finds its arrays."""
+
+    scene: mi.Scene
+    tables: ShapeTables
+    lights: PlannedLights
+    lobes: mi.BSDFPtr  # table of the BSDFs' diffuse lobes
+
+
 @dataclass
 class Gathered:
     """Light at surface points; radiance of a white diffuse surface, `mi.Color3f`."""
 
-    direct: Any  # mi.Color3f, of one emitter sample and of emission along the direction
-    weight: Any  # mi.Float: the surface met counts with its diffuse radiance times this
-    si: Any  # what the direction meets
-    direction: Any  # mi.Vector3f
-    cosine: Any  # mi.Vector3f: another direction, cosine-distributed, to which no ray is traced
+    direct: mi.Color3f  # of one emitter sample and of emission along the direction
+    weight: mi.Float  # the surface met counts with its diffuse radiance times this
+    si: mi.SurfaceInteraction3f  # what the direction meets
+    direction: mi.Vector3f
+    cosine: mi.Vector3f  # another direction, cosine-distributed, to which no ray is traced
 
 
 def gather(
-    scene: Any,
-    tables: ShapeTables,
-    lights: PlannedLights,
-    sampler: Any,
-    position: Any,
-    normal: Any,
-    active: Any,
+    world: World, sampler: mi.Sampler, position: mi.Point3f, normal: mi.Vector3f, active: mi.Bool
 ) -> Gathered:
     """Gather light at surface points with these unit normals, on the side of these."""
     point = surface_point(position, normal)
-    ds, light = lights.sample(scene, point, sampler.next_2d(), active)
+    ds, light = world.lights.sample(world.scene, point, sampler.next_2d(), active)
     arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
-    guidance = lights.guidance(point, active)
+    guidance = world.lights.guidance(point, active)
     random, square = sampler.next_1d(), sampler.next_2d()
     cosine = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(square))
     direction = mi.Vector3f(cosine)
@@ -70,71 +73,66 @@ def gather(
     if guidance is not None:
         pdf = guidance.mixed_density(pdf, direction)
     weight = dr.select(active & (pdf > 0), along / pdf, 0)
-    si, emitted, density = met(
-        scene, tables, lights, point, direction, weight > 0, dr.full(mi.Bool, True)
-    )
+    si, emitted, density = met(world, point, direction, weight > 0, dr.full(mi.Bool, True))
     direct += emitted * (weight * power_heuristic(pdf, density))
     return Gathered(direct, weight, si, direction, cosine)
 
 
-def reflected(
-    scene: Any,
-    tables: ShapeTables,
-    lights: PlannedLights,
-    sampler: Any,
-    found: Gathered,
-    active: Any,
-) -> Any:
+def reflected(world: World, sampler: mi.Sampler, found: Gathered, active: mi.Bool) -> mi.Color3f:
     """Return the direct light that the surfaces met reflect, times the weight, `mi.Color3f`.
 
     By one emitter sample and one cosine-distributed direction on each, combined as in `gather`.
     They reflect their `rough_albedo`.
     """
     si = found.si
-    normal = tables.lit_side(sampler, si, facing_normal(si, found.direction), active)
+    normal = world.tables.lit_side(sampler, si, facing_normal(si, found.direction), active)
     point = surface_point(si.p, normal)
-    ds, light = lights.sample(scene, point, sampler.next_2d(), active)
+    ds, light = world.lights.sample(world.scene, point, sampler.next_2d(), active)
     arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
     towards = dr.maximum(dr.dot(ds.d, normal), 0) * dr.inv_pi
     arriving *= towards * dr.select(ds.delta, 1, power_heuristic(ds.pdf, towards))
     cosine = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
     pdf = mi.warp.square_to_cosine_hemisphere_pdf(cosine)
     direction = point.sh_frame.to_world(cosine)
-    _, emitted, density = met(scene, tables, lights, point, direction, active, mi.Bool(True))
+    _, emitted, density = met(world, point, direction, active, mi.Bool(True))
     arriving += emitted * power_heuristic(pdf, density)
-    albedo = rough_albedo(tables, si, active)
+    albedo = rough_albedo(world.tables, si, active)
     return dr.select(active, arriving * albedo * found.weight, 0)
 
 
-def rough_albedo(tables: ShapeTables, si: Any, active: Any) -> Any:
+def rough_albedo(tables: ShapeTables, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Color3f:
     """Return the albedo of surfaces with `_GLOSS_ALBEDO` in place of their gloss, `mi.Color3f`."""
     colour = tables.reflectance_at(si, active)
     return colour + dr.select(active & is_glossy(si.bsdf()), _GLOSS_ALBEDO, 0) * (1 - colour)
 
 
 def met(
-    scene: Any,
-    tables: ShapeTables,
-    lights: PlannedLights,
-    point: Any,
-    direction: Any,
-    active: Any,
-    sampled: Any,
-) -> tuple[Any, Any, Any]:
+    world: World,
+    point: mi.SurfaceInteraction3f,
+    direction: mi.Vector3f,
+    active: mi.Bool,
+    sampled: mi.Bool,
+) -> tuple[mi.SurfaceInteraction3f, mi.Color3f, mi.Float]:
     """Return what a direction meets, its emission, and the density of emitter sampling there.
 
     The density is evaluated where `sampled`: elsewhere no emitter sample could give the direction.
     Nor could it where the direction leads through glass.
     """
-    si, passed = first_surface(scene, tables, point.spawn_ray(direction), active)
-    ds = mi.DirectionSample3f(scene, si=si, ref=point)
+    si, passed = first_surface(world.scene, world.tables, point.spawn_ray(direction), active)
+    ds = mi.DirectionSample3f(world.scene, si=si, ref=point)
     emitted = dr.select(active, mi.Color3f(ds.emitter.eval(si, active)), 0)
     sampled &= ~passed
-    density = lights.density(scene, point, ds, active & sampled)
+    density = world.lights.density(world.scene, point, ds, active & sampled)
     return si, emitted, dr.select(sampled, density, 0)
 
 
-def look_up(cache: LightTable, si: Any, direction: Any, sampler: Any, active: Any) -> Any:
+def look_up(
+    cache: LightTable,
+    si: mi.SurfaceInteraction3f,
+    direction: mi.Vector3f,
+    sampler: mi.Sampler,
+    active: mi.Bool,
+) -> mi.UInt32:
     """Return the entries of `cache` for the surfaces that a direction meets, `mi.UInt32`.
 
     Places are moved on their plane, by up to half a cell, so that cells do not show as such.
@@ -147,8 +145,13 @@ def look_up(cache: LightTable, si: Any, direction: Any, sampler: Any, active: An
 
 
 def lit_texture(
-    tables: ShapeTables, cache: LightTable, si: Any, direction: Any, sampler: Any, active: Any
-) -> Any:
+    tables: ShapeTables,
+    cache: LightTable,
+    si: mi.SurfaceInteraction3f,
+    direction: mi.Vector3f,
+    sampler: mi.Sampler,
+    active: mi.Bool,
+) -> mi.Color3f:
     """Return the diffuse radiance of the surfaces that a direction meets, `mi.Color3f`.
 
     For what shows their texture: cells give light alone. They reflect their `rough_albedo`.
@@ -159,31 +162,35 @@ def lit_texture(
     return dr.select(lit, irradiance * rough_albedo(tables, si, lit), 0)
 
 
-def diffuse_albedo(tables: ShapeTables, lobes: Any, si: Any, cosine: Any, active: Any) -> Any:
+def diffuse_albedo(
+    world: World, si: mi.SurfaceInteraction3f, cosine: mi.Vector3f, active: mi.Bool
+) -> mi.Color3f:
     """Estimate the albedo of the diffuse lobes at `si`, towards the rays that met it.
 
-    `lobes` is the table of the BSDFs' diffuse lobes; `cosine` are cosine-distributed directions in
+    `cosine` are cosine-distributed directions in
     world space: BSDF times cosine over their density. Of cloth it is what it reflects and transmits
     together.
     """
     own = si.bsdf()
     through = mi.Bool(False)
-    if tables.translucent:
-        through = tables.transmits(si, active) > 0
+    if world.tables.translucent:
+        through = world.tables.transmits(si, active) > 0
     uneven = active & (is_glossy(own) | through)
     diffuse = mi.BSDFContext()
     diffuse.type_mask = mi.BSDFFlags.Diffuse
     towards = si.to_local(cosine)
     density = dr.maximum(dr.abs(mi.Frame3f.cos_theta(towards)), 1e-4) * dr.inv_pi
-    lobe = partner(lobes, own, uneven)
+    lobe = partner(world.lobes, own, uneven)
     value = mi.Color3f(lobe.eval(diffuse, si, towards, uneven))
-    if tables.translucent:
+    if world.tables.translucent:
         behind = mi.Vector3f(towards.x, towards.y, -towards.z)
         value += mi.Color3f(lobe.eval(diffuse, si, behind, through))
-    return dr.select(uneven, value / density, tables.reflectance_at(si, active & ~uneven))
+    return dr.select(uneven, value / density, world.tables.reflectance_at(si, active & ~uneven))
 
 
-def reflect(lobes: Any, sampler: Any, si: Any, active: Any) -> tuple[Any, Any]:
+def reflect(
+    world: World, sampler: mi.Sampler, si: mi.SurfaceInteraction3f, active: mi.Bool
+) -> tuple[mi.BSDFSample3f, mi.Color3f]:
     """Sample the BSDF where it is glossy: a `mi.BSDFSample3f`, and the weight of its other lobes.
 
     The mean of the weight is the albedo of all lobes but the diffuse ones.
@@ -196,23 +203,23 @@ def reflect(lobes: Any, sampler: Any, si: Any, active: Any) -> tuple[Any, Any]:
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     smooth = active & ~delta
     whole = own.eval(mi.BSDFContext(), si, sample.wo, smooth)
-    part = partner(lobes, own, smooth).eval(diffuse, si, sample.wo, smooth)
+    part = partner(world.lobes, own, smooth).eval(diffuse, si, sample.wo, smooth)
     weight = weight * (1 - dr.select(delta, 0, share(part, whole)))
     return sample, dr.select(active & (sample.pdf > 0), weight, 0)
 
 
-def is_glossy(bsdf: Any) -> Any:
+def is_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
     """Test for BSDFs with lobes that are not diffuse."""
     flags = bsdf.flags()
     return mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta)
 
 
-def share(part: Any, whole: Any) -> Any:
+def share(part: mi.Color3f, whole: mi.Color3f) -> mi.Color3f:
     """Return part / whole, at most 1; 0 where either is 0."""
     return dr.select((part > 0) & (whole > 0), dr.minimum(part / whole, 1), 0)
 
 
-def sampler_of(spp: int, count: int, seed: Any) -> Any:
+def sampler_of(spp: int, count: int, seed: mi.UInt32) -> mi.Sampler:
     """Return a sampler with `spp` stratified samples for each of `count` points."""
     sampler = mi.load_dict({"type": "multijitter"})
     sampler.set_sample_count(spp)

@@ -68,8 +68,12 @@ class _GuideTracer:
 
 
 def _trace(
-    scene: Any, tables: ShapeTables, camera: tuple[Any, Any], axes: Any, size: tuple[int, int]
-) -> list[Any]:
+    scene: mi.Scene,
+    tables: ShapeTables,
+    camera: tuple[mi.Float, mi.Float],
+    axes: mi.Float,
+    size: tuple[int, int],
+) -> list[mi.Float]:
     """Return bands of albedo and of the normal in camera axes, `mi.Float` (H * W,) each."""
     width, height = size
     rays = SUBPIXELS * SUBPIXELS

@@ -6,7 +6,7 @@ tenth of a second or more to trace it through all materials.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import drjit as dr
@@ -19,7 +19,8 @@ from pbrnet.pipeline.render.bsdf_tables import partner_table
 from pbrnet.pipeline.render.drjit_arrays import column, to_numpy
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.transport.cells import LightTable
-from pbrnet.pipeline.transport.pixels import IMAGES, Samples, gather_pixels, light_samples
+from pbrnet.pipeline.transport.gather import World
+from pbrnet.pipeline.transport.pixels import IMAGES, Kernel, Samples, gather_pixels, light_samples
 from pbrnet.pipeline.transport.radiosity import (
     Surfels,
     light_surfels,
@@ -29,7 +30,7 @@ from pbrnet.pipeline.transport.radiosity import (
 from pbrnet.pipeline.transport.rays import ShapeTables
 from pbrnet.pipeline.transport.smoothing import smooth, spread_fireflies
 from pbrnet.pipeline.views import View
-from pbrnet.scenes.arrays import Float32Array, Float64Array
+from pbrnet.scenes.arrays import AnyArray, Float32Array, Float64Array
 from pbrnet.scenes.seeds import derive32
 
 _MAX_RECORDINGS = 32  # per kernel and image size: kinds of light plans
@@ -46,29 +47,30 @@ class TransportLauncher:
         self._tables = ShapeTables(render_scene.geometry)
         self._scene = render_scene.neutral(None).mitsuba
         self._panes = panes_of(render_scene.scene.portals)
-        self._launches: dict[Any, Any] = {}
+        self._launches: dict[Hashable, Any] = {}
         self.version = render_scene.materials.version
 
     def surfels(self, lights: PlannedLights, view: View, size: Size, seed: int) -> Surfels:
         """Trace the surfels of a view, from a grid of `size` over its image."""
         number = dr.opaque(mi.UInt32, derive32(seed, "surfels"))
         launch = self._recorded(surfels_in_view, size)
-        tables = self._scene, self._tables, self._lobes
-        return surfels_of(launch(*tables, lights, _camera(view, size), size, number))
+        return surfels_of(launch(self._world(lights), _camera(view, size), size, number))
 
-    def lit(self, lights: PlannedLights, rays: tuple[Any, Any, Any], seed: int) -> Surfels:
+    def lit(
+        self, lights: PlannedLights, rays: tuple[mi.Point3f, mi.Vector3f, mi.Float], seed: int
+    ) -> Surfels:
         """Return the surfels that rays meet; `rays` as in `light_surfels`."""
         number = dr.opaque(mi.UInt32, derive32(seed, "light of surfels"))
         launch = self._recorded(light_surfels, dr.width(rays[-1]))
-        return surfels_of(launch(self._scene, self._tables, self._lobes, lights, rays, number))
+        return surfels_of(launch(self._world(lights), rays, number))
 
     def light(
         self, lights: PlannedLights, cache: LightTable, view: View, samples: Samples, seed: int
-    ) -> tuple[Any, ...]:
+    ) -> tuple[dr.ArrayBase, ...]:
         """Trace the `LightSamples` of an image; of `cache`, only the places of cells count."""
         launch = self._recorded(light_samples, (view.width, view.height, samples))
         number = dr.opaque(mi.UInt32, derive32(seed, "light"))
-        return tuple(launch(self._inputs(lights, cache, view), samples, number))
+        return tuple(launch(self._kernel(lights, cache, view), samples, number))
 
     def pixels(
         self,
@@ -77,7 +79,7 @@ class TransportLauncher:
         view: View,
         samples: Samples,
         seed: int,
-        light: tuple[Any, ...],
+        light: tuple[dr.ArrayBase, ...],
     ) -> dict[str, Float32Array]:
         """Return the images of `IMAGES`, float32 (H, W, bands); `light` is from `light`.
 
@@ -87,7 +89,7 @@ class TransportLauncher:
         size = (view.width, view.height)
         number = dr.opaque(mi.UInt32, derive32(seed, "pixels"))
         launch = self._recorded(gather_pixels, (*size, samples))
-        bands = launch(self._inputs(lights, cache, view), samples, number, light)
+        bands = launch(self._kernel(lights, cache, view), samples, number, light)
         dr.eval(bands)
         eye = column(mi.Float, view.eye)
         smoothed = self._recorded(_smoothed, size)(bands, eye, size, samples)
@@ -98,13 +100,14 @@ class TransportLauncher:
             found[name] = image.reshape(view.height, view.width, 3)
         return found
 
-    def _inputs(self, lights: PlannedLights, cache: LightTable, view: View) -> tuple[Any, ...]:
-        """Return the fields of `pbrnet.pipeline.transport.pixels.Kernel`."""
-        size = (view.width, view.height)
-        scene = self._scene, self._tables, lights, self._lobes, cache
-        return *scene, _camera(view, size), size, self._panes
+    def _world(self, lights: PlannedLights) -> World:
+        return World(self._scene, self._tables, lights, self._lobes)
 
-    def _recorded(self, kernel: Callable[..., Any], key: Any) -> Any:
+    def _kernel(self, lights: PlannedLights, cache: LightTable, view: View) -> Kernel:
+        size = (view.width, view.height)
+        return Kernel(self._world(lights), cache, _camera(view, size), size, self._panes)
+
+    def _recorded(self, kernel: Callable[..., object], key: Hashable) -> Callable[..., Any]:
         """Return the recorded launches of a kernel."""
         if (kernel, key) not in self._launches:
             self._launches[kernel, key] = dr.freeze(
@@ -113,14 +116,14 @@ class TransportLauncher:
         return self._launches[kernel, key]
 
 
-def _camera(view: View, size: Size) -> tuple[Any, Any]:
+def _camera(view: View, size: Size) -> tuple[mi.Float, mi.Float]:
     """Return the eye and the matrix from positions in an image of `size` to directions."""
     scale = np.diag([view.width / size[0], view.height / size[1], 1.0])
     matrix: Float64Array = view.pose[:3, :3] @ np.linalg.inv(view.intrinsics) @ scale
     return column(mi.Float, view.eye), column(mi.Float, matrix.ravel())
 
 
-def _named(bands: list[Any], view: View) -> dict[str, Float32Array]:
+def _named(bands: list[AnyArray], view: View) -> dict[str, Float32Array]:
     """Return the bands of each image together."""
     found, first = {}, 0
     for name, count in IMAGES.items():
@@ -138,11 +141,13 @@ def _picture(images: dict[str, Float32Array]) -> Float32Array:
     return images["albedo"] * light + images["specular"] + images["panes"] + images["emitted"]
 
 
-def _smoothed(bands: list[Any], eye: Any, size: Size, samples: Samples) -> list[Any]:
+def _smoothed(
+    bands: list[mi.Float], eye: mi.Float, size: Size, samples: Samples
+) -> list[mi.Color3f]:
     """Return the smoothed light of the bands that `gather_pixels` made, `mi.Color3f` each."""
     first = {name: sum(list(IMAGES.values())[:place]) for place, name in enumerate(IMAGES)}
 
-    def image(kind: Any, name: str) -> Any:
+    def image(kind: type[mi.Color3f], name: str) -> mi.Color3f:
         return kind(*bands[first[name] : first[name] + 3])
 
     # Light is that of the samples which see a surface, each as much as it is reflected.

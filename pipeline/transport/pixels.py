@@ -12,17 +12,18 @@ behind it. Values that are not finite become 0 and are counted.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 
-from pbrnet.pipeline.pathtrace.integrator import power_heuristic
-from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
-from pbrnet.pipeline.pathtrace.panes import Panes
+from pbrnet.pipeline.pathtrace.panes import PaneMirror, Panes
+from pbrnet.pipeline.pathtrace.scattering import power_heuristic
 from pbrnet.pipeline.render.bsdf_tables import partner
 from pbrnet.pipeline.transport.cells import LightTable
 from pbrnet.pipeline.transport.gather import (
+    World,
     diffuse_albedo,
     gather,
     is_glossy,
@@ -36,14 +37,13 @@ from pbrnet.pipeline.transport.gather import (
 )
 from pbrnet.pipeline.transport.radiosity import camera_ray
 from pbrnet.pipeline.transport.rays import (
-    ShapeTables,
     facing_normal,
     first_surface,
     seen_surface,
     surface_point,
 )
 
-Image = dict[str, Any]
+Image = dict[str, Any]  # bands by name: `mi.Color3f`, `mi.Vector3f` or a list of `mi.Float`
 
 # Means over a pixel's samples, with the number of bands of each.
 IMAGES = {
@@ -86,32 +86,32 @@ class Samples(NamedTuple):
 class LightSamples(NamedTuple):
     """Samples of light, one for each camera ray."""
 
-    direct: Any  # mi.Color3f, on the surface seen: radiance of a white diffuse one
-    weight: Any  # mi.Color3f: its reflectance and a little more
-    lit: Any  # mi.Float: 1 where a surface is seen
-    lost: Any  # mi.Float: 1 where a value is not finite: all are 0
-    entry: Any  # mi.UInt32, in the table of cells: of the surface that the gathered direction meets
-    share: Any  # mi.Float: that surface counts with its radiance times this
-    once: Any  # mi.Color3f: direct light that it reflects, times `share`
+    direct: mi.Color3f  # on the surface seen: radiance of a white diffuse one
+    weight: mi.Color3f  # its reflectance and a little more
+    lit: mi.Float  # 1 where a surface is seen
+    lost: mi.Float  # 1 where a value is not finite: all are 0
+    entry: mi.UInt32  # in the table of cells: of the surface that the gathered direction meets
+    share: mi.Float  # that surface counts with its radiance times this
+    once: mi.Color3f  # direct light that it reflects, times `share`
 
 
-class Kernel(NamedTuple):
-    """Inputs of the kernels.
+@dataclass(eq=False)
+class Kernel:
+    """Inputs of the kernels; a dataclass, so that Dr.Jit finds its arrays.
 
-    `lobes` is the table of the BSDFs' diffuse lobes, `camera` as in `trace_surfels` for pixels of
-    an image of `size` (width, height), `panes` are the scene's window panes.
+    `camera` as in `trace_surfels` for pixels of an image of `size` (width, height), `panes` are the
+    scene's window panes.
     """
 
-    scene: Any
-    tables: ShapeTables
-    lights: PlannedLights
-    lobes: Any
+    world: World
     cache: LightTable
-    camera: tuple[Any, Any]
+    camera: tuple[mi.Float, mi.Float]
     size: tuple[int, int]
     panes: Panes | None
 
-    def rays(self, spp: int, seed: Any) -> tuple[Any, Any, Any, Any, Any]:
+    def rays(
+        self, spp: int, seed: mi.UInt32
+    ) -> tuple[mi.Sampler, mi.SurfaceInteraction3f, mi.Ray3f, mi.Color3f, PaneMirror | None]:
         """Trace camera rays.
 
         Returns the sampler, what they see and from where, what is left of their light there, and
@@ -123,31 +123,26 @@ class Kernel(NamedTuple):
         offset = sampler.next_2d()
         x, y = mi.Float(pixel % width) + offset.x, mi.Float(pixel // width) + offset.y
         ray = camera_ray(self.camera, x, y)
-        si, onward, left = seen_surface(self.scene, self.tables, ray)
+        si, onward, left = seen_surface(self.world.scene, self.world.tables, ray)
         pane = None
         if self.panes is not None:
-            pane = self.panes.mirror(self.scene, ray, mi.Bool(True))
-            left = left * dr.select(pane[0], 1 - pane[1], 1)
+            pane = self.panes.mirror(self.world.scene, ray, mi.Bool(True))
+            left = left * dr.select(pane.met, 1 - pane.reflected, 1)
         return sampler, si, onward, left, pane
 
-    def reflected(self, pane: tuple[Any, Any, Any] | None, sampler: Any) -> Any:
+    def reflected(self, pane: PaneMirror | None, sampler: mi.Sampler) -> mi.Color3f:
         """Return the radiance that panes reflect, `mi.Color3f`; `pane` is from `Panes.mirror`."""
         if pane is None:
             return dr.zeros(mi.Color3f, sampler.wavefront_size())
         met, share, ray = pane
-        si, _ = first_surface(self.scene, self.tables, ray, met)
-        radiance = mi.Color3f(si.emitter(self.scene, met).eval(si, met))
-        radiance += lit_texture(self.tables, self.cache, si, ray.d, sampler, met)
+        si, _ = first_surface(self.world.scene, self.world.tables, ray, met)
+        radiance = mi.Color3f(si.emitter(self.world.scene, met).eval(si, met))
+        radiance += lit_texture(self.world.tables, self.cache, si, ray.d, sampler, met)
         return dr.select(met, share * radiance, 0)
 
 
-def light_samples(inputs: tuple[Any, ...], samples: Samples, seed: Any) -> tuple[Any, ...]:
-    """Trace the `LightSamples` of an image.
-
-    `inputs` are the fields of `Kernel`: a frozen function takes plain tuples. Of `cache`, light is
-    unused.
-    """
-    kernel = Kernel(*inputs)
+def light_samples(kernel: Kernel, samples: Samples, seed: mi.UInt32) -> tuple[dr.ArrayBase, ...]:
+    """Trace the `LightSamples` of an image; of the kernel's `cache`, light is unused."""
     sampler, si, ray, _, _ = kernel.rays(samples.light, seed)
     found = tuple(_light(kernel, sampler, si, ray))
     dr.eval(found)
@@ -155,13 +150,12 @@ def light_samples(inputs: tuple[Any, ...], samples: Samples, seed: Any) -> tuple
 
 
 def gather_pixels(
-    inputs: tuple[Any, ...], samples: Samples, seed: Any, light: tuple[Any, ...]
-) -> list[Any]:
+    kernel: Kernel, samples: Samples, seed: mi.UInt32, light: tuple[dr.ArrayBase, ...]
+) -> list[mi.Float]:
     """Return the bands of `IMAGES`, `mi.Float` (H * W,) each.
 
-    `inputs` as for `light_samples`; `light` is what that returned, with the same samples.
+    `light` is what `light_samples` returned, with the same samples.
     """
-    kernel = Kernel(*inputs)
     sampler, si, onward, left, pane = kernel.rays(samples.light, seed + 1)
     surfaces = _surfaces(kernel, sampler, si, onward, left)
     surfaces["panes"] = kernel.reflected(pane, sampler)
@@ -172,7 +166,7 @@ def gather_pixels(
     return bands + means(_gloss(kernel, sampler, si, onward, left), samples.gloss)
 
 
-def means(images: Image, spp: int, lost: Any = 0.0) -> list[Any]:
+def means(images: Image, spp: int, lost: mi.Float = 0.0) -> list[mi.Float]:
     """Return the bands of images, means over `spp` samples of each pixel, (H * W,) each.
 
     Values that are not finite count as 0. A last band is the part of samples with such values, or
@@ -188,14 +182,20 @@ def means(images: Image, spp: int, lost: Any = 0.0) -> list[Any]:
     return [dr.block_sum(band, spp) / spp for band in bands]
 
 
-def _surfaces(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
+def _surfaces(
+    kernel: Kernel,
+    sampler: mi.Sampler,
+    si: mi.SurfaceInteraction3f,
+    ray: mi.Ray3f,
+    left: mi.Color3f,
+) -> Image:
     seen = si.is_valid()
     normal = facing_normal(si, ray.d)
     cosine = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
     towards = mi.Frame3f(mi.Normal3f(normal)).to_world(cosine)
     return {
-        "emitted": left * mi.Color3f(si.emitter(kernel.scene).eval(si, mi.Bool(True))),
-        "albedo": left * diffuse_albedo(kernel.tables, kernel.lobes, si, towards, seen),
+        "emitted": left * mi.Color3f(si.emitter(kernel.world.scene).eval(si, mi.Bool(True))),
+        "albedo": left * diffuse_albedo(kernel.world, si, towards, seen),
         "normal": dr.select(seen, normal, 0),
         "position": dr.select(seen, mi.Vector3f(si.p), 0),
         "panes": mi.Color3f(0),  # by `gather_pixels`
@@ -203,14 +203,16 @@ def _surfaces(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Ima
     }
 
 
-def _light(kernel: Kernel, sampler: Any, si: Any, ray: Any) -> LightSamples:
+def _light(
+    kernel: Kernel, sampler: mi.Sampler, si: mi.SurfaceInteraction3f, ray: mi.Ray3f
+) -> LightSamples:
     seen = si.is_valid()
-    scene, tables, lights, cache = kernel.scene, kernel.tables, kernel.lights, kernel.cache
+    world, tables = kernel.world, kernel.world.tables
     normal = tables.lit_side(sampler, si, facing_normal(si, ray.d), seen)
-    found = gather(scene, tables, lights, sampler, si.p, normal, seen)
+    found = gather(world, sampler, si.p, normal, seen)
     reflecting = (found.weight > 0) & found.si.is_valid()
-    entry = look_up(cache, found.si, found.direction, sampler, reflecting)
-    once = reflected(scene, tables, lights, sampler, found, reflecting)
+    entry = look_up(kernel.cache, found.si, found.direction, sampler, reflecting)
+    once = reflected(world, sampler, found, reflecting)
     # Where a white curtain hides half of a dark wall in the sun, mean reflectance times mean light
     # would be too bright: light counts as much as it is reflected.
     weight = dr.select(seen, tables.reflectance_at(si, seen) + _LEAST_WEIGHT, 0)
@@ -246,19 +248,24 @@ def _light_images(cache: LightTable, light: LightSamples) -> Image:
     }
 
 
-def _gloss(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
-    scene, tables, lights, cache = kernel.scene, kernel.tables, kernel.lights, kernel.cache
+def _gloss(
+    kernel: Kernel,
+    sampler: mi.Sampler,
+    si: mi.SurfaceInteraction3f,
+    ray: mi.Ray3f,
+    left: mi.Color3f,
+) -> Image:
     glossy = si.is_valid() & is_glossy(si.bsdf())
     point = surface_point(si.p, facing_normal(si, ray.d))
     specular = _sampled_gloss(kernel, sampler, si, point, glossy)
 
-    sample, weight = reflect(kernel.lobes, sampler, si, glossy)
+    sample, weight = reflect(kernel.world, sampler, si, glossy)
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     active = glossy & dr.any(weight > 0)
     direction = si.to_world(sample.wo)
-    other, emission, density = met(scene, tables, lights, point, direction, active, ~delta)
+    other, emission, density = met(kernel.world, point, direction, active, ~delta)
     emission *= dr.select(delta, 1, power_heuristic(sample.pdf, density))
-    radiance = lit_texture(tables, cache, other, direction, sampler, active)
+    radiance = lit_texture(kernel.world.tables, kernel.cache, other, direction, sampler, active)
     active_there = active & other.is_valid() & is_glossy(other.bsdf())
     there = surface_point(other.p, facing_normal(other, direction))
     radiance += _sampled_gloss(kernel, sampler, other, there, active_there)
@@ -269,18 +276,24 @@ def _gloss(kernel: Kernel, sampler: Any, si: Any, ray: Any, left: Any) -> Image:
     }
 
 
-def _sampled_gloss(kernel: Kernel, sampler: Any, si: Any, point: Any, active: Any) -> Any:
+def _sampled_gloss(
+    kernel: Kernel,
+    sampler: mi.Sampler,
+    si: mi.SurfaceInteraction3f,
+    point: mi.SurfaceInteraction3f,
+    active: mi.Bool,
+) -> mi.Color3f:
     """Return the radiance of one emitter sample that gloss at `si` reflects, `mi.Color3f`.
 
     Weighted against sampling of the BSDF. `point` is `surface_point` at `si`.
     """
     own = si.bsdf()
-    ds, light = kernel.lights.sample(kernel.scene, point, sampler.next_2d(), active)
+    ds, light = kernel.world.lights.sample(kernel.world.scene, point, sampler.next_2d(), active)
     towards = si.to_local(ds.d)
     value, pdf = own.eval_pdf(mi.BSDFContext(), si, towards, active)
     diffuse = mi.BSDFContext()
     diffuse.type_mask = mi.BSDFFlags.Diffuse
-    lobe = partner(kernel.lobes, own, active)
+    lobe = partner(kernel.world.lobes, own, active)
     rest = 1 - share(lobe.eval(diffuse, si, towards, active), value)
     mis = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
     arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)

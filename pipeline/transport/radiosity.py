@@ -13,16 +13,15 @@ both sides: rays start on either.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.drjit_arrays import to_numpy
 from pbrnet.pipeline.transport.cells import Cells, max_surfels
 from pbrnet.pipeline.transport.gather import (
+    World,
     diffuse_albedo,
     gather,
     reflect,
@@ -30,7 +29,7 @@ from pbrnet.pipeline.transport.gather import (
     rough_albedo,
     sampler_of,
 )
-from pbrnet.pipeline.transport.rays import ShapeTables, facing_normal, first_surface, surface_point
+from pbrnet.pipeline.transport.rays import facing_normal, first_surface, surface_point
 from pbrnet.scenes.arrays import AnyArray, Float32Array, Int64Array
 
 RAYS = 8  # from each surfel
@@ -131,7 +130,7 @@ def _pooled(direct: Float32Array, scale: Float32Array, cells: Cells, *rays: Rays
     return pooled
 
 
-def surfels_of(arrays: tuple[Any, ...]) -> Surfels:
+def surfels_of(arrays: tuple[dr.ArrayBase, ...]) -> Surfels:
     """Return the surfels that `light_surfels` made, in NumPy arrays."""
     points, normals, measure, rough, albedo, direct, *met = to_numpy(*arrays)
 
@@ -168,13 +167,8 @@ def grid_size(surfels: int, width: int, height: int) -> tuple[int, int]:
 
 
 def trace_surfels(
-    scene: Any,
-    tables: ShapeTables,
-    lights: PlannedLights,
-    camera: tuple[Any, Any],
-    size: tuple[int, int],
-    seed: Any,
-) -> tuple[Any, Any, Any]:
+    world: World, camera: tuple[mi.Float, mi.Float], size: tuple[int, int], seed: mi.UInt32
+) -> tuple[mi.Point3f, mi.Vector3f, mi.Float]:
     """Return origins and directions of the rays that meet surfels, and the surfels' measure.
 
     `camera` is the eye, `mi.Float` (3,), and the matrix from pixels of the grid, which is of
@@ -188,15 +182,15 @@ def trace_surfels(
     ray = camera_ray(
         camera, mi.Float(cell % columns) + offset.x, mi.Float(cell // columns) + offset.y
     )
-    si, _ = first_surface(scene, tables, ray, mi.Bool(True))
+    si, _ = first_surface(world.scene, world.tables, ray, mi.Bool(True))
     origins, directions, measures = [], [], []
     measure = dr.select(si.is_valid(), mi.Float(1), 0)
     for bounce in range(_VERTICES):
-        normal = tables.lit_side(sampler, si, facing_normal(si, ray.d), measure > 0)
+        normal = world.tables.lit_side(sampler, si, facing_normal(si, ray.d), measure > 0)
         point = surface_point(si.p, normal)
         random, square = sampler.next_1d(), sampler.next_2d()
         direction = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(square))
-        guidance = lights.guidance(point, measure > 0) if bounce == 0 else None
+        guidance = world.lights.guidance(point, measure > 0) if bounce == 0 else None
         if guidance is not None:
             guided, random = guidance.split(random)
             direction = dr.select(guided, guidance.direction(random, square), direction)
@@ -204,7 +198,7 @@ def trace_surfels(
             pdf = guidance.mixed_density(cosine, direction)
             measure *= dr.select(pdf > 0, cosine / pdf, 0)
         ray = point.spawn_ray(direction)
-        si, _ = first_surface(scene, tables, ray, measure > 0)
+        si, _ = first_surface(world.scene, world.tables, ray, measure > 0)
         measure = dr.select(si.is_valid(), measure, 0)
         origins.append(dr.select(measure > 0, mi.Point3f(ray.o), 0))
         directions.append(dr.select(measure > 0, mi.Vector3f(ray.d), mi.Vector3f(0, 0, 1)))
@@ -215,59 +209,48 @@ def trace_surfels(
 
 
 def surfels_in_view(
-    scene: Any,
-    tables: ShapeTables,
-    lobes: Any,
-    lights: PlannedLights,
-    camera: tuple[Any, Any],
-    size: tuple[int, int],
-    seed: Any,
-) -> tuple[Any, ...]:
+    world: World, camera: tuple[mi.Float, mi.Float], size: tuple[int, int], seed: mi.UInt32
+) -> tuple[dr.ArrayBase, ...]:
     """Return the arrays of the `Surfels` of a view; see `trace_surfels` and `light_surfels`."""
-    rays = trace_surfels(scene, tables, lights, camera, size, seed)
+    rays = trace_surfels(world, camera, size, seed)
     dr.eval(rays)
-    return light_surfels(scene, tables, lobes, lights, rays, seed + 1)
+    return light_surfels(world, rays, seed + 1)
 
 
 def light_surfels(
-    scene: Any,
-    tables: ShapeTables,
-    lobes: Any,
-    lights: PlannedLights,
-    rays: tuple[Any, Any, Any],
-    seed: Any,
-) -> tuple[Any, ...]:
+    world: World, rays: tuple[mi.Point3f, mi.Vector3f, mi.Float], seed: mi.UInt32
+) -> tuple[dr.ArrayBase, ...]:
     """Return the arrays of `Surfels` that rays meet, as Dr.Jit arrays.
 
-    `rays` are as `trace_surfels` returns them, `lobes` is the table of the BSDFs' diffuse lobes.
-    `albedo` and `direct` have a row for each of a surfel's `RAYS` rays.
+    `rays` are as `trace_surfels` returns them. `albedo` and `direct` have a row for each of a
+    surfel's `RAYS` rays.
     """
     origin, direction, measure = rays
     count = dr.width(measure)
     index = dr.arange(mi.UInt32, count * RAYS) // RAYS
     sampler = sampler_of(RAYS, count, seed)
     # One ray finds each surfel, all of its rays start there.
-    found, _ = first_surface(scene, tables, mi.Ray3f(origin, direction), measure > 0)
+    found, _ = first_surface(world.scene, world.tables, mi.Ray3f(origin, direction), measure > 0)
     dr.eval(found)
     si = dr.gather(mi.SurfaceInteraction3f, found, index)
     active = (dr.gather(mi.Float, measure, index) > 0) & si.is_valid()
     normal = facing_normal(si, dr.gather(mi.Vector3f, direction, index))
-    side = tables.lit_side(sampler, si, normal, active)
-    found = gather(scene, tables, lights, sampler, si.p, side, active)
-    _, gloss = reflect(lobes, sampler, si, active)
+    side = world.tables.lit_side(sampler, si, normal, active)
+    found = gather(world, sampler, si.p, side, active)
+    _, gloss = reflect(world, sampler, si, active)
     hit = active & found.si.is_valid() & (found.weight > 0)
     first = dr.arange(mi.UInt32, count) * RAYS
     place = dr.select(active, mi.Point3f(si.p), 0)
     towards = dr.select(active, normal, mi.Vector3f(0, 0, 1))
     met = dr.select(active, mi.Float(1), 0)
-    rough = rough_albedo(tables, si, active)
+    rough = rough_albedo(world.tables, si, active)
     arrays = (
-        diffuse_albedo(tables, lobes, si, found.cosine, active) + gloss,
+        diffuse_albedo(world, si, found.cosine, active) + gloss,
         dr.select(active, found.direct, 0),
         dr.select(hit, mi.Point3f(found.si.p), 0),
         dr.select(hit, facing_normal(found.si, found.direction), mi.Vector3f(0, 0, 1)),
         dr.select(hit, found.weight, 0),
-        reflected(scene, tables, lights, sampler, found, hit),
+        reflected(world, sampler, found, hit),
     )
     dr.eval(arrays, place, towards, met, rough)
     return (
@@ -279,11 +262,11 @@ def light_surfels(
     )
 
 
-def camera_ray(camera: tuple[Any, Any], x: Any, y: Any) -> Any:
+def camera_ray(camera: tuple[mi.Float, mi.Float], x: mi.Float, y: mi.Float) -> mi.Ray3f:
     """Return the camera rays through image positions; `camera` as in `trace_surfels`."""
     eye, matrix = camera
 
-    def entry(values: Any, place: int) -> Any:
+    def entry(values: mi.Float, place: int) -> mi.Float:
         return dr.gather(mi.Float, values, mi.UInt32(place))
 
     direction = mi.Vector3f(

@@ -8,7 +8,6 @@ hit.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -24,12 +23,12 @@ _MIRRORS = 2  # that a camera ray may meet one after the other
 class ShapeTables:
     """Properties of a scene's shapes by registry id."""
 
-    clear: Any  # mi.UInt32: 1 if rays pass the shape, 2 if it has a mask
-    reflectance: Any  # mi.BSDFPtr: the reflectance twin of its BSDF
+    clear: mi.UInt32  # 1 if rays pass the shape, 2 if it has a mask
+    reflectance: mi.BSDFPtr  # the reflectance twin of its BSDF
     passable: bool  # whether any shape is clear or masked
-    mirror: Any  # mi.UInt32: sides that are a perfect mirror, none, the front, or both
+    mirror: mi.UInt32  # sides that are a perfect mirror, none, the front, or both
     mirrored: bool  # whether any shape is one
-    transmitted: Any  # mi.UInt32: of 2^16, the part of its diffuse light that goes through
+    transmitted: mi.UInt32  # of 2^16, the part of its diffuse light that goes through
     translucent: bool  # whether any shape transmits light so
 
     def __init__(self, geometry: SceneGeometry) -> None:
@@ -64,27 +63,29 @@ class ShapeTables:
         )
         self.translucent = bool(geometry.transmitted.any())
 
-    def reflectance_at(self, si: Any, active: Any) -> Any:
+    def reflectance_at(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Color3f:
         """Return the base colour in [0, 1] of the surface at `si`, `mi.Color3f`."""
         shape = dr.reinterpret_array(mi.UInt32, si.shape)
         bsdf = dr.gather(mi.BSDFPtr, self.reflectance, shape, active)
         colour = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, active))
         return dr.clip(mi.Color3f(colour), 0, 1)
 
-    def mirrors(self, si: Any, active: Any) -> Any:
+    def mirrors(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Test whether the surface at `si` is a perfect mirror on the side that the ray met."""
         active = active & si.is_valid()
         sides = dr.gather(mi.UInt32, self.mirror, dr.reinterpret_array(mi.UInt32, si.shape), active)
         return active & ((sides == 2) | ((sides == 1) & (mi.Frame3f.cos_theta(si.wi) > 0)))
 
-    def transmits(self, si: Any, active: Any) -> Any:
+    def transmits(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Float:
         """Return the part of the diffuse light that leaves `si` on the other side, `mi.Float`."""
         if not self.translucent:
             return mi.Float(0)
         shape = dr.reinterpret_array(mi.UInt32, si.shape)
         return mi.Float(dr.gather(mi.UInt32, self.transmitted, shape, active)) * (1 / _WHOLE)
 
-    def lit_side(self, sampler: Any, si: Any, normal: Any, active: Any) -> Any:
+    def lit_side(
+        self, sampler: mi.Sampler, si: mi.SurfaceInteraction3f, normal: mi.Vector3f, active: mi.Bool
+    ) -> mi.Vector3f:
         """Return the normal of the side from which light at `si` comes: `normal`, or its opposite.
 
         Through cloth comes what lights its other side. Sides are drawn, by their share in the
@@ -95,7 +96,7 @@ class ShapeTables:
         through = sampler.next_1d() < self.transmits(si, active)
         return dr.select(through, -normal, normal)
 
-    def passes(self, si: Any, active: Any) -> Any:
+    def passes(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Test whether rays go on behind the surface at `si`: clear glass, or cut out."""
         active = active & si.is_valid()
         shape = dr.reinterpret_array(mi.UInt32, si.shape)
@@ -107,8 +108,8 @@ class ShapeTables:
 
 
 def first_surface(
-    scene: Any, tables: ShapeTables, ray: Any, active: Any, coherent: bool = False
-) -> tuple[Any, Any]:
+    scene: mi.Scene, tables: ShapeTables, ray: mi.Ray3f, active: mi.Bool, coherent: bool = False
+) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
     """Return the first surface interaction along each ray, past clear glass and cut-outs.
 
     And whether the ray passed any: no shadow ray does.
@@ -117,7 +118,9 @@ def first_surface(
     if not tables.passable:
         return si, mi.Bool(False)
 
-    def step(passing: Any, si: Any, layer: Any) -> tuple[Any, Any, Any]:
+    def step(
+        passing: mi.Bool, si: mi.SurfaceInteraction3f, layer: mi.UInt32
+    ) -> tuple[mi.Bool, mi.SurfaceInteraction3f, mi.UInt32]:
         onward = si.spawn_ray(ray.d)
         behind = scene.ray_intersect(
             onward, ray_flags=mi.RayFlags.All, coherent=coherent, active=passing
@@ -133,7 +136,9 @@ def first_surface(
     return si, layer > 1
 
 
-def seen_surface(scene: Any, tables: ShapeTables, ray: Any) -> tuple[Any, Any, Any]:
+def seen_surface(
+    scene: mi.Scene, tables: ShapeTables, ray: mi.Ray3f
+) -> tuple[mi.SurfaceInteraction3f, mi.Ray3f, mi.Color3f]:
     """Return the first surface that is no perfect mirror, the ray to it, and what mirrors left.
 
     The last is the product of the mirrors' reflectances, `mi.Color3f`, 1 where there is none.
@@ -144,7 +149,13 @@ def seen_surface(scene: Any, tables: ShapeTables, ray: Any) -> tuple[Any, Any, A
         return si, ray, left
 
     # By formula: a call to sample the mirror's BSDF would compile the sampling of all others, too.
-    def step(mirror: Any, si: Any, ray: Any, left: Any, count: Any) -> tuple[Any, ...]:
+    def step(
+        mirror: mi.Bool,
+        si: mi.SurfaceInteraction3f,
+        ray: mi.Ray3f,
+        left: mi.Color3f,
+        count: mi.UInt32,
+    ) -> tuple[mi.Bool, mi.SurfaceInteraction3f, mi.Ray3f, mi.Color3f, mi.UInt32]:
         left = left * tables.reflectance_at(si, mirror)
         ray = si.spawn_ray(si.to_world(mi.reflect(si.wi)))
         si, _ = first_surface(scene, tables, ray, mirror)
@@ -160,7 +171,7 @@ def seen_surface(scene: Any, tables: ShapeTables, ray: Any) -> tuple[Any, Any, A
     return si, ray, left
 
 
-def facing_normal(si: Any, direction: Any) -> Any:
+def facing_normal(si: mi.SurfaceInteraction3f, direction: mi.Vector3f) -> mi.Vector3f:
     """Return the shading normal on the side from which a ray of this direction arrives.
 
     Where it would still point away, it is bent until it is perpendicular to the ray.
@@ -171,7 +182,7 @@ def facing_normal(si: Any, direction: Any) -> Any:
     return dr.normalize(shading - dr.maximum(dr.dot(shading, direction), 0) * direction)
 
 
-def surface_point(position: Any, normal: Any) -> Any:
+def surface_point(position: mi.Point3f, normal: mi.Vector3f) -> mi.SurfaceInteraction3f:
     """Return an interaction at a point with this normal, as emitter sampling needs it."""
     si = dr.zeros(mi.SurfaceInteraction3f, dr.width(position))
     si.t = mi.Float(1)

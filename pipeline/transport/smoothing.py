@@ -8,8 +8,6 @@ light is known well, and are smoothed where it is not.
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 
@@ -21,13 +19,13 @@ _DEVIATIONS = 4.0  # scale of differences in luminance, in standard deviations
 
 
 def smooth(
-    images: list[Any],
-    noise: list[Any],
-    surfaces: tuple[Any, Any, Any],
-    lit: Any,
-    eye: Any,
+    images: list[mi.Color3f],
+    noise: list[mi.Float],
+    surfaces: tuple[mi.Vector3f, mi.Vector3f, mi.Float],
+    lit: mi.Float,
+    eye: mi.Vector3f,
     size: tuple[int, int],
-) -> list[Any]:
+) -> list[mi.Color3f]:
     """Return smoothed images, `mi.Color3f` of W * H pixels each.
 
     `noise` is the variance of each image's luminance. `surfaces` are means of normal and position
@@ -51,7 +49,9 @@ def smooth(
     return images
 
 
-def spread_fireflies(image: Any, size: tuple[int, int], noise: Any = 0) -> tuple[Any, Any]:
+def spread_fireflies(
+    image: mi.Color3f, size: tuple[int, int], noise: mi.Float = 0
+) -> tuple[mi.Color3f, mi.Float]:
     """Return an image whose lone bright pixels share their excess with their eight neighbours.
 
     `image` is `mi.Color3f` of W * H pixels, `noise` the variance of its luminance. What a pixel has
@@ -81,7 +81,7 @@ def spread_fireflies(image: Any, size: tuple[int, int], noise: Any = 0) -> tuple
     return image, noise
 
 
-def _neighbours(size: tuple[int, int]) -> list[tuple[Any, Any]]:
+def _neighbours(size: tuple[int, int]) -> list[tuple[mi.UInt32, mi.Bool]]:
     """Return indices of the 3 x 3 pixels around each, and which of them lie in the image."""
     width, height = size
     index = dr.arange(mi.UInt32, width * height)
@@ -99,14 +99,19 @@ class _Taps:
     """Neighbours of all pixels, and how alike their surfaces are."""
 
     def __init__(
-        self, normal: Any, position: Any, scale: Any, lit: Any, size: tuple[int, int]
+        self,
+        normal: mi.Vector3f,
+        position: mi.Vector3f,
+        scale: mi.Float,
+        lit: mi.Float,
+        size: tuple[int, int],
     ) -> None:
         self.normal, self.position, self.scale, self.lit = normal, position, scale, lit
         self.width, self.height = size
         index = dr.arange(mi.UInt32, self.width * self.height)
         self.column, self.row = mi.Int32(index % self.width), mi.Int32(index // self.width)
 
-    def at(self, across: int, down: int, step: int) -> tuple[Any, Any, Any]:
+    def at(self, across: int, down: int, step: int) -> tuple[mi.UInt32, mi.Bool, mi.Float]:
         """Return index, validity and weight of the neighbour so many steps away."""
         x, y = self.column + across * step, self.row + down * step
         inside = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
@@ -124,7 +129,9 @@ class _Taps:
         return index, inside, dr.select(inside, kernel * alike * lit * dr.exp(-apart), 0)
 
 
-def _guides(taps: _Taps, light: list[Any], noise: list[Any]) -> tuple[list[Any], list[Any]]:
+def _guides(
+    taps: _Taps, light: list[mi.Float], noise: list[mi.Float]
+) -> tuple[list[mi.Float], list[mi.Float]]:
     """Return means of luminance over 5 x 5 pixels of one surface, and of its variance."""
     dr.eval(light)
     means, variances = ([mi.Float(0) for _ in light] for _ in range(2))
@@ -142,8 +149,13 @@ def _guides(taps: _Taps, light: list[Any], noise: list[Any]) -> tuple[list[Any],
 
 
 def _pass(
-    taps: _Taps, images: list[Any], noise: list[Any], own: list[Any], variance: list[Any], step: int
-) -> tuple[list[Any], list[Any]]:
+    taps: _Taps,
+    images: list[mi.Color3f],
+    noise: list[mi.Float],
+    own: list[mi.Float],
+    variance: list[mi.Float],
+    step: int,
+) -> tuple[list[mi.Color3f], list[mi.Float]]:
     """Return images and noise after one pass; differences are those of `own`."""
     limits = [dr.rcp(_DEVIATIONS * dr.sqrt(each) + 1e-12) for each in variance]
     sums = [mi.Color3f(0) for _ in images]

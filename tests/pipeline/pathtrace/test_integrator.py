@@ -12,7 +12,8 @@ import pytest
 
 from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes.groundtruth import render_both, render_truth
-from pbrnet.pipeline.pathtrace.integrator import JointPath, PathState, Scattering
+from pbrnet.pipeline.pathtrace.integrator import JointPath
+from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering
 from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.joint import (
