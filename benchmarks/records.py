@@ -26,9 +26,9 @@ from pbrnet.model.benchmark.score import METRICS, score_folder, table
 from pbrnet.model.benchmark.views import pin_views, save_views
 from pbrnet.pipeline.commands.release import processor
 from pbrnet.pipeline.export.rows import DatasetRows
-from pbrnet.pipeline.imports import ROOT
 from pbrnet.pipeline.release.recipe import RECIPES, load_recipe, load_record
 from pbrnet.scenes.files import write_json
+from pbrnet.scenes.installation import IMPORT_FOLDER as ROOT
 
 TOPICS = ("tiny", "quick", "sample", "benchmark", "plan")
 PLANNED = "indoor-75k"

@@ -27,7 +27,7 @@ from study_tables import clay_budget_table, clay_budget_words, study_tables
 from pbrnet.model.benchmark.pictures import Task
 from pbrnet.model.benchmark.score import METRICS as METRICS_OF_TASK
 from pbrnet.model.titles import METHOD_TITLES as TITLES
-from pbrnet.pipeline.imports import ROOT
+from pbrnet.scenes.installation import IMPORT_FOLDER as ROOT
 
 METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (less is better)", 3)}
 QUICK_START = ROOT / "docs" / "data" / "quick-start.json"

@@ -58,11 +58,6 @@ class SourceOptions:
         """`lamps`, where "auto" is "unlit" if lamps are added only where no room has light."""
         return self.auto_lamps if self.lamps == "auto" else self.lamps
 
-    @classmethod
-    def code(cls) -> tuple[str, ...]:
-        """Return the modules whose code decides what an import gives."""
-        return (cls.importer.partition(":")[0],)
-
     def verify(self, where: str) -> None:
         """Check values beyond their types; raises ValueError that begins with `where`."""
         if self.lamps in ("on", "off") and not self.can_switch_lamps:

@@ -20,7 +20,6 @@ from scipy.sparse.csgraph import dijkstra
 from pbrnet.pipeline.cameras.free_floor import BODY, FreeFloor
 from pbrnet.scenes.arrays import Float64Array, Int32Array
 
-REVISION = 2  # raise it when a change of code changes walks
 _SAMPLE = 0.02  # metres between points of a way
 _SMOOTHING = (0.3, 0.15, 0.08, 0.0)  # metres, standard deviation; the first that stays clear
 _MARGIN = 0.05  # metres that smoothing may come nearer to obstacles than a person's half width

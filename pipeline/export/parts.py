@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
 from pbrnet.scenes.errors import InputError, PbrnetError
@@ -21,7 +22,6 @@ from pbrnet.scenes.files import atomic_directory, atomic_file, read_json, sweep,
 
 RECORD = "export.json"
 _LOCK = ".lock"
-REVISION = 1  # raise it when the files of any format change
 
 Advance = Callable[[], None]
 
@@ -131,7 +131,7 @@ def _record(form: Format, job: Job) -> dict[str, Any]:
     options = {name: value for name, value in asdict(job.options).items() if name in form.uses}
     return {
         "format": form.name,
-        "revision": REVISION,
+        "revision": key("exports"),
         "options": options,
         "dataset": job.rows.fingerprint(),
         "rows": [[row.split, row.scene_id, row.view_id] for row in job.rows.rows],

@@ -28,7 +28,6 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, Float32Array, Float64Array
 from pbrnet.scenes.geometry.directions import equirectangular_directions, turned
 
-REVISION = 4
 _MANTISSA = 10  # bits of a stored radiance, as in half floats; the exponent is that of float32
 
 

@@ -40,7 +40,6 @@ from pbrnet.scenes.arrays import Float32Array, Float64Array
 from pbrnet.scenes.contract import Room
 from pbrnet.scenes.seeds import derive32
 
-REVISION = 13
 # Powers of two that are a grid of nearly equal sides, as the `multijitter` sampler needs it.
 _BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels

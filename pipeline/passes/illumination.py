@@ -34,7 +34,6 @@ from pbrnet.scenes.color import luminance
 from pbrnet.scenes.contract import Portal
 from pbrnet.scenes.geometry.directions import turned, unit
 
-REVISION = 2
 _NARROW = 1.5  # pixels: sources of less mean width are narrow
 _MAX_MULTIPLE = 64  # of `light_samples`: most points on one long, thin source
 _PROBE_WIDTH = 128  # columns of the coarse panorama that searches for openings

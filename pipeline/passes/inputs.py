@@ -21,7 +21,6 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, BoolArray, Float64Array
 from pbrnet.scenes.geometry.directions import turned, unit
 
-REVISION = 2  # raise it when a channel is added, or a change of code changes pixels
 _MIN_DEPTH = 1e-5  # metres
 
 

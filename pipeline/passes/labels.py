@@ -25,7 +25,6 @@ from pbrnet.scenes.contract import Light
 from pbrnet.scenes.geometry.directions import turned
 from pbrnet.scenes.importing.semantics import NYU13_OF_NYU40, NYU40_OF_CATEGORY, category_number
 
-REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
 _GRID = 8  # points per axis of a box that are tested against the image's border
 _DIGITS = 6
 

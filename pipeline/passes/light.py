@@ -21,7 +21,6 @@ from pbrnet.pipeline.pathtrace.light_groups import LightGroups
 from pbrnet.pipeline.pathtrace.light_parts import group_names
 from pbrnet.scenes.arrays import Float32Array
 
-REVISION = 3  # raise it when a channel is added, or a change of code changes pixels
 _GREY = 0.5  # albedo guide of irradiance, which no texture marks
 _STORED = {"direct": DIRECT, "diffuse": DIFFUSE, "irradiance": IRRADIANCE}
 

@@ -24,8 +24,6 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, BoolArray
 from pbrnet.scenes.geometry.directions import turned
 
-REVISION = 1  # raise it when a channel is added, or a change of code changes pixels
-
 
 @dataclass(frozen=True)
 class VisibleMaterials:

@@ -1,7 +1,7 @@
 """Registry of render passes: each kind of frame, its renderer and its fingerprint.
 
 A frame's fingerprint is a digest of everything that determines its pixels: the pass and its
-revision, the parameters that it reads, the view's camera and size, the scene's content, the
+key, the parameters that it reads, the view's camera and size, the scene's content, the
 renderer, the seed. Everything else (view scores, the farm, training) is excluded.
 """
 
@@ -13,19 +13,8 @@ from typing import Any
 
 from pbrnet.pipeline.channels import DENOISED, DENOISED_SHADING, HALF, NOISY_SHADING, RGB, Kind
 from pbrnet.pipeline.frames import Channels, fingerprint
+from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import GroundTruthParams, Params
-from pbrnet.pipeline.passes import (
-    environment,
-    groundtruth,
-    illumination,
-    inputs,
-    labels,
-    light,
-    materials,
-    transport,
-    video,
-    visibility,
-)
 from pbrnet.pipeline.passes.denoise import (
     Guides,
     Quality,
@@ -49,7 +38,6 @@ from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.light_groups import group_lights
 from pbrnet.pipeline.pathtrace.noise import residual_noise
 from pbrnet.pipeline.render.scene import RenderScene
-from pbrnet.pipeline.transport import guides as fast
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
@@ -67,12 +55,11 @@ SURFACES: tuple[Kind, ...] = ("inputs", "materials", "labels", "video")
 class Pass:
     """One kind of frame.
 
-    `render` returns its channels and further entries of its `pbrnet` attribute. `revision` must
-    be raised when the code changes pixels. `determined_by` returns the parameters that determine
-    pixels.
+    `render` returns its channels and further entries of its `pbrnet` attribute. `key` names the
+    number of its code in `keys.yaml`. `determined_by` returns the parameters that determine pixels.
     """
 
-    revision: int
+    key: str
     determined_by: Callable[[Params], dict[str, Any]]
     render: Render
     seeded: bool = False  # True if the pass uses random numbers
@@ -329,7 +316,7 @@ def _truth_determined_by(params: Params) -> dict[str, Any]:
     used = params.groundtruth.denoise != "none"
     return {
         "truth": plain(params.groundtruth, brief=True),
-        "denoiser": [denoiser_version(), inputs.REVISION] if used else None,
+        "denoiser": [denoiser_version(), key("inputs")] if used else None,
     }
 
 
@@ -343,12 +330,12 @@ def _light_determined_by(params: Params) -> dict[str, Any]:
     return {
         **_color_determined_by(params),
         "light": plain(params.light),
-        "made_of": [groundtruth.REVISION, inputs.REVISION],
+        "made_of": [key("groundtruth"), key("inputs")],
     }
 
 
 def _transport_determined_by(params: Params) -> dict[str, Any]:
-    guided = {"denoiser": denoiser_version(), "guides": fast.REVISION}
+    guided = {"denoiser": denoiser_version(), "guides": key("guides")}
     return {**plain(params.transport), **guided}
 
 
@@ -357,10 +344,10 @@ def _noisy_determined_by(params: Params) -> dict[str, Any]:
     used = ("spp", "max_depth", "rr_depth", "joint", "lights")
     return {
         "trace": {name: getattr(trace, name) for name in used},
-        "guides": fast.REVISION,
+        "guides": key("guides"),
         "halves": True,
         "shading": shading,
-        "denoiser": [denoiser_version(), inputs.REVISION],
+        "denoiser": [denoiser_version(), key("inputs")],
     }
 
 
@@ -370,45 +357,41 @@ def _environment_determined_by(params: Params) -> dict[str, Any]:
     return {
         **plain(params.environment),
         "trace": {name: getattr(truth, name) for name in used},
-        "made_of": [groundtruth.REVISION, inputs.REVISION],
+        "made_of": [key("groundtruth"), key("inputs")],
         "denoiser": denoiser_version() if truth.denoise != "none" else None,
     }
 
 
 PASSES: dict[Kind, Pass] = {
-    "inputs": Pass(inputs.REVISION, lambda params: {}, _inputs),
-    "illumination": Pass(illumination.REVISION, _panorama_determined_by, _illumination),
+    "inputs": Pass("inputs", lambda params: {}, _inputs),
+    "illumination": Pass("illumination", _panorama_determined_by, _illumination),
     "visibility": Pass(
-        visibility.REVISION,
+        "visibility",
         lambda params: {
             **plain(params.illumination),
-            "made_of": [inputs.REVISION, illumination.REVISION],
+            "made_of": [key("inputs"), key("illumination")],
         },
         _visibility,
     ),
     "shading": Pass(
-        groundtruth.REVISION,
+        "groundtruth",
         lambda params: {**_truth_determined_by(params), "shading": plain(params.shading)},
         _truth("shading"),
         seeded=True,
     ),
     "color": Pass(
-        groundtruth.REVISION,
+        "groundtruth",
         _color_determined_by,
         _truth("color"),
         seeded=True,
     ),
-    "materials": Pass(
-        materials.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _materials
-    ),
-    "labels": Pass(labels.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _labels),
-    "video": Pass(video.REVISION, lambda params: {"made_of": [inputs.REVISION]}, _video),
-    "environment": Pass(
-        environment.REVISION, _environment_determined_by, _environment, seeded=True
-    ),
-    "transport": Pass(transport.REVISION, _transport_determined_by, _transport, seeded=True),
-    "light": Pass(light.REVISION, _light_determined_by, _light, seeded=True),
-    "noisy": Pass(groundtruth.REVISION, _noisy_determined_by, render_noisy, seeded=True),
+    "materials": Pass("materials", lambda params: {"made_of": [key("inputs")]}, _materials),
+    "labels": Pass("labels", lambda params: {"made_of": [key("inputs")]}, _labels),
+    "video": Pass("video", lambda params: {"made_of": [key("inputs")]}, _video),
+    "environment": Pass("environment", _environment_determined_by, _environment, seeded=True),
+    "transport": Pass("transport", _transport_determined_by, _transport, seeded=True),
+    "light": Pass("light", _light_determined_by, _light, seeded=True),
+    "noisy": Pass("groundtruth", _noisy_determined_by, render_noisy, seeded=True),
 }
 
 
@@ -441,7 +424,7 @@ def frame_fingerprint(
     render_pass = PASSES[kind]
     return fingerprint(
         kind=kind,
-        revision=render_pass.revision,
+        key=key(render_pass.key),
         params=render_pass.determined_by(params),
         view=camera_of(view, kind),
         scene=scene_digest,

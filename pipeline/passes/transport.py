@@ -35,7 +35,6 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.errors import InputError
 
-REVISION = 12
 _LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
 # By size of the image: up to so many pixels, so many samples each; twice the surfels from there on.
 _SMALL = 40_000

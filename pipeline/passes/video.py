@@ -21,7 +21,6 @@ from pbrnet.pipeline.views import Matrix, View
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.geometry.directions import unit
 
-REVISION = 2  # raise it when a channel is added, or a change of code changes pixels
 # Of the distance: above the rounding of float32 hit points, below the thickness of any board.
 _TOLERANCE = 2e-4
 _GRID = 1024  # parts of a pixel to which flow is rounded, so that it compresses

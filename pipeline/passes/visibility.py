@@ -24,7 +24,6 @@ from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.color import luminance
 from pbrnet.scenes.geometry.directions import turned, unit
 
-REVISION = 1
 _RAY_OFFSET = 1e-3  # metres: distance of ray origins from the surface
 _BAYER = ((0, 8, 2, 10), (12, 4, 14, 6), (3, 11, 1, 9), (15, 7, 13, 5))  # Bayer 1973
 _WINDOW = (0.5, 1.0, 1.0, 1.0, 0.5)  # weights of the 5 x 5 neighbourhood, per axis

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import psutil
 
+from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Variant
 from pbrnet.pipeline.render import meshes, raycast
 from pbrnet.pipeline.render.boxes import ObjectBoxes
@@ -38,7 +39,6 @@ from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.geometry.directions import unit
 
-REVISION = 4
 _SCALAR_WARNING = (
     "pbrnet: no usable libLLVM was found, so everything is rendered by the scalar_rgb variant: "
     "the same images, several times slower. To get it: apt-get install libllvm15, or set "
@@ -77,7 +77,7 @@ def set_variant(requested: Variant = "auto") -> str:
 
 def renderer_version() -> str:
     """Return the renderer, its versions and the variant: part of every frame's fingerprint."""
-    return f"mitsuba {mi.__version__}, drjit {dr.__version__}, {mi.variant()}, core {REVISION}"
+    return f"mitsuba {mi.__version__}, drjit {dr.__version__}, {mi.variant()}, core {key('render')}"
 
 
 @dataclass(frozen=True)

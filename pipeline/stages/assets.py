@@ -21,11 +21,12 @@ from typing import Any
 from pbrnet.pipeline.farm.cluster import Farm
 from pbrnet.pipeline.farm.scheduling import Item
 from pbrnet.pipeline.farm.workspace import open_workspace
+from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.stages.render_jobs import use_code
-from pbrnet.pipeline.versions import code_version, source_revision
+from pbrnet.pipeline.versions import code_version
 from pbrnet.scenes.assets.index import (
     Asset,
     AssetIndex,
@@ -55,7 +56,6 @@ SUFFIX = ".sh3f"
 _DOWNLOADS = "packages"  # below data/assets: fetched packages
 _PATIENCE = 900.0  # seconds for apt-get
 _SHOWN = 10  # refused pieces listed on the terminal; the index holds all of them
-_CONVERTER = "pbrnet.scenes.sweethome.catalogue.convert"
 
 
 class AssetError(PbrnetError):
@@ -257,7 +257,6 @@ def _jobs(
 ) -> tuple[dict[str, _PieceJob], list[RefusedPiece]]:
     jobs: dict[str, _PieceJob] = {}
     refused: list[RefusedPiece] = []
-    revision = source_revision(_CONVERTER)
     for source, sha256, library in libraries:
         refused += [RefusedPiece(*row) for row in library.refused]
         provenance = Provenance(
@@ -275,7 +274,7 @@ def _jobs(
                 root / piece.key,
                 provenance,
                 piece_fingerprint(
-                    piece, sha256, params.max_triangles, params.texture_size, revision
+                    piece, sha256, params.max_triangles, params.texture_size, key("assets")
                 ),
                 params.max_triangles,
                 params.texture_size,

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from pbrnet.pipeline.cameras import walks
 from pbrnet.pipeline.cameras.trajectory_files import (
     Trajectory,
     read_trajectory,
@@ -16,9 +15,9 @@ from pbrnet.pipeline.cameras.trajectory_files import (
     trajectory_digests,
 )
 from pbrnet.pipeline.frames import fingerprint
+from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import Failure, data_lock
-from pbrnet.pipeline.stages import view_sampling
 from pbrnet.pipeline.stages.camera_files import described_collisions
 from pbrnet.pipeline.stages.render_jobs import CameraJob, sample_scene
 from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
@@ -115,15 +114,15 @@ def camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str
     given = trajectory_digests(scene_id, params.cameras)
     return fingerprint(
         kind="cameras",
-        revision=view_sampling.REVISION,
+        revision=key("cameras"),
         scene_id=scene_id,
         cameras=replace(params.cameras, trajectories=()),
         image=params.image,
         scene=digest,
         renderer=renderer,
         seed=params.seed,
-        **({"trajectories": given, "collisions": 1} if given else {}),
-        **({"walks": walks.REVISION} if params.cameras.walks else {}),
+        **({"trajectories": given, "collisions": key("trajectories")} if given else {}),
+        **({"walks": key("walks")} if params.cameras.walks else {}),
     )
 
 

@@ -12,26 +12,19 @@ from typing import Any
 
 from pbrnet.pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
 from pbrnet.pipeline.frames import fingerprint
+from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.limits import Limits
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import Failure
 from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant
-from pbrnet.pipeline.versions import source_revision
 from pbrnet.scenes.assets.index import INDEX, load_index
 from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_file, exists, resolved
-from pbrnet.scenes.import_options import SOURCES, ImportEntry
+from pbrnet.scenes.import_options import ImportEntry
 from pbrnet.scenes.opened_files import unchanged
 from pbrnet.scenes.seeds import derive
 
-_HOME_CODE = ("pbrnet.scenes.procedural.home", "pbrnet.scenes.contract")
-_IMPORT_CODE = (
-    "pbrnet.scenes.registry",
-    "pbrnet.scenes.variants.vary",
-    "pbrnet.scenes.contract",
-    *(module for source in SOURCES for module in source.code()),
-)
 _LONGEST_NAME = 100  # characters; `-v12` and the like follow
 _GENERAL_NAMES = ("scene", "main", "main_template_color", "index")  # the third: of a PBRS house
 
@@ -39,8 +32,8 @@ _GENERAL_NAMES = ("scene", "main", "main_template_color", "index")  # the third:
 def home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
     """Yield a job for each procedural home and variant, with its fingerprint.
 
-    The fingerprint covers the seed, the parameters, the furniture index and the sources of the
-    generator. Raises `InputError` if catalogue furniture is asked for and there is none.
+    The fingerprint covers the seed, the parameters, the furniture index and the key
+    of the generator. Raises `InputError` if catalogue furniture is asked for and there is none.
     """
     wanted = params.scenes
     yield from _homes(root, params, "home", wanted.homes, wanted.catalogue_share)
@@ -64,7 +57,6 @@ def _homes(root: Path, params: Params, name: str, count: int, share: float) -> I
             "triangles": wanted.catalogue_triangles,
             "catalogue": digest_file(assets / INDEX),
         }
-    revision = source_revision(*_HOME_CODE)
     for index, variant in product(range(count), range(wanted.variants)):
         scene_id = f"{name}-{index:04d}" + (f"-v{variant}" if variant else "")
         setting = index + (variant if "light" in wanted.vary else 0)
@@ -72,7 +64,7 @@ def _homes(root: Path, params: Params, name: str, count: int, share: float) -> I
         seed = derive(params.seed, name, index)
         expected = fingerprint(
             kind="home",
-            revision=revision,
+            revision=key("scenes.homes"),
             scene_id=scene_id,
             seed=seed,
             lighting=lighting,
@@ -93,7 +85,6 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
         wanted.import_memory,
         options=("scenes.import_seconds", "scenes.import_memory"),
     )
-    revision = source_revision(*_IMPORT_CODE)
     for named in wanted.imports:
         entry = ImportEntry(file=named) if isinstance(named, str) else named
         path = resolved(Path(entry.file).expanduser())
@@ -108,7 +99,7 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
             )
             failures.append(Failure("scenes", scene_id, "", error))
             continue
-        content: dict[str, Any] = {"file": path.name, "revision": revision}
+        content: dict[str, Any] = {"file": path.name, "revision": key("scenes.imports")}
         if options:
             content["options"] = entry.given()
         expected = fingerprint(kind="import", scene_id=scene_id, **content)

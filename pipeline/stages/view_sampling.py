@@ -57,7 +57,6 @@ from pbrnet.scenes.geometry.directions import (
 )
 from pbrnet.scenes.seeds import generator
 
-REVISION = 5
 _DOORWAY = 0.3  # metres outside a room that count as in it: under doors, sloping ceilings
 _ENCLOSED = 0.75  # share of directions that hit one object if the eye is inside it
 _FURNISHED = 3  # objects that some candidate of a furnished scene sees

@@ -22,7 +22,6 @@ from pbrnet.pipeline.transport.rays import ShapeTables, facing_normal, first_sur
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 
-REVISION = 1
 SUBPIXELS = 3  # per axis
 _MAX_RECORDINGS = 32
 _TRACERS: WeakKeyDictionary[MaterialSets, _GuideTracer] = WeakKeyDictionary()

@@ -28,9 +28,3 @@ class ModelOptions(FreeAxesOptions):
     title: ClassVar[str] = "models"
     suffixes: ClassVar[tuple[str, ...]] = tuple(READERS)
     importer: ClassVar[str] = "pbrnet.scenes.models.importer:import_model"
-
-    @classmethod
-    def code(cls) -> tuple[str, ...]:
-        """Return the modules of the importer and of the readers."""
-        readers = (reader.partition(":")[0] for reader in READERS.values())
-        return (*super().code(), *dict.fromkeys(readers))

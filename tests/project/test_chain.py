@@ -72,7 +72,8 @@ def _project(folder: Path) -> Path:
     for package in ("scenes", "pipeline", "model"):
         ignore = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / package, folder / package, ignore=ignore)
-    shutil.copy(ROOT / "dvc.yaml", folder)
+    for name in ("dvc.yaml", "keys.yaml"):
+        shutil.copy(ROOT / name, folder)
     shutil.copy(ROOT / "params" / "quick.yaml", folder / "params.yaml")
     _change(folder, CHANGES)
     _output(_dvc(folder, "init", "--no-scm", "--quiet"))

@@ -6,9 +6,9 @@ import tomllib
 
 import pytest
 
-from pbrnet.pipeline.imports import modules
 from pbrnet.scenes import import_options
 from tests.fixtures.paths import ROOT
+from tests.project.imports import modules
 
 MOST = 16  # modules in a folder
 

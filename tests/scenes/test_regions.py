@@ -14,9 +14,9 @@ from shapely.errors import GEOSException
 from shapely.geometry import LineString, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from pbrnet.pipeline.imports import modules
 from pbrnet.scenes.geometry import regions
 from pbrnet.scenes.sweethome.building.solids import polygonal
+from tests.project.imports import modules
 
 BOWTIE = Polygon([(0, 0), (2, 2), (2, 0), (0, 2)])  # two triangles of area 1
 SPIKE = Polygon([(0, 0), (1, 0), (1, 1), (3, 1), (1, 1), (0, 1)])  # a square with a thorn

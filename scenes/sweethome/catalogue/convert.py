@@ -309,8 +309,8 @@ def _point(values: Float64Array) -> Point3:
 
 
 def piece_fingerprint(
-    piece: CataloguePiece, sha256: str, max_triangles: int, texture_size: int, revision: str
+    piece: CataloguePiece, sha256: str, max_triangles: int, texture_size: int, key: int
 ) -> str:
-    """Return the fingerprint of a converted piece; `revision` is that of the converter's code."""
-    determined_by = (revision, sha256, piece, max_triangles, texture_size)
+    """Return the fingerprint of a converted piece; `key` is that of the converter."""
+    determined_by = (key, sha256, piece, max_triangles, texture_size)
     return digest_bytes(*(repr(value).encode() for value in determined_by))

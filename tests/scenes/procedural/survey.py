@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.pipeline.versions import source_revision
+from tests.project.record_keys import code_of
 from tests.scenes.procedural import test_homes
 
 RULES: tuple[Callable[[list[test_homes.Home]], None], ...] = (
@@ -73,7 +73,7 @@ def survey(
 
     Seeds whose outcome of this revision is in the file are not checked again.
     """
-    revision = source_revision("pbrnet.scenes.procedural.home")
+    revision = code_of(["scenes/procedural/home.py"])
     kept: dict[int, dict[str, Any]] = {}
     if out.is_file():
         for line in out.read_text(encoding="utf-8").splitlines():

@@ -1,0 +1,221 @@
+"""Record of the code behind each key of `keys.yaml`, so that a change of it asks for a decision.
+
+    python -m tests.project.record_keys [--same KEY ...]
+
+records the code anew. Where it makes other frames, cameras or homes than those recorded under the
+same key, the key must be raised first. Of keys without recorded output, `--same` says that what
+they make stays as it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from pbrnet.model.studies.registry import STUDIES
+from pbrnet.pipeline.keys import table
+from pbrnet.pipeline.params import CameraParams
+from pbrnet.pipeline.passes.registry import PASSES
+from pbrnet.pipeline.render.scene import set_variant
+from pbrnet.pipeline.stages.camera_files import make_cameras
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.files import digest_bytes, digest_file, write_text
+from pbrnet.scenes.import_options import SOURCES
+from pbrnet.scenes.models.options import READERS
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.procedural.home import make_home
+from tests.fixtures import recorded
+from tests.fixtures.paths import ROOT
+from tests.project.imports import import_closure
+
+FILE = Path(__file__).with_name("keys.json")
+# Code that decides no byte of what is made, or only through parameters.
+PLUMBING = (
+    "pipeline/costs",
+    "pipeline/farm",
+    "pipeline/keys.py",
+    "pipeline/limits.py",
+    "pipeline/params.py",
+    "pipeline/progress.py",
+    "pipeline/records.py",
+    "pipeline/versions.py",
+    "scenes/arrays.py",
+    "scenes/errors.py",
+)
+_NETWORKS = {
+    "shading": "networks/pbrnet",
+    "composition": "networks/pbrnet",
+    "plus": "networks/plus",
+    "hybrid": "networks/hybrid",
+    "can_own": "baselines/can",
+    "pix2pix_own": "baselines/pix2pix",
+    "cyclegan_own": "baselines/cyclegan",
+}
+
+
+def _module(reference: str) -> str:
+    """The file below `pbrnet` of "pbrnet.package.module:name"."""
+    return reference.partition(":")[0].removeprefix("pbrnet.").replace(".", "/") + ".py"
+
+
+def entries() -> dict[str, tuple[str, ...]]:
+    """The modules that make what each key stands for; what they import belongs to it."""
+    passes = [name for name in table() if (ROOT / f"pipeline/passes/{name}.py").is_file()]
+    networks = [name for name in table() if name.startswith("networks.")]
+    names = {name: name.removeprefix("networks.") for name in networks}
+    importers = (_module(source.importer) for source in SOURCES)
+    return {
+        "assets": ("scenes/sweethome/catalogue/convert.py",),
+        "scenes.homes": ("scenes/procedural/home.py",),
+        "scenes.imports": (
+            "scenes/registry.py",
+            "scenes/variants/vary.py",
+            *importers,
+            *map(_module, READERS.values()),
+        ),
+        "cameras": ("pipeline/stages/camera_files.py", "pipeline/stages/shared_cameras.py"),
+        "walks": ("pipeline/cameras/walks.py",),
+        "trajectories": ("pipeline/cameras/trajectory_files.py",),
+        "render": ("pipeline/render/scene.py",),
+        "guides": ("pipeline/transport/guides.py",),
+        **{name: (f"pipeline/passes/{name}.py",) for name in passes},
+        "groundtruth": ("pipeline/passes/registry.py",),
+        "dataset": ("pipeline/dataset/pack.py",),
+        "exports": ("pipeline/export/registry.py",),
+        "backbone": ("model/training/backbone.py",),
+        "train": ("model/training/train.py",),
+        **{
+            name: (f"model/{_NETWORKS.get(names[name], f'baselines/{names[name]}')}.py",)
+            for name in networks
+        },
+        "evaluate": ("model/evaluation/evaluate.py",),
+        "report": (
+            "model/report/page.py",
+            *(f"model/studies/{name}/results.py" for name in STUDIES),
+        ),
+    }
+
+
+def code_of(modules: Iterable[str], left_out: Iterable[str] = ()) -> str:
+    """Return a digest of modules and of all that they import, without comments and docstrings."""
+    code = ROOT / "pbrnet"
+    found = import_closure(
+        [code / one for one in modules], ROOT, [code / one for one in (*PLUMBING, *left_out)]
+    )
+    return digest_bytes(*(_normalised(path) for path in found))[:16]
+
+
+def codes() -> dict[str, str]:
+    """Return the digest of the code behind each key."""
+    found = entries()
+    networks = {one for key, modules in found.items() if "networks." in key for one in modules}
+    return {
+        key: code_of(modules, networks if key == "train" else ()) for key, modules in found.items()
+    }
+
+
+@lru_cache(maxsize=1024)
+def _normalised(path: Path) -> bytes:
+    return repr(list(_words(ast.parse(path.read_bytes())))).encode()
+
+
+def _words(node: ast.AST) -> Iterator[Any]:
+    """Yield what a syntax tree says, in its order, but for docstrings and annotations of calls."""
+    yield type(node).__name__
+    for name, value in ast.iter_fields(node):
+        if name in ("annotation", "returns", "type_comment") and not isinstance(
+            node, ast.AnnAssign
+        ):
+            continue
+        parts = value if isinstance(value, list) else [value]
+        for part in parts:
+            if isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant):
+                continue
+            if isinstance(part, ast.AST):
+                yield from _words(part)
+            elif part is not None:
+                yield part
+
+
+def known() -> dict[str, dict[str, Any]]:
+    """Return what is recorded of each key: its number, the digest of its code, its output."""
+    found: dict[str, dict[str, Any]] = json.loads(FILE.read_text())
+    return found
+
+
+def home() -> str:
+    """Return a digest of a home's folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "home"
+        make_home(place, "home", SceneParams(rooms_max=2, texture_size=64), 7, "day")
+        files = sorted(file for file in place.rglob("*") if file.is_file())
+        parts = [f"{file.relative_to(place)} {digest_file(file)}".encode() for file in files]
+    return digest_bytes(*parts)[:16]
+
+
+def cameras() -> str:
+    """Return a digest of the cameras sampled in the recorded room."""
+    with tempfile.TemporaryDirectory() as folder:
+        opened, _ = recorded.recorded_room(Path(folder) / "living")
+        params = replace(recorded.PARAMS, cameras=CameraParams(min_objects=1, grid=0.5))
+        found = make_cameras(opened, opened.scene, params, 7)
+    return digest_bytes(json.dumps(plain(found), sort_keys=True).encode())[:16]
+
+
+OUTPUTS: dict[str, Callable[[], str]] = {"scenes.homes": home, "cameras": cameras}
+
+
+def faults(changed: set[str], raised: set[str], same: set[str]) -> list[str]:
+    """Say which keys with changed code must be raised, or need a decision."""
+    pixels = {"render", "guides", *(one.key for one in PASSES.values())}
+    wrong = [
+        f"{name}: another output under the same key: raise it in keys.yaml"
+        for name, output in OUTPUTS.items()
+        if name in changed and known()[name]["output"] != output()
+    ]
+    if changed & pixels and "render" not in raised:
+        found, before = recorded.frames(), recorded.known()
+        under = [kind for kind in before if PASSES[kind].key not in raised]
+        wrong += filter(None, (recorded.fault(kind, before[kind], found[kind]) for kind in under))
+    return wrong + [
+        f"{name}: its code changed; raise it in keys.yaml if what it makes changes, else: "
+        f"python -m tests.project.record_keys --same {name}"
+        for name in sorted(changed - pixels - {*OUTPUTS} - same)
+    ]
+
+
+def main(words: list[str] | None = None) -> int:
+    """Record keys and codes; returns 1 and changes nothing where a decision is missing."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else "")
+    parser.add_argument("--same", nargs="+", default=[], choices=list(table()), metavar="KEY")
+    same = set(parser.parse_args(words).same)
+    before = known() if FILE.exists() else {}
+    now, numbers = codes(), table()
+    raised = {name for name in now if before.get(name, {}).get("key") != numbers[name]}
+    changed = {name for name in now if name not in raised and before[name]["code"] != now[name]}
+    set_variant("auto")
+    wrong = faults(changed, raised, same)
+    if wrong:
+        sys.stderr.write("\n".join([*wrong, ""]))
+        return 1
+    recorded.record(everything="render" in raised)
+    rows = {}
+    for name, code in now.items():
+        rows[name] = before.get(name, {}) | {"key": numbers[name], "code": code}
+        if name in OUTPUTS and name in raised:
+            rows[name]["output"] = OUTPUTS[name]()
+    lines = (f" {json.dumps(name)}: {json.dumps(row)}" for name, row in rows.items())
+    write_text(FILE, "{\n" + ",\n".join(lines) + "\n}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
