@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pbrnet.scenes.seeds import Draw
+
 import math
 from collections.abc import Sequence
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pbrnet.scenes.procedural.furniture.interiors import Interior
 from pbrnet.scenes.procedural.furniture.style import Style, hex_color, scaled_color
 from pbrnet.scenes.procedural.piece import Material
+from pbrnet.scenes.seeds import Draw
 
 CEILINGS = ("#e9e7e2", "#e6e4de", "#e9e9e6")
 FACADES = ("#d9d3c6", "#c9b79b", "#b9b4aa", "#d6c4b0", "#a9533c", "#8d4a36", "#cfcfca")
@@ -48,23 +47,23 @@ class Finishes:
     rooms: dict[str, RoomFinish]
 
 
-def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str]) -> Finishes:
+def make_finishes(rng: Draw, style: Style, rooms: dict[str, str]) -> Finishes:
     """Draw finishes for `rooms` (id -> type) that match the furniture's `style`."""
 
     def pick(codes: tuple[str, ...]) -> str:
-        return codes[int(rng.integers(len(codes)))]
+        return rng.pick(codes)
 
     def variant() -> int:
-        return int(rng.integers(1 << 30))
+        return rng.variant()
 
     has = style.interior
     plank_color = hex_color(pick(has.floors))
     planks = Material(
         "planks",
         plank_color,
-        roughness=float(rng.uniform(0.3, 0.55)),
+        roughness=rng.between(0.3, 0.55),
         accent=scaled_color(plank_color, 0.6),
-        scale=float(rng.choice([0.8, 1.0, 1.3])),
+        scale=rng.pick([0.8, 1.0, 1.3]),
         variant=variant(),
         family=pick(has.floor_families),
     )
@@ -74,7 +73,7 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
         "plaster", hex_color(pick(has.walls)), 0.9, variant=variant(), family=nap
     )
     frame_code, door_code = pick(has.frames), pick(has.doors)
-    frame = Material("paint", hex_color(frame_code), float(rng.uniform(0.25, 0.4)))
+    frame = Material("paint", hex_color(frame_code), rng.between(0.25, 0.4))
     door_color = hex_color(door_code)
     wooden = max(door_color) / max(min(door_color), 1e-6) > 1.8
     door = (
@@ -85,46 +84,46 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
         else Material("paint", door_color, 0.35)
     )
     white = Material("paint", hex_color("#e8e6e0"), 0.4)
-    metal_code, metal_roughness = has.metals[int(rng.integers(len(has.metals)))]
+    metal_code, metal_roughness = rng.pick(has.metals)
     finishes = {}
     for room, kind in rooms.items():
         wet = kind in ("bathroom", "kitchen")
         floor = planks
-        if wet or (kind in ("dining", "hall") and rng.random() < 0.3):
+        if wet or (kind in ("dining", "hall") and rng.chance(0.3)):
             color = hex_color(pick(has.floor_tiles))
             floor = Material(
                 "tiles",
                 color,
-                roughness=float(rng.uniform(0.15, 0.45)),
+                roughness=rng.between(0.15, 0.45),
                 accent=scaled_color(hex_color("#a09c94"), 0.8),
-                scale=float(rng.choice([1.0, 1.0, 1.5, 2.0, 0.5 if kind == "bathroom" else 1.0])),
+                scale=rng.pick([1.0, 1.0, 1.5, 2.0, 0.5 if kind == "bathroom" else 1.0]),
                 variant=variant(),
                 family=pick(has.floor_tile_families),
             )
-            if kind == "kitchen" and rng.random() < 0.35:
+            if kind == "kitchen" and rng.chance(0.35):
                 floor = planks
-        elif kind in ("bedroom", "study") and rng.random() < has.carpeted:
+        elif kind in ("bedroom", "study") and rng.chance(has.carpeted):
             floor = carpet
         wall = common_wall
-        if rng.random() < 0.4:
+        if rng.chance(0.4):
             wall = Material(
                 "plaster", hex_color(pick(has.walls)), 0.9, variant=variant(), family=nap
             )
         accent = None
-        if not wet and rng.random() < has.accent:
+        if not wet and rng.chance(has.accent):
             accent = _accent_wall(rng, has, style, nap)
         tiles, tile_height = None, 0.0
         if kind == "bathroom":
             tiles = Material(
                 "tiles",
                 hex_color(pick(has.wall_tiles)),
-                roughness=float(rng.uniform(0.1, 0.25)),
+                roughness=rng.between(0.1, 0.25),
                 accent=hex_color("#c9c7c1"),
-                scale=float(rng.choice([0.35, 0.5, 0.65, 1.0])),
+                scale=rng.pick([0.35, 0.5, 0.65, 1.0]),
                 variant=variant(),
                 family=pick(has.wall_tile_families),
             )
-            tile_height = float(rng.choice([1.2, 1.5, 2.1, 9.0]))
+            tile_height = rng.pick([1.2, 1.5, 2.1, 9.0])
         finishes[room] = RoomFinish(
             floor=floor,
             wall=wall,
@@ -139,14 +138,14 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
         ceiling=Material(
             "plaster", hex_color(pick(CEILINGS)), 0.95, variant=variant(), family="smooth"
         ),
-        skirting=white if rng.random() < 0.7 else replace(style.wood, variant=variant()),
-        skirting_height=float(rng.uniform(*has.skirting)),
-        cornice=float(rng.choice(has.cornices)),
+        skirting=white if rng.chance(0.7) else replace(style.wood, variant=variant()),
+        skirting_height=rng.between(*has.skirting),
+        cornice=rng.pick(has.cornices),
         frame=frame,
-        sill=white if rng.random() < 0.5 else Material("stone", hex_color("#b9b4aa"), 0.35),
+        sill=white if rng.chance(0.5) else Material("stone", hex_color("#b9b4aa"), 0.35),
         door=door,
-        door_panels=has.panels[int(rng.integers(len(has.panels)))],
-        casing=door if rng.random() < 0.5 else white,
+        door_panels=rng.pick(has.panels),
+        casing=door if rng.chance(0.5) else white,
         handle=Material("metal", hex_color(metal_code), metal_roughness),
         facade=Material(
             "brick" if red else "plaster",
@@ -154,20 +153,20 @@ def make_finishes(rng: np.random.Generator, style: Style, rooms: dict[str, str])
             0.9,
             accent=hex_color("#a8a196") if red else None,
             variant=variant(),
-            family=("running", "third")[int(rng.integers(2))] if red else "render",
+            family=rng.pick(("running", "third")) if red else "render",
         ),
         threshold=replace(style.wood, variant=variant()),
         beam=_beam(rng, has, style),
-        glazing_bars=bool(rng.random() < has.glazing_bars),
-        sash_width=float(rng.uniform(0.8, 1.15)),
+        glazing_bars=rng.chance(has.glazing_bars),
+        sash_width=rng.between(0.8, 1.15),
         rooms=finishes,
     )
 
 
-def _beam(rng: np.random.Generator, has: Interior, style: Style) -> Material:
+def _beam(rng: Draw, has: Interior, style: Style) -> Material:
     """Draw the material of beams: old timber, steel or paint."""
-    kind = has.beams[int(rng.integers(len(has.beams)))]
-    variant = int(rng.integers(1 << 30))
+    kind = rng.pick(has.beams)
+    variant = rng.variant()
     if kind == "steel":
         return Material("metal", hex_color("#3a3a3b"), 0.5)
     if kind == "paint":
@@ -175,21 +174,21 @@ def _beam(rng: np.random.Generator, has: Interior, style: Style) -> Material:
     return replace(style.wood if kind == "wood" else style.dark_wood, variant=variant, wear=0.8)
 
 
-def _accent_wall(rng: np.random.Generator, has: Interior, style: Style, nap: str) -> Material:
+def _accent_wall(rng: Draw, has: Interior, style: Style, nap: str) -> Material:
     """Draw the material of an accent wall: paper, paint, or what the style leaves bare."""
-    color = hex_color(has.accent_walls[int(rng.integers(len(has.accent_walls)))])
-    variant = int(rng.integers(1 << 30))
+    color = hex_color(rng.pick(has.accent_walls))
+    variant = rng.variant()
     papered, bare = rng.random(2)
     if papered < has.papered:
         codes = (*has.walls, *has.accent_walls)
-        base = hex_color(codes[int(rng.integers(len(codes)))])
-        paper = has.papers[int(rng.integers(len(has.papers)))]
+        base = hex_color(rng.pick(codes))
+        paper = rng.pick(has.papers)
         accent = scaled_color(base, 0.62)
         return Material("wallpaper", base, 0.9, accent=accent, variant=variant, family=paper)
     if has.bare and bare < 0.6:
         if has.bare == "brick":
             joints = hex_color("#a8a196")
-            red = hex_color(("#8d4a38", "#9a5a44", "#b5aca0")[int(rng.integers(3))])
+            red = hex_color(("#8d4a38", "#9a5a44", "#b5aca0")[rng.whole(3)])
             return Material("brick", red, 0.9, accent=joints, variant=variant, family="running")
         if has.bare == "concrete":
             return Material("stone", hex_color("#a3a19c"), 0.7, variant=variant, family="concrete")

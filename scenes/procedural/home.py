@@ -53,7 +53,7 @@ from pbrnet.scenes.procedural.scene_item import SceneItem
 from pbrnet.scenes.procedural.structure import build_structure
 from pbrnet.scenes.procedural.surroundings.clouds import clouds
 from pbrnet.scenes.procedural.use.home import leave_traces
-from pbrnet.scenes.seeds import generator
+from pbrnet.scenes.seeds import Draw, generator
 
 EYE_HEIGHT = 1.55  # metres; of the sensor in scene.xml
 HALF_FOV = 0.5534  # radians, horizontal
@@ -82,7 +82,7 @@ def make_home(
     `params.catalogue_share` is above 0.
     """
 
-    def draws(aspect: Aspect, *names: str) -> np.random.Generator:
+    def draws(aspect: Aspect, *names: str) -> Draw:
         """Random generator of an aspect, specific to the variant if the aspect varies."""
         varies = variant > 0 and aspect in params.vary
         return generator(seed, *names, *(("variant", variant) if varies else ()))
@@ -168,9 +168,9 @@ def _shape_of(plan: Plan) -> dict[str, list]:
     return found
 
 
-def _clouds(rng: np.random.Generator, plan: Plan, sky: Sky) -> list[SceneItem]:
+def _clouds(rng: Draw, plan: Plan, sky: Sky) -> list[SceneItem]:
     """Clouds beside the sun, in `_CLOUDY` of the homes that it shines on."""
-    if rng.random() >= _CLOUDY or sky.sun is None:
+    if not rng.chance(_CLOUDY) or sky.sun is None:
         return []
     centre = np.array(Polygon(plan.outline).centroid.coords[0])
     made = clouds(rng, centre, np.array(sky.sun), plan.ground)

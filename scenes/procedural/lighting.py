@@ -14,6 +14,7 @@ from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.photometry import LUMEN, lamp_radiance
 from pbrnet.scenes.procedural.piece import PiecePart
 from pbrnet.scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.seeds import Draw
 
 _DUSK = 0.2  # scale of the sky below which it is dusk
 
@@ -42,7 +43,7 @@ class Lamp:
     lumens: float
 
 
-def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
+def draw_sky(rng: Draw, setting: str, lamp_weight: float) -> Sky:
     """Draw the sky of a `setting`; `lamp_weight` is the sum of the lit lamps' sampling weights.
 
     Day and mixed: the sun where it stands at some hour of the year in the temperate zones, at
@@ -60,22 +61,22 @@ def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
             f'<float name="sampling_weight" value="{0.15 * weight:.4g}"/></emitter>'
         )
         return Sky(xml, (Light("sky", "environment"),), {"sky_lux": round(lux, 4)})
-    turbidity = float(rng.uniform(2.5, 6.0))
-    azimuth = float(rng.uniform(0, 360))  # homes face anywhere
+    turbidity = rng.between(2.5, 6.0)
+    azimuth = rng.between(0, 360)  # homes face anywhere
     if setting == "evening":
-        dusk = rng.random() < 0.45
+        dusk = rng.chance(0.45)
         # In haze the sky model turns deep yellow near a low sun (red to blue 5 to 1).
         turbidity = 2.0 + 0.4 * (turbidity - 2.5)
         elevation = 3.0 if dusk else draw_elevation(rng, 2.0, 12.0)
-        sun_scale, sky_scale = (0.0, float(rng.uniform(0.02, 0.9 * _DUSK))) if dusk else (1.0, 1.0)
+        sun_scale, sky_scale = (0.0, rng.between(0.02, 0.9 * _DUSK)) if dusk else (1.0, 1.0)
     else:
-        overcast = rng.random() < 0.35
+        overcast = rng.chance(0.35)
         elevation = draw_elevation(rng, 8.0, 75.0)
         sun_scale, sky_scale = 1.0, 1.0
         if overcast:
             # Under clouds the sky is grey and as bright as the sun's height allows, or darker.
             high = math.sin(math.radians(elevation))
-            sun_scale, sky_scale = 0.0, float(rng.uniform(0.5, 1.2)) * (0.3 + high)
+            sun_scale, sky_scale = 0.0, rng.between(0.5, 1.2) * (0.3 + high)
             turbidity, elevation = 9.0, 50.0
     flat = math.cos(math.radians(elevation))
     direction = (
@@ -103,7 +104,7 @@ def draw_sky(rng: np.random.Generator, setting: str, lamp_weight: float) -> Sky:
     return Sky(xml, tuple(lights), choices, direction if sun_scale else None)
 
 
-def draw_elevation(rng: np.random.Generator, least: float, most: float) -> float:
+def draw_elevation(rng: Draw, least: float, most: float) -> float:
     """Draw an elevation of the sun in degrees, within bounds, as it occurs over days and hours.
 
     Latitudes of 35 to 60 degrees, all days of the year, all hours (Duffie and Beckman, *Solar
@@ -130,9 +131,7 @@ def lamp_items(items: Sequence[SceneItem]) -> list[SceneItem]:
     ]
 
 
-def draw_screen_states(
-    rng: np.random.Generator, setting: str, items: Sequence[SceneItem]
-) -> dict[str, LampState]:
+def draw_screen_states(rng: Draw, setting: str, items: Sequence[SceneItem]) -> dict[str, LampState]:
     """Draw which screens are on, but by day, and how bright they are."""
     share = {"day": 0.0, "evening": 0.35, "night": 0.4, "mixed": 0.25}[setting]
     states = {}
@@ -149,7 +148,7 @@ def lamp_descriptions(items: Sequence[SceneItem]) -> list[Lamp]:
 
 
 def choose_lit_lamps(
-    rng: np.random.Generator, setting: str, lamps: Sequence[Lamp], windowless: Collection[str]
+    rng: Draw, setting: str, lamps: Sequence[Lamp], windowless: Collection[str]
 ) -> set[str]:
     """Choose the lamps that are on; returns their ids.
 
@@ -171,12 +170,12 @@ def choose_lit_lamps(
     return lit
 
 
-def draw_kelvin_offset(rng: np.random.Generator) -> float:
+def draw_kelvin_offset(rng: Draw) -> float:
     """Draw the kelvins added to the nominal colour temperature of all lamps of a home.
 
     Most homes have warm white lamps of 2700 to 3300 K, some have neutral or cool white ones.
     """
-    return float(rng.choice([0.0, 300.0, 1000.0, 2200.0], p=[0.5, 0.25, 0.2, 0.05]))
+    return rng.weighted([0.0, 300.0, 1000.0, 2200.0], [0.5, 0.25, 0.2, 0.05])
 
 
 @dataclass(frozen=True)
@@ -187,9 +186,7 @@ class LampState:
     kelvin_offset: float
 
 
-def draw_lamp_states(
-    rng: np.random.Generator, lit: Collection[str], kelvin_offset: float
-) -> dict[str, LampState]:
+def draw_lamp_states(rng: Draw, lit: Collection[str], kelvin_offset: float) -> dict[str, LampState]:
     """Draw the state of each lit lamp.
 
     Two in three are at full power, the others dimmed; bulbs of one home differ a little in colour,

@@ -100,7 +100,7 @@ class MaterialLibrary:
         scale = material.scale
         if drawn.modules is None:
             rng = generator(self.seed, "scale", *_key(material))
-            scale *= _SCALES[0] + (_SCALES[1] - _SCALES[0]) * float(rng.random())
+            scale *= _SCALES[0] + (_SCALES[1] - _SCALES[0]) * rng.random()
         return drawn.metres * scale
 
     def placed(

@@ -13,6 +13,7 @@ from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, prism, span
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material, PiecePart
 from pbrnet.scenes.procedural.plan import Niche, Plan, PlanRoom, WallEdge
 from pbrnet.scenes.procedural.scene_item import make_part
+from pbrnet.scenes.seeds import Draw
 
 BACK = 0.025  # metres, of the lining behind its recess
 BOARD = 0.024  # metres, thickness of a board
@@ -23,20 +24,20 @@ _LEVEL = 0.3  # metres, least height between boards
 _BEFORE = 0.8  # metres that stay free before it
 
 
-def draw_niches(rng: np.random.Generator, plan: Plan) -> Plan:
+def draw_niches(rng: Draw, plan: Plan) -> Plan:
     """Return the plan with a niche in some of its rooms, where a wall has place for one."""
     drawn = [_draw_niche(rng, plan, room) for room in plan.rooms if room.type in _ROOMS]
     return replace(plan, niches=tuple(niche for niche in drawn if niche is not None))
 
 
-def _draw_niche(rng: np.random.Generator, plan: Plan, room: PlanRoom) -> Niche | None:
-    wanted = float(rng.random()) < _SHARE
-    wide, depth = round(float(rng.uniform(0.75, 1.5)), 3), round(float(rng.uniform(0.16, 0.3)), 3)
-    pier = round(float(rng.uniform(0.08, 0.14)), 3)
-    low, top = round(float(rng.uniform(0.4, 0.95)), 3), round(float(rng.uniform(1.75, 2.15)), 3)
-    count = int(rng.integers(1, 5))
-    order = rng.permutation(len(room.edges)).tolist()
-    place = float(rng.uniform(0.3, 0.7))
+def _draw_niche(rng: Draw, plan: Plan, room: PlanRoom) -> Niche | None:
+    wanted = rng.chance(_SHARE)
+    wide, depth = round(rng.between(0.75, 1.5), 3), round(rng.between(0.16, 0.3), 3)
+    pier = round(rng.between(0.08, 0.14), 3)
+    low, top = round(rng.between(0.4, 0.95), 3), round(rng.between(1.75, 2.15), 3)
+    count = rng.whole(1, 5)
+    order = rng.shuffled(range(len(room.edges)))
+    place = rng.between(0.3, 0.7)
     if not wanted:
         return None
     if room.type == "bathroom":

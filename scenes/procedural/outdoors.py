@@ -20,6 +20,7 @@ from pbrnet.scenes.procedural.surroundings.buildings import Block, Roof, buildin
 from pbrnet.scenes.procedural.surroundings.plants import hedge, shrubs, tree
 from pbrnet.scenes.procedural.surroundings.street import PAVEMENT, ROAD, fence, street
 from pbrnet.scenes.procedural.textures.fields import Spectrum, noise
+from pbrnet.scenes.seeds import Draw
 
 Setting = Literal["street", "courtyard", "garden", "high floor", "countryside"]
 LAWN = 70.0  # half the side of the lawn, metres
@@ -31,7 +32,7 @@ _FIELDS = ("#6d6a4e", "#5f6a4a", "#7a7258", "#59634c", "#80795c")
 _HILLS = ("#57664f", "#4f5f55")  # of distant woods and hills, before haze
 
 
-def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[SceneItem]:
+def build_outdoors(rng: Draw, plan: Plan) -> list[SceneItem]:
     """Build the surroundings of a home as structure items.
 
     Houses with a garden or in the country stand on the ground, most flats above it look onto a
@@ -39,7 +40,7 @@ def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[SceneItem]:
     """
     settings = get_args(Setting)
     shares = (0.3, 0.3, 0.0, 0.4, 0.0) if plan.ground < _UPSTAIRS else (0.3, 0.15, 0.35, 0.0, 0.2)
-    setting: Setting = settings[int(rng.choice(len(settings), p=shares))]
+    setting: Setting = rng.weighted(settings, shares)
     outline = Polygon(plan.outline)
     centre = np.array(outline.centroid.coords[0])
     low, high = np.min(plan.outline, axis=0), np.max(plan.outline, axis=0)
@@ -47,7 +48,7 @@ def build_outdoors(rng: np.random.Generator, plan: Plan) -> list[SceneItem]:
     ground = plan.ground
     items: list[SceneItem] = []
     if setting == "high floor":
-        ground -= 2.9 * int(rng.integers(2, 9))
+        ground -= 2.9 * rng.whole(2, 9)
         items.append(_tower(plan, ground))
     if plan.ground < _UPSTAIRS:
         items += _balconies(rng, plan, outline)
@@ -79,17 +80,17 @@ def _with_windows_together(items: list[SceneItem]) -> list[SceneItem]:
 
 
 def _street(
-    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
 ) -> list[SceneItem]:
     """A street before the home, houses opposite and beside it, gardens behind."""
-    turn = 90.0 * int(rng.integers(4))
-    near = _reach(outline, centre, turn) + float(rng.uniform(3.0, 7.0))
+    turn = 90.0 * rng.whole(4)
+    near = _reach(outline, centre, turn) + rng.between(3.0, 7.0)
     items = [_placed(item, centre) for item in street(rng, near, 110.0, turn, ground)]
-    across = near + ROAD + PAVEMENT + float(rng.uniform(1.5, 5.0))
+    across = near + ROAD + PAVEMENT + rng.between(1.5, 5.0)
     items += _row(rng, "opposite", centre, across, 90.0, turn, ground, (2, 5))
-    beside = half + float(rng.uniform(8, 12))
+    beside = half + rng.between(8, 12)
     for number, side in enumerate((-1, 1)):
-        place = _turned(np.array([side * (beside + 5), float(rng.uniform(-3, 3))]), turn)
+        place = _turned(np.array([side * (beside + 5), rng.between(-3, 3)]), turn)
         block = _house(rng, (1, 3))
         items.append(
             building(
@@ -97,72 +98,72 @@ def _street(
             )
         )
     items += _row(
-        rng, "behind", centre, half + float(rng.uniform(22, 30)), 60.0, turn + 180, ground, (2, 4)
+        rng, "behind", centre, half + rng.between(22, 30), 60.0, turn + 180, ground, (2, 4)
     )
     items += _trees(
-        rng, outline, centre, half + 2.5, half + 9, int(rng.integers(2, 5)), ground, behind=turn
+        rng, outline, centre, half + 2.5, half + 9, rng.whole(2, 5), ground, behind=turn
     )
     return items
 
 
 def _courtyard(
-    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
 ) -> list[SceneItem]:
     """Facades on all sides of a paved yard with some trees and shrubs."""
     items = []
-    storeys = int(rng.integers(3, 6))
+    storeys = rng.whole(3, 6)
     for number in range(4):
         turn = 90.0 * number
-        away = _reach(outline, centre, turn) + float(rng.uniform(8, 15))
+        away = _reach(outline, centre, turn) + rng.between(8, 15)
         wide = 2 * away + 12
         items += _row(
             rng, f"side-{number}", centre, away, wide, turn, ground, (storeys - 1, storeys + 1)
         )
-    items += _trees(rng, outline, centre, half + 2.0, half + 6, int(rng.integers(1, 4)), ground)
+    items += _trees(rng, outline, centre, half + 2.0, half + 6, rng.whole(1, 4), ground)
     return [*items, *_shrubs(rng, outline, centre, half, ground)]
 
 
 def _garden(
-    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
 ) -> list[SceneItem]:
     """A garden with hedge or fence, neighbours in theirs, and a street beyond on one side."""
     items = []
-    edge = half + float(rng.uniform(4.0, 7.0))
-    if rng.random() < 0.6:
+    edge = half + rng.between(4.0, 7.0)
+    if rng.chance(0.6):
         items.append(hedge(rng, centre, edge, ground))
     else:
         items.append(fence(rng, centre, edge, ground))
-    start = float(rng.uniform(0, 360))
-    for number in range(int(rng.integers(3, 6))):
-        angle = np.radians(start + 72 * number + float(rng.uniform(-20, 20)))
-        distance = edge + float(rng.uniform(7, 20))
+    start = rng.between(0, 360)
+    for number in range(rng.whole(3, 6)):
+        angle = np.radians(start + 72 * number + rng.between(-20, 20))
+        distance = edge + rng.between(7, 20)
         place = centre + distance * np.array([np.cos(angle), np.sin(angle)])
         facing = round(float(np.degrees(angle)) / 15) * 15 + 90.0
         items.append(
             building(rng, f"neighbour-{number}", _house(rng, (1, 3)), place, facing, ground)
         )
-    items += _trees(rng, outline, centre, half + 3.0, half + 12, int(rng.integers(4, 8)), ground)
+    items += _trees(rng, outline, centre, half + 3.0, half + 12, rng.whole(4, 8), ground)
     return [*items, *_shrubs(rng, outline, centre, half, ground)]
 
 
 def _town(
-    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
 ) -> list[SceneItem]:
     """Roofs and blocks of a town around a high building."""
-    turn = 90.0 * int(rng.integers(4))
-    near = half + float(rng.uniform(6, 14))
+    turn = 90.0 * rng.whole(4)
+    near = half + rng.between(6, 14)
     items = [_placed(item, centre) for item in street(rng, near, 130.0, turn, ground)]
     number = 0
     for ring, count in ((half + 30, 6), (half + 58, 9)):
-        start = float(rng.uniform(0, 360))
+        start = rng.between(0, 360)
         for k in range(count):
-            angle = np.radians(start + 360 * k / count + float(rng.uniform(-8, 8)))
-            away = ring * float(rng.uniform(0.95, 1.2))
+            angle = np.radians(start + 360 * k / count + rng.between(-8, 8))
+            away = ring * rng.between(0.95, 1.2)
             place = centre + away * np.array([np.cos(angle), np.sin(angle)])
             block = Block(
-                float(rng.uniform(14, 24)),
-                float(rng.uniform(10, 13)),
-                int(rng.integers(3, 11)),
+                rng.between(14, 24),
+                rng.between(10, 13),
+                rng.whole(3, 11),
                 _roof(rng, flat=0.6),
                 (0, 1, 2, 3),
                 detailed=ring < half + 40,
@@ -176,32 +177,30 @@ def _town(
 
 
 def _country(
-    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
 ) -> list[SceneItem]:
     """Fields with rows of trees, a farm or two far off, and a tree by the house."""
     items = [_fields(rng, centre, ground)]
-    for number in range(int(rng.integers(1, 4))):
-        angle, away = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(60, 140))
+    for number in range(rng.whole(1, 4)):
+        angle, away = rng.between(0, 2 * np.pi), rng.between(60, 140)
         place = centre + away * np.array([np.cos(angle), np.sin(angle)])
-        block = Block(float(rng.uniform(12, 26)), 9.0, int(rng.integers(1, 3)), "gable", (0, 2))
-        items.append(
-            building(rng, f"farm-{number}", block, place, float(rng.uniform(0, 360)), ground)
-        )
+        block = Block(rng.between(12, 26), 9.0, rng.whole(1, 3), "gable", (0, 2))
+        items.append(building(rng, f"farm-{number}", block, place, rng.between(0, 360), ground))
     for row in range(2):
-        angle, away = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(35, 80))
+        angle, away = rng.between(0, 2 * np.pi), rng.between(35, 80)
         middle = centre + away * np.array([np.cos(angle), np.sin(angle)])
         along = np.array([-np.sin(angle), np.cos(angle)])
         for k in range(6):
-            place = middle + along * (k - 2.5) * float(rng.uniform(6, 9))
+            place = middle + along * (k - 2.5) * rng.between(6, 9)
             items.append(tree(rng, f"row-{row}-{k}", place, ground, 900))
-    items += _trees(rng, outline, centre, half + 3.0, half + 12, int(rng.integers(2, 5)), ground)
-    if rng.random() < 0.5:
-        items.append(fence(rng, centre, half + float(rng.uniform(6, 12)), ground))
+    items += _trees(rng, outline, centre, half + 3.0, half + 12, rng.whole(2, 5), ground)
+    if rng.chance(0.5):
+        items.append(fence(rng, centre, half + rng.between(6, 12), ground))
     return [*items, *_shrubs(rng, outline, centre, half, ground)]
 
 
 def _row(
-    rng: np.random.Generator,
+    rng: Draw,
     name: str,
     centre: Float64Array,
     away: float,
@@ -214,11 +213,11 @@ def _row(
     items = []
     x, number = -length / 2, 0
     while x < length / 2:
-        width, depth = float(rng.uniform(8, 16)), float(rng.uniform(9, 12))
+        width, depth = rng.between(8, 16), rng.between(9, 12)
         block = Block(
             width,
             depth,
-            int(rng.integers(storeys[0], storeys[1] + 1)),
+            rng.whole(storeys[0], storeys[1] + 1),
             _roof(rng, flat=0.3),
             (0,),
             detailed=abs(x + width / 2) < 30,
@@ -230,23 +229,23 @@ def _row(
     return items
 
 
-def _house(rng: np.random.Generator, storeys: tuple[int, int]) -> Block:
+def _house(rng: Draw, storeys: tuple[int, int]) -> Block:
     return Block(
-        float(rng.uniform(8, 13)),
-        float(rng.uniform(7, 10)),
-        int(rng.integers(storeys[0], storeys[1] + 1)),
+        rng.between(8, 13),
+        rng.between(7, 10),
+        rng.whole(storeys[0], storeys[1] + 1),
         _roof(rng, flat=0.15),
         (0, 1, 2, 3),
     )
 
 
-def _roof(rng: np.random.Generator, flat: float) -> Roof:
-    draw = float(rng.random())
+def _roof(rng: Draw, flat: float) -> Roof:
+    draw = rng.random()
     return "flat" if draw < flat else ("hip" if draw > 0.8 else "gable")
 
 
 def _trees(
-    rng: np.random.Generator,
+    rng: Draw,
     outline: Polygon,
     centre: Float64Array,
     near: float,
@@ -262,17 +261,17 @@ def _trees(
     """
     items = []
     for number in range(count):
-        angle = float(rng.uniform(0, 2 * np.pi))
+        angle = rng.between(0, 2 * np.pi)
         if behind is not None:
             angle = np.radians(behind + 90.0) + (angle - np.pi) * 0.55
-        place = centre + float(rng.uniform(near, far)) * np.array([np.cos(angle), np.sin(angle)])
+        place = centre + rng.between(near, far) * np.array([np.cos(angle), np.sin(angle)])
         if outline.distance(shapely.Point(place)) > 3.0:
             items.append(tree(rng, f"tree-{number}", place, ground, leaves))
     return items
 
 
 def _shrubs(
-    rng: np.random.Generator, outline: Polygon, centre: Float64Array, half: float, ground: float
+    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
 ) -> list[SceneItem]:
     angles = rng.uniform(0, 2 * np.pi, 9)
     away = half * rng.uniform(0.9, 1.4, 9)
@@ -282,7 +281,7 @@ def _shrubs(
 
 
 def _grounds(
-    rng: np.random.Generator, plan: Plan, centre: Float64Array, ground: float, setting: Setting
+    rng: Draw, plan: Plan, centre: Float64Array, ground: float, setting: Setting
 ) -> list[SceneItem]:
     """Ground near and far, terrace, and what closes the horizon."""
     outline = Polygon(plan.outline)
@@ -293,8 +292,8 @@ def _grounds(
         accent: str,
         scale: float = 1.0,
     ) -> Material:
-        color = hex_color(codes[int(rng.integers(len(codes)))])
-        variant = int(rng.integers(1 << 30))
+        color = hex_color(rng.pick(codes))
+        variant = rng.variant()
         return Material(kind, color, 0.9, accent=hex_color(accent), scale=scale, variant=variant)
 
     grass = drawn("grass", _LAWNS, "#3f4734")
@@ -303,7 +302,7 @@ def _grounds(
     paved = setting in ("courtyard", "high floor")
     near = _ground(x - LAWN, y - LAWN, x + LAWN, y + LAWN, ground)
     far = _ground(x - GROUND, y - GROUND, x + GROUND, y + GROUND, ground - 0.1)
-    around = buffered(outline, float(rng.uniform(0.8, 2.6)), join_style="mitre")
+    around = buffered(outline, rng.between(0.8, 2.6), join_style="mitre")
     ring = shapely.get_coordinates(around.exterior)[:-1]
     terrace = prism(ring, plan.ground - 0.05, plan.ground + 0.02)
     terrace = BodyMesh(terrace.vertices, terrace.faces, terrace.vertices[:, :2].copy())
@@ -335,13 +334,13 @@ def _tower(plan: Plan, ground: float) -> SceneItem:
     return _outside("tower", "building", [make_part("shaft", plaster, shaft)])
 
 
-def _balconies(rng: np.random.Generator, plan: Plan, outline: Polygon) -> list[SceneItem]:
+def _balconies(rng: Draw, plan: Plan, outline: Polygon) -> list[SceneItem]:
     """Balconies before the glazed doors of an upper floor: slab, railing, and a place to sit."""
     items = []
     concrete = Material("stone", hex_color("#9a968e"), 0.8, family="concrete")
-    code = ("#4a4d50", "#cfccc4", "#2f3133", "#7d8084")[int(rng.integers(4))]
+    code = ("#4a4d50", "#cfccc4", "#2f3133", "#7d8084")[rng.whole(4)]
     rail = Material("paint", hex_color(code), 0.5)
-    wood = Material("wood", hex_color("#94683f"), 0.7, variant=int(rng.integers(1 << 30)))
+    wood = Material("wood", hex_color("#94683f"), 0.7, variant=rng.variant())
     for opening in plan.openings:
         deep, high, beside = rng.uniform((1.1, 0.95, 0.2), (1.8, 1.1, 1.0)).tolist()
         seats, solid = rng.random(2)
@@ -417,22 +416,22 @@ def _bistro(s: float, away: float) -> list[BodyMesh]:
     return [*table, *chair]
 
 
-def _fields(rng: np.random.Generator, centre: Float64Array, ground: float) -> SceneItem:
+def _fields(rng: Draw, centre: Float64Array, ground: float) -> SceneItem:
     """Strips of fields in different colours around the meadow by the house."""
     groups: dict[str, list[BodyMesh]] = {}
-    heading = float(rng.uniform(0, 180))
+    heading = rng.between(0, 180)
     for side in (-1, 1):
         start = 30.0
         for _ in range(9):
-            wide = float(rng.uniform(20, 70))
-            code = _FIELDS[int(rng.integers(len(_FIELDS)))]
+            wide = rng.between(20, 70)
+            code = rng.pick(_FIELDS)
             mesh = box((600.0, wide - 0.6, 0.12), (0, side * (start + wide / 2), 0.0))
             groups.setdefault(code, []).append(mesh.turned("z", heading))
             start += wide
     parts = [
         make_part(
             f"crop-{k}",
-            Material("grass", hex_color(code), 0.95, scale=2.0, variant=int(rng.integers(1 << 30))),
+            Material("grass", hex_color(code), 0.95, scale=2.0, variant=rng.variant()),
             merge(meshes).moved(float(centre[0]), float(centre[1]), ground - 0.09),
         )
         for k, (code, meshes) in enumerate(groups.items())
@@ -468,7 +467,7 @@ def _ground(x0: float, y0: float, x1: float, y1: float, z: float) -> BodyMesh:
     return BodyMesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), vertices[:, :2].copy())
 
 
-def _hills(rng: np.random.Generator, centre: Float64Array, ground: float, ring: int) -> BodyMesh:
+def _hills(rng: Draw, centre: Float64Array, ground: float, ring: int) -> BodyMesh:
     """Ring of distant woods (`ring` 0) or of higher and more distant hills (1)."""
     radius, low, high = _HILL_RINGS[ring]
     count = 512

@@ -43,6 +43,7 @@ from pbrnet.scenes.procedural.plan import (
     WallEdge,
 )
 from pbrnet.scenes.procedural.roof import draw_roof
+from pbrnet.scenes.seeds import Draw
 
 GRID = 0.05  # metres; cell boundaries lie on this grid
 MAX_DRAWS = 600  # an accepted plan needs a few dozen draws at most
@@ -123,18 +124,18 @@ class PlanError(PbrnetError):
     """No floor plan was found for a seed."""
 
 
-def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
+def make_plan(rng: Draw, rooms_min: int, rooms_max: int) -> Plan:
     """Draw a floor plan of `rooms_min` to `rooms_max` rooms (1-6).
 
     Raises `PlanError` if every draw is rejected.
     """
-    count = int(rng.integers(rooms_min, rooms_max + 1))
+    count = rng.whole(rooms_min, rooms_max + 1)
     weights = np.array([weight for weight, _ in PROGRAMMES[count]])
     programme = PROGRAMMES[count][int(rng.choice(len(weights), p=weights / weights.sum()))][1]
-    partition = float(rng.choice([0.12, 0.14]))
-    outer = float(rng.choice([0.26, 0.30, 0.36, 0.40]))
-    height = float(rng.choice([2.4, 2.5, 2.55, 2.6, 2.7, 2.85]))
-    ground = float(rng.choice([-0.15, -0.3, -0.45, -3.2, -6.1], p=[0.3, 0.25, 0.15, 0.2, 0.1]))
+    partition = rng.pick([0.12, 0.14])
+    outer = rng.pick([0.26, 0.30, 0.36, 0.40])
+    height = rng.pick([2.4, 2.5, 2.55, 2.6, 2.7, 2.85])
+    ground = rng.weighted([-0.15, -0.3, -0.45, -3.2, -6.1], [0.3, 0.25, 0.15, 0.2, 0.1])
     for _ in range(MAX_DRAWS):
         cells = _draw_cells(rng, programme, partition)
         if cells is None or not all(map(_may_be_habitable, cells, programme)):
@@ -167,11 +168,11 @@ def make_plan(rng: np.random.Generator, rooms_min: int, rooms_max: int) -> Plan:
     )
 
 
-def _draw_beams(rng: np.random.Generator, rooms: list[PlanRoom], height: float) -> list[Beam]:
+def _draw_beams(rng: Draw, rooms: list[PlanRoom], height: float) -> list[Beam]:
     """Beams of equal spacing across the dry rooms of one high home in three."""
-    drawn = float(rng.random())
-    spacing, wide = float(rng.uniform(0.75, 1.2)), float(rng.uniform(0.1, 0.18))
-    depth = float(rng.uniform(0.1, LEAST_LINTEL - 0.01))
+    drawn = rng.random()
+    spacing, wide = rng.between(0.75, 1.2), rng.between(0.1, 0.18)
+    depth = rng.between(0.1, LEAST_LINTEL - 0.01)
     if height < 2.5 or drawn > 0.33:
         return []
     beams = []
@@ -199,11 +200,11 @@ def _draw_beams(rng: np.random.Generator, rooms: list[PlanRoom], height: float) 
 
 
 def _draw_stairs(
-    rng: np.random.Generator, rooms: list[PlanRoom], openings: list[Opening], height: float
+    rng: Draw, rooms: list[PlanRoom], openings: list[Opening], height: float
 ) -> Stairs | None:
     """Stairs in the living room of one home in three, if a wall has place for them."""
-    drawn = float(rng.random())
-    going, width = float(rng.uniform(0.22, 0.25)), float(rng.uniform(0.8, 0.9))
+    drawn = rng.random()
+    going, width = rng.between(0.22, 0.25), rng.between(0.8, 0.9)
     length = (round(height / STEP) - 1) * going
     for room in rooms:
         if drawn > 0.33 or room.type != "living" or room.shape.area < 20:
@@ -213,8 +214,7 @@ def _draw_stairs(
             for one in openings
             if room.id in one.rooms
         ]
-        for index in rng.permutation(len(room.edges)):
-            edge = room.edges[int(index)]
+        for edge in rng.shuffled(room.edges):
             for begin in (0.0, edge.length - length):  # the upper end is in a corner
                 stairs = Stairs(room.id, edge, begin, begin + length, width, begin == 0.0)
                 near, far = stairs.foot
@@ -236,10 +236,10 @@ def _ring(polygon: Polygon) -> tuple[Point2, ...]:
 
 
 def _draw_cells(
-    rng: np.random.Generator, programme: tuple[RoomType, ...], partition: float
+    rng: Draw, programme: tuple[RoomType, ...], partition: float
 ) -> list[Polygon] | None:
     """Gross cells of the rooms, in the programme's order; they tile the interior."""
-    areas = [float(rng.uniform(*SIZES[kind][:2])) for kind in programme]
+    areas = [rng.between(*SIZES[kind][:2]) for kind in programme]
     if "hall" in programme:
         return _corridor_cells(rng, programme, areas, partition)
     carved = _carved_bathroom(rng, programme)
@@ -249,12 +249,12 @@ def _draw_cells(
     if carved is not None:
         areas[host] += areas[carved]
     total = sum(areas[index] for index in sliced)
-    aspect = float(rng.uniform(1.0, 1.5 if len(sliced) < 3 else 1.75))
+    aspect = rng.between(1.0, 1.5 if len(sliced) < 3 else 1.75)
     width = _snap(math.sqrt(total * aspect))
     depth = _snap(total / width)
-    if rng.random() < 0.5:
+    if rng.chance(0.5):
         width, depth = depth, width
-    order = [int(index) for index in rng.permutation(sliced)]
+    order = rng.shuffled(sliced)
     cells: dict[int, Polygon] = {}
     _slice(rng, (0.0, 0.0, width, depth), order, areas, cells)
     if carved is not None:
@@ -262,37 +262,37 @@ def _draw_cells(
         if pair is None:
             return None
         cells[host], cells[carved] = pair
-    if rng.random() < 0.55:
+    if rng.chance(0.55):
         _notch(rng, cells, partition)
     result = [cells[index] for index in range(len(programme))]
     return result if all(cell.geom_type == "Polygon" for cell in result) else None
 
 
 def _corridor_cells(
-    rng: np.random.Generator, programme: tuple[RoomType, ...], areas: list[float], partition: float
+    rng: Draw, programme: tuple[RoomType, ...], areas: list[float], partition: float
 ) -> list[Polygon] | None:
     """Gross cells of two rows of rooms with a corridor between them, in the programme's order."""
     hall = programme.index("hall")
-    order = [int(k) for k in rng.permutation(len(programme)) if k != hall]
+    order = [k for k in rng.shuffled(range(len(programme))) if k != hall]
     rows = order[: (len(order) + 1) // 2], order[(len(order) + 1) // 2 :]
     total = sum(areas[index] for index in order)
-    width = _snap(math.sqrt(total * float(rng.uniform(1.1, 1.7))))
-    wide = _snap(float(rng.uniform(1.2, 1.75)) + partition)
+    width = _snap(math.sqrt(total * rng.between(1.1, 1.7)))
+    wide = _snap(rng.between(1.2, 1.75) + partition)
     cells: dict[int, Polygon] = {}
     first = _snap(sum(areas[index] for index in rows[0]) / width)
     second = _snap(sum(areas[index] for index in rows[1]) / width)
     _slice_row(rng, (0.0, first), width, rows[0], areas, cells)
     _slice_row(rng, (first + wide, first + wide + second), width, rows[1], areas, cells)
     end = width
-    row = rows[int(rng.integers(2))]
+    row = rows[rng.whole(2)]
     last = max(row, key=lambda index: cells[index].bounds[2])
     x0, _, x1, _ = cells[last].bounds
-    if rng.random() < 0.65:  # a room takes the end of the corridor and becomes L-shaped
-        end = _snap(float(rng.uniform(x0 + 1.45, max(x0 + 1.5, x1 - 0.9))))
+    if rng.chance(0.65):  # a room takes the end of the corridor and becomes L-shaped
+        end = _snap(rng.between(x0 + 1.45, max(x0 + 1.5, x1 - 0.9)))
         tail = box(end, first, width, first + wide)
         cells[last] = union([cells[last], tail])
     cells[hall] = box(0.0, first, end, first + wide)
-    if rng.random() < 0.5:
+    if rng.chance(0.5):
         cells = {index: transform(cell, _swapped) for index, cell in cells.items()}
     return [cells[index] for index in range(len(programme))]
 
@@ -302,7 +302,7 @@ def _swapped(points: np.ndarray) -> np.ndarray:
 
 
 def _slice_row(
-    rng: np.random.Generator,
+    rng: Draw,
     between: tuple[float, float],
     width: float,
     row: list[int],
@@ -318,14 +318,14 @@ def _slice_row(
         x = end
 
 
-def _carved_bathroom(rng: np.random.Generator, programme: tuple[RoomType, ...]) -> int | None:
-    if "bathroom" in programme and len(programme) >= 2 and rng.random() < 0.45:
+def _carved_bathroom(rng: Draw, programme: tuple[RoomType, ...]) -> int | None:
+    if "bathroom" in programme and len(programme) >= 2 and rng.chance(0.45):
         return programme.index("bathroom")
     return None
 
 
 def _slice(
-    rng: np.random.Generator,
+    rng: Draw,
     rect: tuple[float, float, float, float],
     order: list[int],
     areas: list[float],
@@ -336,11 +336,11 @@ def _slice(
     if len(order) == 1:
         cells[order[0]] = box(x0, y0, x1, y1)
         return
-    cut = int(rng.integers(1, len(order)))
+    cut = rng.whole(1, len(order))
     if len(order) > 3:  # balanced splits give better proportions
         cut = len(order) // 2
     share = sum(areas[index] for index in order[:cut]) / sum(areas[index] for index in order)
-    if (x1 - x0) * float(rng.uniform(0.8, 1.25)) > (y1 - y0):
+    if (x1 - x0) * rng.between(0.8, 1.25) > (y1 - y0):
         middle = _snap(x0 + share * (x1 - x0))
         first, second = (x0, y0, middle, y1), (middle, y0, x1, y1)
     else:
@@ -363,18 +363,18 @@ def _corner_box(
     )
 
 
-def _carve(rng: np.random.Generator, host: Polygon, area: float) -> tuple[Polygon, Polygon] | None:
+def _carve(rng: Draw, host: Polygon, area: float) -> tuple[Polygon, Polygon] | None:
     """Split a rectangle into an L-shaped cell and the cell in its corner."""
     x0, y0, x1, y1 = host.bounds
-    ratio = float(rng.uniform(0.7, 1.45))
+    ratio = rng.between(0.7, 1.45)
     width, depth = _snap(math.sqrt(area * ratio)), _snap(math.sqrt(area / ratio))
     if x1 - x0 - width < 2.2 or y1 - y0 - depth < 2.2:
         return None
-    part = box(*_corner_box((x0, y0, x1, y1), int(rng.integers(4)), width, depth))
+    part = box(*_corner_box((x0, y0, x1, y1), rng.whole(4), width, depth))
     return difference(host, part), part
 
 
-def _notch(rng: np.random.Generator, cells: dict[int, Polygon], partition: float) -> None:
+def _notch(rng: Draw, cells: dict[int, Polygon], partition: float) -> None:
     """Remove a corner of a large rectangular room, for an L, T or U outline."""
     whole = union(list(cells.values()))
     options = []
@@ -392,10 +392,10 @@ def _notch(rng: np.random.Generator, cells: dict[int, Polygon], partition: float
                 options.append((index, corner))
     if not options:
         return
-    index, corner = options[int(rng.integers(len(options)))]
+    index, corner = rng.pick(options)
     x0, y0, x1, y1 = cells[index].bounds
-    width = _snap(float(rng.uniform(1.3, max(1.35, min(3.0, x1 - x0 - 2.4)))))
-    depth = _snap(float(rng.uniform(1.0, max(1.05, min(2.6, y1 - y0 - 2.4)))))
+    width = _snap(rng.between(1.3, max(1.35, min(3.0, x1 - x0 - 2.4))))
+    depth = _snap(rng.between(1.0, max(1.05, min(2.6, y1 - y0 - 2.4))))
     notch = box(*_corner_box((x0, y0, x1, y1), corner, width, depth))
     # Cut half a partition from the neighbours too: their walls continue in one plane where
     # they become outer walls.
@@ -478,7 +478,7 @@ def _closes_recess(inner: Polygon, outer: float) -> bool:
 
 
 def _draw_openings(
-    rng: np.random.Generator,
+    rng: Draw,
     rooms: list[PlanRoom],
     inner: Polygon,
     outline: Polygon,
@@ -525,7 +525,7 @@ def _shared_walls(
 
 
 def _draw_doors(
-    rng: np.random.Generator, rooms: list[PlanRoom], partition: float, height: float
+    rng: Draw, rooms: list[PlanRoom], partition: float, height: float
 ) -> list[Opening] | None:
     """Doors of a cheapest tree grown from the hub; None if a room needs a bathroom passage."""
     stretches: dict[tuple[int, int], list[tuple[WallEdge, float, float]]] = {}
@@ -561,7 +561,7 @@ def _draw_doors(
         and (j, i) not in pairs
         and _DOOR_COST.get(frozenset({rooms[i].type, rooms[j].type}), 9) < 1.0
     ]
-    pairs += [pair for pair in extra if rng.random() < 0.6]
+    pairs += [pair for pair in extra if rng.chance(0.6)]
     doors = []
     for number, (known, fresh) in enumerate(pairs):
         shared = stretches[min(known, fresh), max(known, fresh)]
@@ -570,23 +570,23 @@ def _draw_doors(
         other = rooms[max(known, fresh)]
         kinds = frozenset({host.type, other.type})
         open_plan = kinds <= {"living", "dining", "kitchen"} and s1 - s0 > 2.0
-        drawn = float(rng.random()) if open_plan else 1.0
+        drawn = rng.random() if open_plan else 1.0
         kind: OpeningKind = "open" if drawn < 0.4 else ("archway" if drawn < 0.7 else "door")
         if kind == "open":
-            width = _snap(s1 - s0 - 2 * float(rng.uniform(0.13, 0.4)))
-            top = height - float(rng.uniform(LEAST_LINTEL, 0.3))
+            width = _snap(s1 - s0 - 2 * rng.between(0.13, 0.4))
+            top = height - rng.between(LEAST_LINTEL, 0.3)
         elif kind == "archway":
-            width = _snap(min(float(rng.uniform(1.2, 2.4)), s1 - s0 - 0.5))
-            top = float(rng.choice([2.1, 2.2, 2.25]))
+            width = _snap(min(rng.between(1.2, 2.4), s1 - s0 - 0.5))
+            top = rng.pick([2.1, 2.2, 2.25])
         else:
-            width = float(rng.choice([0.8, 0.85, 0.9]))
+            width = rng.pick([0.8, 0.85, 0.9])
             top = 2.05
         # Doors are mostly near a corner, which leaves long walls for furniture.
         low = s0 + 0.13
         high = max(low, s1 - 0.13 - width)  # a rounded width may leave a little less
-        place = float(rng.choice([low, high, rng.uniform(low, high)], p=[0.4, 0.4, 0.2]))
+        place = rng.weighted([low, high, rng.uniform(low, high)], [0.4, 0.4, 0.2])
         if kind == "archway":
-            place = float(rng.uniform(low, high))
+            place = rng.between(low, high)
         elif kind == "open":
             place = 0.5 * (s0 + s1 - width)
         doors.append(
@@ -607,12 +607,12 @@ def _draw_doors(
     return doors
 
 
-def _draw_angle(rng: np.random.Generator) -> float:
+def _draw_angle(rng: Draw) -> float:
     """Draw the opening angle of a door in degrees: closed, ajar or wide open."""
     kind = rng.random()
     if kind < 0.3:
         return 0.0
-    return float(rng.uniform(12, 60)) if kind < 0.6 else float(rng.uniform(80, 92))
+    return rng.between(12, 60) if kind < 0.6 else rng.between(80, 92)
 
 
 def _rounded(point: Point2) -> Point2:
@@ -635,7 +635,7 @@ def _wall_is_solid(
 
 
 def _draw_entrance(
-    rng: np.random.Generator,
+    rng: Draw,
     rooms: list[PlanRoom],
     walls: Polygon,
     outline: Polygon,
@@ -646,11 +646,10 @@ def _draw_entrance(
     for room in order:
         least = 1.3 if room.type == "hall" else 1.5
         edges = [edge for edge in room.edges if edge.outer and edge.length > least]
-        for index in rng.permutation(len(edges)):
-            edge = edges[int(index)]
-            width = float(rng.choice([0.9, 0.95, 1.0]))
+        for edge in rng.shuffled(edges):
+            width = rng.pick([0.9, 0.95, 1.0])
             places = [0.2, edge.length - 0.2 - width]
-            if rng.random() < 0.5:
+            if rng.chance(0.5):
                 places.reverse()
             places.append(0.5 * (edge.length - width))
             for place in places:
@@ -675,7 +674,7 @@ def _draw_entrance(
 
 
 def _draw_windows(
-    rng: np.random.Generator,
+    rng: Draw,
     rooms: list[PlanRoom],
     walls: Polygon,
     outline: Polygon,
@@ -683,10 +682,10 @@ def _draw_windows(
     height: float,
     taken: list[Polygon],
 ) -> list[Opening]:
-    head = min(float(rng.choice([2.1, 2.2, 2.3])), height - 0.18)
-    window_scale = float(rng.uniform(0.95, 1.3))  # of all windows of the home
+    head = min(rng.pick([2.1, 2.2, 2.3]), height - 0.18)
+    window_scale = rng.between(0.95, 1.3)  # of all windows of the home
     windows: list[Opening] = []
-    patio_wanted = rng.random() < 0.5
+    patio_wanted = rng.chance(0.5)
     for room in rooms:
         edges = sorted(
             (edge for edge in room.edges if edge.outer and edge.length > 1.1),
@@ -699,12 +698,12 @@ def _draw_windows(
                 break
             kind, width, sill, top = _window_size(rng, room.type, window_scale, head)
             if room.type == "living" and patio_wanted and not found and edge.length > 3:
-                kind, width, sill, top = "patio", float(rng.uniform(1.5, 2.4)), 0.0, head
+                kind, width, sill, top = "patio", rng.between(1.5, 2.4), 0.0, head
             width = _snap(min(width, edge.length - 0.5))
             slots = 2 if edge.length > 2 * width + 1.6 and wanted - found >= 2 else 1
             for slot in range(slots):
                 place = edge.length * (slot + 0.5) / slots - width / 2
-                place += float(rng.uniform(-0.15, 0.15)) * (edge.length / slots - width)
+                place += rng.between(-0.15, 0.15) * (edge.length / slots - width)
                 if not _wall_is_solid(edge, place, place + width, walls, outline, outer):
                     place = edge.length * (slot + 0.5) / slots - width / 2
                 strip = edge.strip(place - 0.1, place + width + 0.1, 0.0, -outer)
@@ -733,15 +732,15 @@ def _draw_windows(
 
 
 def _window_size(
-    rng: np.random.Generator, room: RoomType, window_scale: float, head: float
+    rng: Draw, room: RoomType, window_scale: float, head: float
 ) -> tuple[str, float, float, float]:
     """Draw (kind, width, sill height, head height) of a window for a room type, metres."""
     if room == "bathroom":
-        return "window", _snap(float(rng.uniform(0.7, 1.1))), 1.25, head
+        return "window", _snap(rng.between(0.7, 1.1)), 1.25, head
     if room == "kitchen":
-        return "window", _snap(window_scale * float(rng.uniform(1.1, 1.7))), 1.1, head
+        return "window", _snap(window_scale * rng.between(1.1, 1.7)), 1.1, head
     if room in ("living", "dining"):
-        sill = float(rng.choice([0.4, 0.55, 0.75]))
-        return "window", _snap(window_scale * float(rng.uniform(1.6, 2.5))), sill, head
-    sill = float(rng.choice([0.75, 0.85]))
-    return "window", _snap(window_scale * float(rng.uniform(1.3, 1.9))), sill, head
+        sill = rng.pick([0.4, 0.55, 0.75])
+        return "window", _snap(window_scale * rng.between(1.6, 2.5)), sill, head
+    sill = rng.pick([0.75, 0.85])
+    return "window", _snap(window_scale * rng.between(1.3, 1.9)), sill, head

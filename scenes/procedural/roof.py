@@ -20,6 +20,7 @@ from pbrnet.scenes.procedural.finishes import Finishes
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, span
 from pbrnet.scenes.procedural.plan import WINDOWLESS, Opening, Plan, RoofWindow, Slope, WallEdge
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.seeds import Draw
 
 COVER = 0.24  # metres, vertical thickness of the roof above a slope
 PANE = 0.6  # of the cover, height of the panes in it
@@ -36,14 +37,14 @@ _TOUCH = 1e-9  # metres
 _LINING = 0.012  # thickness of the boards round a roof window
 
 
-def draw_roof(rng: np.random.Generator, plan: Plan) -> Plan:
+def draw_roof(rng: Draw, plan: Plan) -> Plan:
     """Return the plan with slopes where the draw wants them and its rooms allow them.
 
     Homes with slopes have no beams and no stairs.
     """
-    if float(rng.random()) > _SHARE:
+    if rng.random() > _SHARE:
         return plan
-    both = float(rng.random()) < _BOTH
+    both = rng.chance(_BOTH)
     x0, y0, x1, y1 = Polygon(plan.inner).bounds
     corners = ((x0, y1), (x0, y0), (x1, y0), (x1, y1), (x0, y1))
     sides = [WallEdge(start, end, True) for start, end in pairwise(corners)]
@@ -58,11 +59,11 @@ def draw_roof(rng: np.random.Generator, plan: Plan) -> Plan:
     return one or plan
 
 
-def _with_slope(rng: np.random.Generator, plan: Plan, side: WallEdge) -> Plan | None:
+def _with_slope(rng: Draw, plan: Plan, side: WallEdge) -> Plan | None:
     """Return the plan with a slope along one side; None if none of the drawn ones is possible."""
     for _ in range(_TRIES):
-        knee = round(float(rng.uniform(*_KNEES)), 3)
-        run = round(float(rng.uniform(*_RUNS)), 3)
+        knee = round(rng.between(*_KNEES), 3)
+        run = round(rng.between(*_RUNS), 3)
         made = Slope(side, knee, run, plan.height)
         if not _RISES[0] < made.rise < _RISES[1] or not _has_sound_walls(plan, made):
             continue
@@ -115,14 +116,12 @@ def _openings_below(plan: Plan, slope: Slope) -> tuple[list[Opening], list[Openi
     return inside, kept
 
 
-def _roof_windows(
-    rng: np.random.Generator, plan: Plan, slope: Slope, windows: list[Opening]
-) -> list[RoofWindow]:
+def _roof_windows(rng: Draw, plan: Plan, slope: Slope, windows: list[Opening]) -> list[RoofWindow]:
     """Roof windows above the places of windows in the slope's wall; two for a wide one."""
     found: list[RoofWindow] = []
-    wide = round(float(rng.uniform(0.62, 1.15)), 2)
-    near = round(max(float(rng.uniform(0.14, 0.22)), _depth_of(slope, _SILL)), 3)
-    far = round(min(slope.run - float(rng.uniform(0.12, 0.25)), near + 1.3), 3)
+    wide = round(rng.between(0.62, 1.15), 2)
+    near = round(max(rng.between(0.14, 0.22), _depth_of(slope, _SILL)), 3)
+    far = round(min(slope.run - rng.between(0.12, 0.25), near + 1.3), 3)
     for window in windows:
         middle = slope.edge.coordinates(window.edge.at(0.5 * window.width))[0]
         count = 2 if window.width > 2 * wide + 0.1 else 1

@@ -14,7 +14,7 @@ from pbrnet.scenes.contract import Light, Scene
 from pbrnet.scenes.params import LightSetting
 from pbrnet.scenes.photometry import blackbody
 from pbrnet.scenes.procedural.lighting import Lamp, choose_lit_lamps, draw_kelvin_offset, draw_sky
-from pbrnet.scenes.seeds import generator
+from pbrnet.scenes.seeds import Draw, generator
 
 _OUTSIDE = ("sunsky", "sky", "sun", "constant", "envmap")
 _OUTDOORS = ("sun", "sky", "environment")
@@ -50,7 +50,7 @@ def relight(
     if setting is None:
         return RelightResult(scene.lights, scene.lighting, {"setting": "as it was"})
 
-    def rng(name: str) -> np.random.Generator:
+    def rng(name: str) -> Draw:
         return generator(seed, "variant", variant, "light", name)
 
     with_window = {portal.room for portal in scene.portals if portal.clear}

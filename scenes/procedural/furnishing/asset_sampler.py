@@ -32,6 +32,7 @@ from pbrnet.scenes.procedural.piece import (
     FurniturePiece,
     PiecePart,
 )
+from pbrnet.scenes.seeds import Draw
 
 _MODELS = 3  # of one kind in a home
 _SMALL = 0.45  # metres; kinds below this size have more models
@@ -46,8 +47,8 @@ _EDGE = 0.01  # metres from the edge of a support surface that stay free
 class AssetSampler:
     """Samples catalogue pieces for one home."""
 
-    def __init__(self, rng: np.random.Generator, index: KindIndex, params: SceneParams) -> None:
-        self._rng, self._index = rng, index
+    def __init__(self, rng: Draw, index: KindIndex, params: SceneParams) -> None:
+        self.rng, self._index = rng, index
         self._share = params.catalogue_share
         self._limit = params.catalogue_triangles
         self._budget = _HOME_TRIANGLES
@@ -55,20 +56,7 @@ class AssetSampler:
 
     def chance(self, probability: float = 1.0) -> bool:
         """Return True with `probability` times the share of catalogue pieces."""
-        return bool(self._rng.random() < probability * self._share)
-
-    def uniform(self, low: float, high: float) -> float:
-        """Return a uniform number in [low, high)."""
-        return float(self._rng.uniform(low, high))
-
-    def integer(self, count: int) -> int:
-        """Return an integer from 0 to `count` - 1."""
-        return int(self._rng.integers(count))
-
-    @property
-    def rng(self) -> np.random.Generator:
-        """Random generator of all choices from the catalogues."""
-        return self._rng
+        return self.rng.chance(probability * self._share)
 
     def substitute(self, kind: str, options: Mapping[str, float]) -> FurniturePiece | None:
         """Return a catalogue piece for a generated kind, or None to generate the piece."""
@@ -86,7 +74,7 @@ class AssetSampler:
         ]
         if not fitting:
             return None
-        chosen = fitting[int(self._rng.integers(len(fitting)))]
+        chosen = self.rng.pick(fitting)
         if chosen.triangles > self._budget:
             return None
         self._budget -= chosen.triangles
@@ -98,10 +86,10 @@ class AssetSampler:
             candidates = [
                 entry for entry in self._index.kinds[rule.kind] if entry.triangles <= self._limit
             ]
-            order = self._rng.permutation(len(candidates))
+            order = self.rng.shuffled(candidates)
             small = rule.anchor == "on_top" or max(rule.width[1], rule.depth[1]) < _SMALL
             count = _SMALL_MODELS if small else _MODELS
-            self._models[rule.kind] = [candidates[int(k)] for k in order[:count]]
+            self._models[rule.kind] = order[:count]
         return self._models[rule.kind]
 
 

@@ -29,7 +29,7 @@ def run_cables(furnisher: Furnisher) -> None:
         if not furnisher.chance(chance):
             continue
         for side in (1.0, -1.0) if furnisher.chance(0.5) else (-1.0, 1.0):
-            if _lead(furnisher, item, side, float(rng.uniform(0.1, 0.4)), end):
+            if _lead(furnisher, item, side, rng.between(0.1, 0.4), end):
                 break
 
 

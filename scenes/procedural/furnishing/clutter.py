@@ -98,8 +98,8 @@ def leave_things(furnisher: Furnisher) -> None:
         if kind is not None and furnisher.space.on_wall(rng, kind, furnisher.make(kind), tries=10):
             furnisher.left.add(kind)
     sockets = BY_PLACE["wall"]
-    for _ in range(int(rng.integers(_SOCKETS[0], _SOCKETS[1] + 1))):
-        kind = sockets[int(rng.integers(len(sockets)))]
+    for _ in range(rng.whole(_SOCKETS[0], _SOCKETS[1] + 1)):
+        kind = rng.pick(sockets)
         space.on_wall(rng, kind, furnisher.make(kind), tries=12)
     if furnisher.room.type in ("bathroom", "kitchen") and furnisher.chance(0.6):
         space.on_wall(rng, "vent", furnisher.make("vent"), tries=20)
@@ -120,7 +120,7 @@ def _choose(furnisher: Furnisher, place: str) -> str | None:
     kinds = [
         name for name in BY_PLACE[place] if name not in furnisher.left and furnisher.may_leave(name)
     ]
-    return kinds[int(furnisher.rng.integers(len(kinds)))] if kinds else None
+    return furnisher.rng.pick(kinds) if kinds else None
 
 
 def _leave_on(furnisher: Furnisher, place: str, carrier: PlacedPiece) -> None:
@@ -153,7 +153,7 @@ def _mount_beside(furnisher: Furnisher, place: str, opening: Opening, offset: fl
     """Mount a switch or the like beside a door, on either side of it."""
     rng, space = furnisher.rng, furnisher.space
     kinds = BY_PLACE[place]
-    kind = kinds[int(rng.integers(len(kinds)))]
+    kind = rng.pick(kinds)
     piece = furnisher.make(kind)
     edge = opening.edge_in(furnisher.room.id)
     middle = edge.at(0.5 * opening.width, 0.0)

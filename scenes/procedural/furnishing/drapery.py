@@ -36,9 +36,7 @@ _MOST = 3  # pieces of cloth left in a room
 def drape_cloth(furnisher: Furnisher) -> None:
     """Leave throws and clothes over the furniture of a room, by the home's disorder."""
     used: set[str] = set()
-    items = list(furnisher.space.items)
-    for index in furnisher.rng.permutation(len(items)):
-        carrier = items[int(index)]
+    for carrier in furnisher.rng.shuffled(furnisher.space.items):
         if carrier.kind not in _WAYS or carrier.piece.credit is not None or len(used) >= _MOST:
             continue
         base, slope, drape = _WAYS[carrier.kind]
@@ -71,8 +69,8 @@ def _over_back(
     behind = behind[np.abs(behind[:, 0]) <= np.abs(upper[:, 0]).max() + 0.01]
     name = _choose(furnisher, used)
     cut, width, length = _CLOTHES[name]
-    at = (float(rng.normal(0, 0.02)), middle + float(rng.normal(0, 0.02)), top + 0.02)
-    turn = float(rng.normal(0 if cut != "shirt" or rng.random() < 0.5 else 180, 6))
+    at = (rng.normal(0, 0.02), middle + rng.normal(0, 0.02), top + 0.02)
+    turn = rng.normal(0 if cut != "shirt" or rng.chance(0.5) else 180, 6)
     made = over(
         rng,
         piece,
@@ -105,27 +103,27 @@ def _over_arm(furnisher: Furnisher, piece: FurniturePiece, used: set[str]) -> Fu
     """A throw over an arm of a sofa or armchair."""
     rng = furnisher.rng
     low, high = piece.bounds
-    side = -1.0 if rng.random() < 0.5 else 1.0
+    side = -1.0 if rng.chance(0.5) else 1.0
     points = np.concatenate([part.vertices for part in piece.parts])
     front = points[(points[:, 1] < low[1] + 0.25) & (points[:, 0] * side > high[0] - 0.1)]
     top = float(front[:, 2].max())
     cushions = [part.vertices for part in piece.parts if part.name.startswith("cushion")]
     room = min((float(c[c[:, 0] * side > 0, 1].min(initial=9)) for c in cushions), default=9.0)
     size = (
-        min(float(rng.uniform(0.3, 0.42)), room - float(low[1]) - 0.1),
-        float(rng.uniform(0.9, 1.25)),
+        min(rng.between(0.3, 0.42), room - float(low[1]) - 0.1),
+        rng.between(0.9, 1.25),
     )
     if size[0] < _NARROWEST:
         return None
     at = (
-        side * (float(high[0]) - float(rng.uniform(0.08, 0.16))),
+        side * (float(high[0]) - rng.between(0.08, 0.16)),
         float(low[1]) + 0.5 * size[0] + 0.05,
         top + 0.05,
     )
-    turn = 90.0 + float(rng.normal(0, 7))
+    turn = 90.0 + rng.normal(0, 7)
     return over(
         rng, piece, "throw over an arm", "textile", furnisher.style.throw, size, at, turn=turn,
-        tight=float(rng.uniform(0.06, 0.2)), thickness=0.008,
+        tight=rng.between(0.06, 0.2), thickness=0.008,
     )  # fmt: skip
 
 
@@ -136,29 +134,29 @@ def _on_bed(furnisher: Furnisher, piece: FurniturePiece, used: set[str]) -> Furn
     top = float(
         max(part.vertices[:, 2].max() for part in piece.parts if part.name.startswith("duvet"))
     )
-    if rng.random() < 0.5:
+    if rng.chance(0.5):
         size = (
-            float(high[0] - low[0]) + float(rng.uniform(-0.1, 0.35)),
-            float(rng.uniform(0.4, 0.7)),
+            float(high[0] - low[0]) + rng.between(-0.1, 0.35),
+            rng.between(0.4, 0.7),
         )
-        at = (float(rng.normal(0, 0.08)), float(rng.uniform(-0.75, -0.35)), top + 0.06)
+        at = (rng.normal(0, 0.08), rng.between(-0.75, -0.35), top + 0.06)
         return over(
             rng, piece, "bed throw", "textile", furnisher.style.throw, size, at,
-            turn=float(rng.normal(0, 6)), tight=float(rng.uniform(0.03, 0.1)), thickness=0.008,
+            turn=rng.normal(0, 6), tight=rng.between(0.03, 0.1), thickness=0.008,
             gap=0.014,
         )  # fmt: skip
     name = _choose(furnisher, used)
     cut, width, length = _CLOTHES[name]
-    at = (float(rng.uniform(-0.3, 0.3) * high[0]), float(rng.uniform(-0.7, -0.2)), top + 0.08)
+    at = (float(rng.uniform(-0.3, 0.3) * high[0]), rng.between(-0.7, -0.2), top + 0.08)
     return over(
         rng, piece, name, "clothing", garment(rng, furnisher.style), (width, length), at,
-        turn=float(rng.uniform(0, 360)), tight=float(rng.uniform(0.15, 0.35)), cut=cut, gap=0.014,
+        turn=rng.between(0, 360), tight=rng.between(0.15, 0.35), cut=cut, gap=0.014,
     )  # fmt: skip
 
 
 def _choose(furnisher: Furnisher, used: set[str]) -> str:
     names = [name for name in _CLOTHES if name not in used]
-    return names[int(furnisher.rng.integers(len(names)))]
+    return furnisher.rng.pick(names)
 
 
 _WAYS: dict[

@@ -102,7 +102,9 @@ def _place_on_furniture(space: RoomSpace, sampler: AssetSampler, carrier: Placed
     for _ in range(most):
         if not sampler.chance(0.75):
             continue
-        kind = kinds[sampler.integer(len(kinds))]
+        kind = sampler.rng.pick(kinds)
         piece = sampler.sample(kind)
         if piece is not None:
-            space.on_top(sampler.rng, kind, piece, carrier, yaw=sampler.uniform(-25, 25), tries=8)
+            space.on_top(
+                sampler.rng, kind, piece, carrier, yaw=sampler.rng.between(-25, 25), tries=8
+            )

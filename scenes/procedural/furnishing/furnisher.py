@@ -14,6 +14,7 @@ from pbrnet.scenes.procedural.furniture.things import THINGS
 from pbrnet.scenes.procedural.piece import FurniturePiece
 from pbrnet.scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge
 from pbrnet.scenes.procedural.scene_item import Pose
+from pbrnet.scenes.seeds import Draw
 
 Point = np.ndarray
 # Furniture that is left like a thing: in few rooms each.
@@ -29,7 +30,7 @@ class Furnisher:
 
     def __init__(
         self,
-        rng: np.random.Generator,
+        rng: Draw,
         plan: Plan,
         room: PlanRoom,
         style: Style,
@@ -41,7 +42,7 @@ class Furnisher:
         self.plants = plants
         self.space = RoomSpace(plan, room)
         self.area = room.shape.area
-        self._species = [k for k in rng.permutation(len(SPECIES)).tolist() if self.chance(_SHARE)]
+        self._species = [k for k in rng.shuffled(range(len(SPECIES))) if self.chance(_SHARE)]
         self.left: set[str] = set()  # kinds of things that were left in the room
         names = (*THINGS, *_SMALL)
         drawn = rng.random(len(names))
@@ -49,7 +50,7 @@ class Furnisher:
 
     def chance(self, probability: float) -> bool:
         """Return True with that probability."""
-        return bool(self.rng.random() < probability)
+        return self.rng.chance(probability)
 
     def may_leave(self, kind: str) -> bool:
         """Test whether a kind of thing may be left in this room, so that none is in most."""
@@ -71,7 +72,7 @@ class Furnisher:
             return sampled
         if kind != "small_plant":
             return self._generate(kind, options)
-        wanted = self._species.pop() if self._species else int(self.rng.integers(len(SPECIES)))
+        wanted = self._species.pop() if self._species else self.rng.whole(len(SPECIES))
         for known in self.plants:
             if known.name == SPECIES[wanted]:
                 return known
@@ -98,9 +99,9 @@ class Furnisher:
         """With probability 1/2, lay a rug in the middle of the free floor."""
         if not self.chance(0.5):
             return
-        rug = self.make("rug", width=float(self.rng.uniform(1.2, 1.8)), depth=1.0)
+        rug = self.make("rug", width=self.rng.between(1.2, 1.8), depth=1.0)
         middle = self.space.open_middle()
-        pose = Pose(float(middle[0]), float(middle[1]), 0.0, float(self.rng.choice([0.0, 90.0])))
+        pose = Pose(float(middle[0]), float(middle[1]), 0.0, self.rng.pick([0.0, 90.0]))
         self.space.try_place("rug", rug, pose, zone=False)
 
     def hang(self, kind: str) -> PlacedPiece | None:
@@ -116,10 +117,9 @@ class Furnisher:
             for item in space.items
             if item.kind in ("sofa", "double_bed", "single_bed", "sideboard", "chest_of_drawers")
         ]
-        for index in rng.permutation(len(below)):
+        for item in rng.shuffled(below):
             if count <= 0:
                 return
-            item = below[int(index)]
             edge = self.edge_behind(item)
             if edge is None:
                 continue
@@ -141,9 +141,9 @@ class Furnisher:
     def hang_row(self, most: int) -> None:
         """Hang three to `most` pictures of one size in a row, where a wall has room for three."""
         rng, space = self.rng, self.space
-        width = float(rng.uniform(0.22, 0.38))
-        height = width * float(rng.choice([1.0, 1.3, 1.4]))
-        count, gap = int(rng.integers(3, most + 1)), float(rng.uniform(0.05, 0.12))
+        width = rng.between(0.22, 0.38)
+        height = width * rng.pick([1.0, 1.3, 1.4])
+        count, gap = rng.whole(3, most + 1), rng.between(0.05, 0.12)
         row = [self._generate("picture", {"width": width, "height": height}) for _ in range(count)]
         level = row[0].mount_height
         for edge, middle in space.along_walls(rng, row[0], where="middle")[:12]:

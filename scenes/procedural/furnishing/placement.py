@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
 from pbrnet.scenes.procedural.furnishing.clutter import leave_things
 from pbrnet.scenes.procedural.furnishing.drapery import drape_cloth
@@ -28,6 +26,7 @@ from pbrnet.scenes.procedural.furniture import Style
 from pbrnet.scenes.procedural.piece import FurniturePiece
 from pbrnet.scenes.procedural.plan import Plan
 from pbrnet.scenes.procedural.scene_item import Pose, SceneItem
+from pbrnet.scenes.seeds import Draw
 
 _FURNISH_ROOM: dict[str, Callable[[Furnisher], None]] = {
     "living": furnish_living,
@@ -41,7 +40,7 @@ _FURNISH_ROOM: dict[str, Callable[[Furnisher], None]] = {
 
 
 def furnish(
-    rng: np.random.Generator, plan: Plan, style: Style, sampler: AssetSampler | None = None
+    rng: Draw, plan: Plan, style: Style, sampler: AssetSampler | None = None
 ) -> list[SceneItem]:
     """Furnish all rooms of a plan; with a `sampler`, some pieces come from catalogues."""
     items: list[SceneItem] = []
@@ -82,7 +81,7 @@ def _hang_ceiling_lamp(furnisher: Furnisher) -> None:
         "bathroom": ["ceiling_lamp"],
         "hall": ["ceiling_lamp", "spot_rail"],
     }[furnisher.room.type]
-    kind = str(rng.choice(kinds))
+    kind = rng.pick(kinds)
     lamp = (
         furnisher.make(kind, drop=min(0.5, furnisher.plan.height - 2.05))
         if kind == "pendant_lamp"
@@ -91,7 +90,7 @@ def _hang_ceiling_lamp(furnisher: Furnisher) -> None:
     middle = furnisher.space.middle()
     for attempt in range(12):
         x, y = middle + rng.normal(0, 0.05 + 0.1 * attempt, 2)
-        pose = Pose(float(x), float(y), furnisher.plan.height, float(rng.choice([0.0, 90.0])))
+        pose = Pose(float(x), float(y), furnisher.plan.height, rng.pick([0.0, 90.0]))
         if space.try_place(kind, lamp, pose, zone=False, on_floor=False):
             return
 
@@ -126,10 +125,10 @@ def _place_small_objects(furnisher: Furnisher) -> None:
         if item.kind not in wanted or not item.piece.surfaces:
             continue
         kinds, low, high = wanted[item.kind]
-        for _ in range(int(rng.integers(low, high + 1))):
-            kind = str(rng.choice(kinds))
+        for _ in range(rng.whole(low, high + 1)):
+            kind = rng.pick(kinds)
             # A niche was built for them.
             if item.kind != "niche" and not furnisher.may_leave(kind):
                 continue
-            yaw = float(rng.uniform(-25, 25))
+            yaw = rng.between(-25, 25)
             furnisher.space.on_top(rng, kind, furnisher.make(kind), item, yaw=yaw, tries=6)

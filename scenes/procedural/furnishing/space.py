@@ -28,6 +28,7 @@ from pbrnet.scenes.procedural.plan import Niche, Opening, Plan, PlanRoom, WallEd
 from pbrnet.scenes.procedural.roof import level_part
 from pbrnet.scenes.procedural.scene_item import Pose, SceneItem, place_piece
 from pbrnet.scenes.procedural.structure import CASING, SKIRTING, leaf_footprint
+from pbrnet.scenes.seeds import Draw
 
 Boxes = Float64Array  # (N, 2, 3): low and high corners
 
@@ -380,7 +381,7 @@ class RoomSpace:
 
     def along_walls(
         self,
-        rng: np.random.Generator,
+        rng: Draw,
         piece: FurniturePiece,
         edges: Iterable[WallEdge] | None = None,
         where: str = "any",
@@ -415,7 +416,7 @@ class RoomSpace:
 
     def against_wall(
         self,
-        rng: np.random.Generator,
+        rng: Draw,
         kind: str,
         piece: FurniturePiece,
         *,
@@ -433,7 +434,7 @@ class RoomSpace:
 
     def on_wall(
         self,
-        rng: np.random.Generator,
+        rng: Draw,
         kind: str,
         piece: FurniturePiece,
         *,
@@ -458,7 +459,7 @@ class RoomSpace:
         return self.try_place(kind, piece, pose, zone=False, on_floor=walked)
 
     def in_corner(
-        self, rng: np.random.Generator, kind: str, piece: FurniturePiece, turned: bool = True
+        self, rng: Draw, kind: str, piece: FurniturePiece, turned: bool = True
     ) -> PlacedPiece | None:
         """Place a piece in a corner of the room, at a random quarter turn if `turned`."""
         low, high = piece.bounds
@@ -468,12 +469,11 @@ class RoomSpace:
         for before, after in zip(edges, edges[1:] + edges[:1], strict=True):
             if before.along[0] * after.along[1] - before.along[1] * after.along[0] > 0:
                 corners.append((before, after))
-        for index in rng.permutation(len(corners)):
-            before, after = corners[int(index)]
-            away = extent + float(rng.uniform(0.0, 0.06))
+        for before, after in rng.shuffled(corners):
+            away = extent + rng.between(0.0, 0.06)
             x = after.start[0] + away * (after.inward[0] + before.inward[0])
             y = after.start[1] + away * (after.inward[1] + before.inward[1])
-            turn = yaw_facing(after.inward) + (90.0 * int(rng.integers(4)) if turned else 0.0)
+            turn = yaw_facing(after.inward) + (90.0 * rng.whole(4) if turned else 0.0)
             item = self.try_place(kind, piece, Pose(x, y, 0.0, turn), zone=False)
             if item is not None:
                 return item
@@ -481,7 +481,7 @@ class RoomSpace:
 
     def anywhere(
         self,
-        rng: np.random.Generator,
+        rng: Draw,
         kind: str,
         piece: FurniturePiece,
         *,
@@ -490,15 +490,15 @@ class RoomSpace:
         """Place a piece at a random position on the floor."""
         x0, y0, x1, y1 = self.shape.bounds
         for _ in range(tries):
-            x, y = float(rng.uniform(x0, x1)), float(rng.uniform(y0, y1))
-            item = self.try_place(kind, piece, Pose(x, y, 0.0, 90.0 * int(rng.integers(4))))
+            x, y = rng.between(x0, x1), rng.between(y0, y1)
+            item = self.try_place(kind, piece, Pose(x, y, 0.0, 90.0 * rng.whole(4)))
             if item is not None:
                 return item
         return None
 
     def on_top(
         self,
-        rng: np.random.Generator,
+        rng: Draw,
         kind: str,
         piece: FurniturePiece,
         carrier: PlacedPiece,
@@ -508,9 +508,8 @@ class RoomSpace:
         tries: int = 12,
     ) -> PlacedPiece | None:
         """Place a piece on a support surface of `carrier`, clear of other objects there."""
-        surfaces = carrier.piece.surfaces
-        for index in rng.permutation(len(surfaces)):
-            place = surfaces[int(index)]
+        surfaces = list(zip(carrier.piece.surfaces, carrier.occupied, strict=True))
+        for place, occupied in rng.shuffled(surfaces):
             turned = Pose(0.0, 0.0, 0.0, yaw).apply(_corners(piece.bounds))
             low, high = turned.min(axis=0), turned.max(axis=0)
             room_x = place.half_x - 0.5 * (high[0] - low[0])
@@ -522,7 +521,7 @@ class RoomSpace:
                 x = place.x + dx - 0.5 * (low[0] + high[0])
                 y = place.y + dy - 0.5 * (low[1] + high[1])
                 rect = np.array([[x + low[0], y + low[1]], [x + high[0], y + high[1]]])
-                if any(_overlap_2d_rect(rect, other) for other in carrier.occupied[int(index)]):
+                if any(_overlap_2d_rect(rect, other) for other in occupied):
                     continue
                 at = carrier.pose.apply(np.array([[x, y, place.z]]))[0]
                 pose = Pose(
@@ -532,7 +531,7 @@ class RoomSpace:
                     kind, piece, pose, zone=False, touching=(carrier.id,), on_floor=False
                 )
                 if item is not None:
-                    carrier.occupied[int(index)].append(rect)
+                    occupied.append(rect)
                     return item
         return None
 

@@ -14,6 +14,7 @@ from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, grid, pri
 from pbrnet.scenes.procedural.furniture.style import hex_color
 from pbrnet.scenes.procedural.piece import Material, PiecePart
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.seeds import Draw
 
 STOREY = 2.9  # metres
 Roof = Literal["gable", "flat", "hip"]
@@ -43,7 +44,7 @@ class Block:
 
 
 def building(
-    rng: np.random.Generator,
+    rng: Draw,
     name: str,
     block: Block,
     at: Float64Array,
@@ -57,23 +58,21 @@ def building(
     """
     width, depth = block.width, block.depth
     high = STOREY * block.storeys + 0.4
-    is_brick = rng.random() < 0.3
+    is_brick = rng.chance(0.3)
     codes = _BRICKS if is_brick else _WALLS
-    code = codes[int(rng.integers(len(codes)))]
+    code = rng.pick(codes)
     wall = Material(
         "brick" if is_brick else "plaster",
         hex_color(code),
         0.9,
         accent=hex_color("#97908a") if is_brick else None,
-        variant=int(rng.integers(1 << 30)),
+        variant=rng.variant(),
     )
-    trim = Material(
-        "paint", hex_color(("#cfccc4", "#8c8880", "#4a4a4a")[int(rng.integers(3))]), 0.6
-    )
+    trim = Material("paint", hex_color(("#cfccc4", "#8c8880", "#4a4a4a")[rng.whole(3)]), 0.6)
     walls: list[BodyMesh] = []
     trims: list[BodyMesh] = []
     panes: list[list[BodyMesh]] = [[] for _ in range(2 + len(_LUMINANCE))]
-    size = (float(rng.uniform(0.95, 1.3)), float(rng.uniform(1.25, 1.6)))
+    size = (rng.between(0.95, 1.3), rng.between(1.25, 1.6))
     for turn in range(4):
         length, out = (width, depth / 2) if turn % 2 == 0 else (depth, width / 2)
         if turn in block.faces:
@@ -83,11 +82,11 @@ def building(
         for target, found in zip([walls, trims, *panes], [face[0], face[1], *face[2]], strict=True):
             target += [mesh.moved(y=-out).turned("z", 90.0 * turn) for mesh in found]
     roof = _roof(rng, block, high)
-    roof_color = hex_color(_ROOFS[int(rng.integers(len(_ROOFS)))])
+    roof_color = hex_color(rng.pick(_ROOFS))
     parts = [("walls", wall, walls), ("trim", trim, trims)]
     parts.append(("roof", Material("paint", roof_color, 0.85), roof))
     parts.append(("panes", Material("plastic", hex_color("#1b2126"), 0.08), panes[0]))
-    curtain = hex_color(("#8f8b82", "#a39d92", "#7d7a74")[int(rng.integers(3))])
+    curtain = hex_color(("#8f8b82", "#a39d92", "#7d7a74")[rng.whole(3)])
     parts.append(("curtains", Material("plastic", curtain, 0.25), panes[1]))
     made = [
         make_part(label, material, *(m.turned("z", degrees) for m in meshes))
@@ -104,20 +103,18 @@ def building(
 
 
 def far_blocks(
-    rng: np.random.Generator, centre: Float64Array, ground: float, near: float, count: int
+    rng: Draw, centre: Float64Array, ground: float, near: float, count: int
 ) -> SceneItem:
     """Return plain blocks in the haze of a town, from `near` metres on."""
     groups: dict[tuple[int, int], list[BodyMesh]] = {}
     for number in range(count):
         distance = near + float(rng.exponential(140.0))
-        angle = float(rng.uniform(0, 2 * np.pi))
+        angle = rng.between(0, 2 * np.pi)
         place = centre + distance * np.array([np.cos(angle), np.sin(angle)])
-        width, depth = float(rng.uniform(10, 40)), float(rng.uniform(9, 16))
+        width, depth = rng.between(10, 40), rng.between(9, 16)
         high = float(rng.gamma(3.0, 4.0)) + 5
         below = 1 + 0.01 * number  # metres; blocks that overlap share no plane
-        mesh = box((width, depth, high + below), (0, 0, -below)).turned(
-            "z", float(rng.uniform(0, 180))
-        )
+        mesh = box((width, depth, high + below), (0, 0, -below)).turned("z", rng.between(0, 180))
         haze = min(len(_FAR) - 1, int((distance - near) / 120))
         group = (haze, number % len(_FAR_WALLS))
         groups.setdefault(group, []).append(mesh.moved(place[0], place[1], ground))
@@ -145,7 +142,7 @@ def hazed(color: Color, distance: float) -> Color:
 
 
 def _facade(
-    rng: np.random.Generator,
+    rng: Draw,
     length: float,
     high: float,
     block: Block,
@@ -158,7 +155,7 @@ def _facade(
     would depend on the processor.
     """
     is_front = turn == block.faces[0]
-    columns = max(1, int((length - 0.8) / float(rng.uniform(2.1, 3.0))))
+    columns = max(1, int((length - 0.8) / rng.between(2.1, 3.0)))
     wide, tall = size
     spacing = length / columns
     wide = min(wide, spacing - 0.5)
@@ -168,7 +165,7 @@ def _facade(
     edges = np.concatenate([[-length / 2], np.ravel(centres[:, None] + [-wide / 2, wide / 2])])
     edges = np.append(edges, length / 2)
     bottom = -0.4
-    has_balconies = block.detailed and is_front and block.storeys > 2 and rng.random() < 0.5
+    has_balconies = block.detailed and is_front and block.storeys > 2 and rng.chance(0.5)
     for storey in range(block.storeys):
         low = 0.9 + STOREY * storey
         door = storey > 0 and has_balconies
@@ -184,7 +181,7 @@ def _facade(
                 trims += _frame(x, wide, sill, top)
                 trims.append(box((wide + 0.12, 0.14, 0.05), (x, -0.05, sill - 0.06)))
         if door:
-            for x in centres[:: int(rng.integers(1, 3))]:
+            for x in centres[:: rng.whole(1, 3)]:
                 trims += _balcony(float(x), spacing - 0.3, sill - 0.02)
     walls.append(_sheet(-length / 2, length / 2, bottom, high))
     if block.detailed:
@@ -195,12 +192,12 @@ def _facade(
     return walls, trims, panes
 
 
-def _state(rng: np.random.Generator) -> int:
+def _state(rng: Draw) -> int:
     """Return the group of a window: dark, with curtains, or lit at one of the levels by night."""
-    draw = float(rng.random())
+    draw = rng.random()
     if draw < 0.55:
         return 0
-    return 1 if draw < 0.7 else 2 + int(rng.integers(len(_LUMINANCE)))
+    return 1 if draw < 0.7 else 2 + rng.whole(len(_LUMINANCE))
 
 
 def _sheet(x0: float, x1: float, z0: float, z1: float, y: float = 0.0) -> BodyMesh:
@@ -247,7 +244,7 @@ def _balcony(x: float, wide: float, z: float) -> list[BodyMesh]:
     ]
 
 
-def _roof(rng: np.random.Generator, block: Block, high: float) -> list[BodyMesh]:
+def _roof(rng: Draw, block: Block, high: float) -> list[BodyMesh]:
     """Return the roof: with a gable along X, hipped, or flat with a parapet."""
     width, depth, eaves = block.width, block.depth, 0.4
     if block.roof == "flat":
@@ -259,7 +256,7 @@ def _roof(rng: np.random.Generator, block: Block, high: float) -> list[BodyMesh]
             span((x - 0.15, -depth / 2 + 0.3, high), (x + 0.15, depth / 2 - 0.3, high + 0.5))
             for x in (-width / 2 + 0.15, width / 2 - 0.15)
         ]
-        hut = box((2.5, 2.5, 1.8), (float(rng.uniform(-0.3, 0.3)) * width, 0, high))
+        hut = box((2.5, 2.5, 1.8), (rng.between(-0.3, 0.3) * width, 0, high))
         return [
             span(
                 (0.02 - width / 2, 0.02 - depth / 2, high - 0.05),
@@ -268,10 +265,8 @@ def _roof(rng: np.random.Generator, block: Block, high: float) -> list[BodyMesh]
             *ring,
             hut,
         ]
-    ridge = float(rng.uniform(0.3, 0.5)) * depth
-    chimney = box(
-        (0.6, 0.5, ridge + 0.75), (float(rng.uniform(-0.3, 0.3)) * width, 0.3, high + 0.05)
-    )
+    ridge = rng.between(0.3, 0.5) * depth
+    chimney = box((0.6, 0.5, ridge + 0.75), (rng.between(-0.3, 0.3) * width, 0.3, high + 0.05))
     if block.roof == "hip":
         a, b = width / 2 + eaves, depth / 2 + eaves
         inset = max(0.2, a - b)

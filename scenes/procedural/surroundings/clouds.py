@@ -10,6 +10,7 @@ from pbrnet.scenes.arrays import Float64Array, Int64Array
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, merge
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.seeds import Draw
 
 NEAREST, FARTHEST = 1500.0, 2050.0  # metres along the ground to the middle of a cloud
 LARGEST = 340.0  # metres from the middle of a cloud to its end
@@ -22,22 +23,20 @@ _ROUGH = 0.1  # of the radius of a lump
 _TRIES = 12
 
 
-def clouds(
-    rng: np.random.Generator, centre: Float64Array, sun: Float64Array, ground: float
-) -> SceneItem | None:
+def clouds(rng: Draw, centre: Float64Array, sun: Float64Array, ground: float) -> SceneItem | None:
     """Return the clouds around `centre` (2,) under a sun in the direction `sun` (3,), unit.
 
     None if there is no room for any.
     """
-    base = ground + float(rng.uniform(*_BASES))
-    count = int(rng.integers(5, 11))
-    start = float(rng.uniform(0, 360))
+    base = ground + rng.between(*_BASES)
+    count = rng.whole(5, 11)
+    start = rng.between(0, 360)
     heaps = []
     for number in range(count):
         for _ in range(_TRIES):
-            angle = np.radians(start + 360 * (number + float(rng.uniform(-0.4, 0.4))) / count)
-            away = float(rng.uniform(NEAREST, FARTHEST))
-            half = float(rng.uniform(0.35, 1.0)) * LARGEST
+            angle = np.radians(start + 360 * (number + rng.between(-0.4, 0.4)) / count)
+            away = rng.between(NEAREST, FARTHEST)
+            half = rng.between(0.35, 1.0) * LARGEST
             middle = np.array([away * np.cos(angle), away * np.sin(angle), base - ground])
             if _is_clear(middle, 1.25 * half, sun):
                 low = base + 0.5 * number  # metres; bases share no plane
@@ -58,20 +57,20 @@ def _is_clear(middle: Float64Array, radius: float, sun: Float64Array) -> bool:
     return bool(apart > np.degrees(np.arcsin(min(radius / long, 1.0))) + SUN_MARGIN)
 
 
-def _heap(rng: np.random.Generator, half: float) -> BodyMesh:
+def _heap(rng: Draw, half: float) -> BodyMesh:
     """Return a cloud of half length `half` about the origin, its base at z = 0."""
-    turn = float(rng.uniform(0, np.pi))
-    tall = float(rng.uniform(0.3, 0.5)) * half
+    turn = rng.between(0, np.pi)
+    tall = rng.between(0.3, 0.5) * half
     places, radii, levels = [], [], []
     for k in range(7):  # the body: an uneven row of large lumps
-        along = (k - 3) / 3 * 0.75 * half + float(rng.normal(0, 0.05)) * half
-        size = tall * float(rng.uniform(0.55, 0.9)) * (1 - 0.5 * (along / half) ** 2)
-        across = float(rng.normal(0, 0.16)) * half
+        along = (k - 3) / 3 * 0.75 * half + rng.normal(0, 0.05) * half
+        size = tall * rng.between(0.55, 0.9) * (1 - 0.5 * (along / half) ** 2)
+        across = rng.normal(0, 0.16) * half
         x, y = (
             along * np.cos(turn) - across * np.sin(turn),
             along * np.sin(turn) + across * np.cos(turn),
         )
-        places.append([x, y, size * float(rng.uniform(0.2, 0.75))])
+        places.append([x, y, size * rng.between(0.2, 0.75)])
         radii.append(size)
         levels.append(2)
     # Smaller lumps on larger ones, chiefly above.
@@ -81,12 +80,12 @@ def _heap(rng: np.random.Generator, half: float) -> BodyMesh:
         (0, 33, 123, 150, 0.13),
     ):
         for _ in range(amount):
-            parent = int(rng.integers(first, last))
+            parent = rng.whole(first, last)
             way = rng.normal(0, 1, 3)
             way[2] = abs(way[2]) * 1.1 - 0.25
             way /= np.sqrt((way * way).sum())
             places.append(list(places[parent] + 0.88 * radii[parent] * way))
-            radii.append(share * tall * float(rng.uniform(0.5, 0.9)))
+            radii.append(share * tall * rng.between(0.5, 0.9))
             levels.append(level)
     spots, sizes = np.round(np.array(places), 3), np.round(np.array(radii), 3)
     lumps = []

@@ -10,26 +10,27 @@ from pbrnet.scenes.procedural.furniture.style import hex_color, scaled_color
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
 from pbrnet.scenes.procedural.textures.fields import Spectrum, noise
+from pbrnet.scenes.seeds import Draw
 
 _LEAVES = ("#3f5230", "#4c5c36", "#38492f", "#59603a", "#5f5f36")
 _BARK = "#4d4136"
 
 
-def leaf_material(rng: np.random.Generator) -> Material:
+def leaf_material(rng: Draw) -> Material:
     """Return a material of leaves in a muted green."""
-    color = hex_color(_LEAVES[int(rng.integers(len(_LEAVES)))])
+    color = hex_color(rng.pick(_LEAVES))
     return Material(
         "leaf",
         color,
         0.6,
         accent=scaled_color(color, 0.5),
         scale=3.0,
-        variant=int(rng.integers(1 << 30)),
+        variant=rng.variant(),
     )
 
 
 def tree(
-    rng: np.random.Generator,
+    rng: Draw,
     name: str,
     at: Float64Array,
     ground: float,
@@ -37,7 +38,7 @@ def tree(
     height: float = 0.0,
 ) -> SceneItem:
     """Return a tree: trunk, branches, and folded leaves around the ends of its twigs."""
-    height = height or float(rng.uniform(4.5, 9.5))
+    height = height or rng.between(4.5, 9.5)
     radius = 0.018 * height
     base = np.array([at[0], at[1], ground - 0.2])
     lean = np.append(rng.normal(0, 0.2, 2), 0.0)
@@ -50,13 +51,13 @@ def tree(
         )
     ]
     middle = base + lean + [0, 0, 0.66 * height]
-    crown = np.array([1.0, 1.0, float(rng.uniform(1.0, 1.4))]) * height * rng.uniform(0.2, 0.28)
+    crown = np.array([1.0, 1.0, rng.between(1.0, 1.4)]) * height * rng.uniform(0.2, 0.28)
     tips = []
     for k in range(26):
         direction = rng.normal(0, 1, 3)
         direction /= np.linalg.norm(direction)
-        tip = middle + crown * direction * float(rng.uniform(0.55, 0.95))
-        start = base + lean * 0.8 + [0, 0, height * float(rng.uniform(0.3, 0.6))]
+        tip = middle + crown * direction * rng.between(0.55, 0.95)
+        start = base + lean * 0.8 + [0, 0, height * rng.between(0.3, 0.6)]
         if k < 12:
             bend = 0.5 * (start + tip) + rng.normal(0, 0.05 * height, 3)
             wood.append(
@@ -65,9 +66,7 @@ def tree(
         tips.append(tip)
     chosen = np.array(tips)[rng.integers(len(tips), size=leaves)]
     scatter = rng.normal(0, 1, (leaves, 3)) * 0.27 * crown
-    bark = Material(
-        "soil", hex_color(_BARK), 0.95, variant=int(rng.integers(1 << 30)), family="bark"
-    )
+    bark = Material("soil", hex_color(_BARK), 0.95, variant=rng.variant(), family="bark")
     crowns = np.array_split(_leaves(rng, chosen + scatter, 0.08 + 0.011 * height), 2)
     parts = [make_part("trunk", bark, *wood)]
     parts += [
@@ -76,11 +75,11 @@ def tree(
     return SceneItem(f"outside-{name}", name, "plant", tuple(parts), True, None)
 
 
-def shrubs(rng: np.random.Generator, name: str, places: Float64Array, ground: float) -> SceneItem:
+def shrubs(rng: Draw, name: str, places: Float64Array, ground: float) -> SceneItem:
     """Return low round shrubs at `places` (N, 2)."""
     centres = []
     for place in places:
-        size = float(rng.uniform(0.35, 0.8))
+        size = rng.between(0.35, 0.8)
         offset = rng.normal(0, 1, (420, 3))
         offset *= (
             size
@@ -94,14 +93,14 @@ def shrubs(rng: np.random.Generator, name: str, places: Float64Array, ground: fl
     return SceneItem(f"outside-{name}", name, "plant", (part,), True, None)
 
 
-def hedge(rng: np.random.Generator, centre: Float64Array, half: float, ground: float) -> SceneItem:
+def hedge(rng: Draw, centre: Float64Array, half: float, ground: float) -> SceneItem:
     """Return a clipped hedge around a garden; each side is missing with probability 1/4."""
-    height, thickness = float(rng.uniform(0.9, 1.9)), 0.7
+    height, thickness = rng.between(0.9, 1.9), 0.7
     surface = noise(rng, 64, Spectrum(0.9))
     runs = []
     tufts = []
     for side in range(4):
-        if rng.random() < 0.25:
+        if rng.chance(0.25):
             continue
         length = 2 * half - thickness
         count = max(8, int(length / 0.35))
@@ -146,7 +145,7 @@ def hedge(rng: np.random.Generator, centre: Float64Array, half: float, ground: f
     return SceneItem("outside-hedge", "hedge", "plant", parts, True, None)
 
 
-def _leaves(rng: np.random.Generator, centres: Float64Array, size: float) -> Float64Array:
+def _leaves(rng: Draw, centres: Float64Array, size: float) -> Float64Array:
     """Return corners (N, 4, 3) of leaves of about `size` metres, folded along the midrib."""
     count = len(centres)
     along = rng.normal(0, 1, (count, 3))

@@ -19,15 +19,14 @@ from pbrnet.scenes.procedural.furniture.geometry import (
 from pbrnet.scenes.procedural.furniture.style import hex_color
 from pbrnet.scenes.procedural.piece import Material, PiecePart
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.seeds import Draw
 
 ROAD, PAVEMENT = 6.5, 2.2  # metres, widths
 _PAINTS = ("#b9bcc0", "#1d1f22", "#e4e4e2", "#3a4a63", "#6a1f22", "#55595c", "#7a8288")
 _LAMP_LUMENS, _LAMP_KELVIN = 1400.0, 2700.0
 
 
-def street(
-    rng: np.random.Generator, near: float, length: float, turn: float, ground: float
-) -> list[SceneItem]:
+def street(rng: Draw, near: float, length: float, turn: float, ground: float) -> list[SceneItem]:
     """Return a street along X at y = -near, before it is turned about the origin by `turn` degrees.
 
     `near` is the distance to its first kerb, metres. Cars are parked along both kerbs, with gaps.
@@ -37,7 +36,7 @@ def street(
         hex_color("#4a4a4c"),
         0.9,
         accent=hex_color("#6b6a68"),
-        variant=int(rng.integers(1 << 30)),
+        variant=rng.variant(),
         family="asphalt",
     )
     stone = Material(
@@ -46,7 +45,7 @@ def street(
         0.85,
         accent=hex_color("#6d6a66"),
         scale=1.2,
-        variant=int(rng.integers(1 << 30)),
+        variant=rng.variant(),
     )
     far = near + ROAD
     half = length / 2
@@ -68,48 +67,46 @@ def street(
     items = [SceneItem("outside-street", "street", "ground", tuple(parts), True, None)]
     number = 0
     for y, facing in ((-near - 1.1, 0.0), (-far + 1.1, 180.0)):
-        x = -half + float(rng.uniform(0, 4))
+        x = -half + rng.between(0, 4)
         while x < half - 5:
-            if abs(x) < 45 and rng.random() < 0.6:
-                flip = facing + (180.0 if rng.random() < 0.15 else 0.0)
+            if abs(x) < 45 and rng.chance(0.6):
+                flip = facing + (180.0 if rng.chance(0.15) else 0.0)
                 items.append(_car(rng, f"car-{number}", (x + 2.2, y), flip, turn, ground + 0.03))
                 number += 1
-            x += float(rng.uniform(5.2, 7.5))
+            x += rng.between(5.2, 7.5)
     items.append(_lamps(rng, near, half, turn, ground))
     return items
 
 
-def fence(rng: np.random.Generator, centre: Float64Array, half: float, ground: float) -> SceneItem:
+def fence(rng: Draw, centre: Float64Array, half: float, ground: float) -> SceneItem:
     """Return a fence of boards or pickets around a square of `half` metres, with one open side."""
-    high = float(rng.uniform(0.9, 1.8))
+    high = rng.between(0.9, 1.8)
     wide = 0.09 if high < 1.3 else 0.14
-    open_side = int(rng.integers(4))
+    open_side = rng.whole(4)
     boards = []
     for side in range(4):
         if side == open_side:
             continue
         run = [
-            box((wide, 0.02, high * float(rng.uniform(0.98, 1.02))), (x, -half, 0.04))
+            box((wide, 0.02, high * rng.between(0.98, 1.02)), (x, -half, 0.04))
             for x in np.arange(-half, half, 1.35 * wide)
         ]
         step = 0.01 * (side % 2)  # rails that meet in a corner share no plane
         run += [box((2 * half, 0.04, 0.08), (0, -half + 0.03, z * high + step)) for z in (0.2, 0.8)]
         boards.append(merge(run).turned("z", 90.0 * side))
-    color = hex_color(("#8a7358", "#6f6252", "#b8b2a6", "#5a5650")[int(rng.integers(4))])
-    wood = Material("wood", color, 0.8, variant=int(rng.integers(1 << 30)))
+    color = hex_color(("#8a7358", "#6f6252", "#b8b2a6", "#5a5650")[rng.whole(4)])
+    wood = Material("wood", color, 0.8, variant=rng.variant())
     mesh = merge(boards).moved(float(centre[0]), float(centre[1]), ground)
     part = make_part("boards", wood, mesh)
     return SceneItem("outside-fence", "fence", "railing", (part,), True, None)
 
 
-def _lamps(
-    rng: np.random.Generator, near: float, half: float, turn: float, ground: float
-) -> SceneItem:
+def _lamps(rng: Draw, near: float, half: float, turn: float, ground: float) -> SceneItem:
     """Return street lamps along the far pavement; their heads shine while they are lit."""
     poles, heads = [], []
-    spacing = float(rng.uniform(18, 28))
-    high = float(rng.uniform(4.5, 6.5))
-    first = float(rng.uniform(-0.5, 0.5)) * spacing
+    spacing = rng.between(18, 28)
+    high = rng.between(4.5, 6.5)
+    first = rng.between(-0.5, 0.5) * spacing
     y = -near - ROAD - 0.5
     count = max(1, int(min(half, 40) / spacing))
     for x in first + spacing * np.arange(-count, count + 1):
@@ -130,7 +127,7 @@ def _lamps(
             made.uvs,
             material,
             lumens=lumens,
-            kelvin=_LAMP_KELVIN + (1300.0 if rng.random() < 0.3 else 0.0),
+            kelvin=_LAMP_KELVIN + (1300.0 if rng.chance(0.3) else 0.0),
         )
 
     lumens = min(5600.0, _LAMP_LUMENS * len(heads))
@@ -139,7 +136,7 @@ def _lamps(
 
 
 def _car(
-    rng: np.random.Generator,
+    rng: Draw,
     name: str,
     at: tuple[float, float],
     facing: float,
@@ -148,9 +145,9 @@ def _car(
 ) -> SceneItem:
     """Return a parked car along X: body, cabin, wheels and lights."""
     length, wide, high = (
-        float(rng.uniform(low, most)) for low, most in ((3.7, 4.7), (1.68, 1.85), (1.4, 1.62))
+        rng.between(low, most) for low, most in ((3.7, 4.7), (1.68, 1.85), (1.4, 1.62))
     )
-    estate = float(rng.uniform(0.0, 0.35))  # how far the cabin reaches back
+    estate = rng.between(0.0, 0.35)  # how far the cabin reaches back
 
     def ring(x0: float, x1: float, half: float, z: float, power: float = 5.0) -> Float64Array:
         return superellipse((x1 - x0) / 2, half, z, power, 40, x=(x0 + x1) / 2)
@@ -200,7 +197,7 @@ def _car(
         for side in (-1, 1)
         for x, lean in ((back - 0.05, 0.2), (0.5 * (back + front), 0.0), (front + 0.15, -0.45))
     ]
-    paint = Material("plastic", hex_color(_PAINTS[int(rng.integers(len(_PAINTS)))]), 0.18)
+    paint = Material("plastic", hex_color(rng.pick(_PAINTS)), 0.18)
     groups = [
         ("paint", paint, [body, roof, *pillars], True),
         ("glass", Material("plastic", hex_color("#14181b"), 0.06), [cabin], True),

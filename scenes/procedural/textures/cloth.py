@@ -22,6 +22,7 @@ from pbrnet.scenes.procedural.textures.fields import (
     smoothstep,
     wave,
 )
+from pbrnet.scenes.seeds import Draw
 
 _DRAFTS: dict[str, list[str]] = {  # rows of a weave's draft; x: the warp lies on top
     "plain": ["x.", ".x"],
@@ -37,7 +38,7 @@ _DRAFTS: dict[str, list[str]] = {  # rows of a weave's draft; x: the warp lies o
 
 
 def woven(
-    rng: np.random.Generator,
+    rng: Draw,
     size: int,
     draft: str = "plain",
     pitch: float = 0.004,
@@ -93,16 +94,16 @@ def woven(
     )
 
 
-def _stripes(rng: np.random.Generator, count: int) -> Float32Array:
+def _stripes(rng: Draw, count: int) -> Float32Array:
     """Colour, 0 to 1, of each of `count` yarns: groups of several widths, repeated."""
-    wide, narrow = int(rng.integers(6, 16)), int(rng.integers(1, 4))
-    group = [1.0] * wide + [0.0] * wide + [0.6] * narrow + [0.0] * int(rng.integers(3, 10))
+    wide, narrow = rng.whole(6, 16), rng.whole(1, 4)
+    group = [1.0] * wide + [0.0] * wide + [0.6] * narrow + [0.0] * rng.whole(3, 10)
     times = max(1, round(count / len(group)))
     ends = np.linspace(0, len(group) * times, count, endpoint=False).astype(np.int64)
     return np.array(group, dtype=np.float32)[ends % len(group)]
 
 
-def knitted(rng: np.random.Generator, size: int, pitch: float = 0.007) -> Surface:
+def knitted(rng: Draw, size: int, pitch: float = 0.007) -> Surface:
     """Stocking stitch, its wales along v; `pitch` is the width of a stitch."""
     count = round(0.42 / pitch)
     metres = count * pitch
@@ -125,7 +126,7 @@ def knitted(rng: np.random.Generator, size: int, pitch: float = 0.007) -> Surfac
     )
 
 
-def cabled(rng: np.random.Generator, size: int) -> Surface:
+def cabled(rng: Draw, size: int) -> Surface:
     """Chunky cable knit of 0.4 m."""
     metres = 0.4
     u, v = axes(size)
@@ -146,7 +147,7 @@ def cabled(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def pile(rng: np.random.Generator, size: int, nap: float = 1.0, metres: float = 0.6) -> Surface:
+def pile(rng: Draw, size: int, nap: float = 1.0, metres: float = 0.6) -> Surface:
     """Velvet, chenille or fleece: a short pile whose lie varies."""
     lie = noise(rng, size, CLOUD)
     strokes = noise(rng, size, BLOTCH._replace(along=2.0))
@@ -161,7 +162,7 @@ def pile(rng: np.random.Generator, size: int, nap: float = 1.0, metres: float = 
     )
 
 
-def corduroy(rng: np.random.Generator, size: int, wales: int = 64) -> Surface:
+def corduroy(rng: Draw, size: int, wales: int = 64) -> Surface:
     """Cords along v, `wales` in 0.32 m."""
     metres = 0.32
     u, _ = axes(size)
@@ -179,7 +180,7 @@ def corduroy(rng: np.random.Generator, size: int, wales: int = 64) -> Surface:
 
 
 def looped(
-    rng: np.random.Generator, size: int, across: int = 44, curl: float = 1.0, metres: float = 0.36
+    rng: Draw, size: int, across: int = 44, curl: float = 1.0, metres: float = 0.36
 ) -> Surface:
     """Loops or curls: bouclé, terry towels, looped carpets; `across` of them a tile."""
     near, _, own = cells(rng, size, across)
@@ -197,7 +198,7 @@ def looped(
     )
 
 
-def felt(rng: np.random.Generator, size: int) -> Surface:
+def felt(rng: Draw, size: int) -> Surface:
     """Felt or needle fleece: tangled fibres without direction."""
     a = noise(rng, size, STREAK._replace(along=6.0))
     b = noise(rng, size, STREAK._replace(along=1.0, across=6.0))
@@ -211,7 +212,7 @@ def felt(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def carpet(rng: np.random.Generator, size: int, tuft: float = 1.0, metres: float = 1.0) -> Surface:
+def carpet(rng: Draw, size: int, tuft: float = 1.0, metres: float = 1.0) -> Surface:
     """Cut pile: tufts, and a lie that walking leaves."""
     tufts = noise(rng, size, GRIT)
     clump = noise(rng, size, Spectrum(0.5, 40))
@@ -226,7 +227,7 @@ def carpet(rng: np.random.Generator, size: int, tuft: float = 1.0, metres: float
     )
 
 
-def sisal(rng: np.random.Generator, size: int) -> Surface:
+def sisal(rng: Draw, size: int) -> Surface:
     """Coarse natural fibre in ribs of 7 mm."""
     base = woven(rng, size, "rib", pitch=0.007, slub=1.8, threads="melange")
     dark = smoothstep(1.4, 2.2, noise(rng, size, STREAK))
@@ -235,7 +236,7 @@ def sisal(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def rag(rng: np.random.Generator, size: int) -> Surface:
+def rag(rng: Draw, size: int) -> Surface:
     """Rag rug: strips of many tones along u, 1.2 cm high."""
     metres, rows = 0.96, 80
     _, v = axes(size)
@@ -253,16 +254,16 @@ def rag(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def kilim(rng: np.random.Generator, size: int) -> Surface:
+def kilim(rng: Draw, size: int) -> Surface:
     """Flat weave with stepped diamonds, 0.9 m."""
     metres, steps = 0.9, 60
     u, v = axes(size)
     a = np.floor(u * steps) / steps
     b = np.floor(v * steps) / steps
-    count = int(rng.choice([3, 4, 5]))
+    count = rng.pick([3, 4, 5])
     x = np.abs((a * count) % 1 - 0.5)
     y = np.abs((b * 3) % 1 - 0.5)
-    ring = np.floor((x + y) * int(rng.integers(4, 8)))
+    ring = np.floor((x + y) * rng.whole(4, 8))
     mix = (ring % 2) * (0.55 + 0.35 * (np.floor(b * 3) % 2))
     t = v * 180
     rib = 1 - (2 * (t - np.floor(t)) - 1) ** 2
@@ -277,7 +278,7 @@ def kilim(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def leather(rng: np.random.Generator, size: int, grain: float = 1.0, count: int = 60) -> Surface:
+def leather(rng: Draw, size: int, grain: float = 1.0, count: int = 60) -> Surface:
     """Leather of 0.32 m: a net of creases, folds; `grain` is the depth of the creases."""
     near, second, own = cells(rng, size, count)
     crease = 1 - smoothstep(0.0, 0.3, second - near)
@@ -292,6 +293,6 @@ def leather(rng: np.random.Generator, size: int, grain: float = 1.0, count: int 
     )
 
 
-def suede(rng: np.random.Generator, size: int) -> Surface:
+def suede(rng: Draw, size: int) -> Surface:
     """Suede or microfibre: strokes of the nap."""
     return pile(rng, size, nap=0.5, metres=0.5)

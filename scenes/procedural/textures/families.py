@@ -17,7 +17,7 @@ from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.procedural.textures import cloth, goods, masonry, woods
 from pbrnet.scenes.procedural.textures.fields import Surface
 from pbrnet.scenes.procedural.textures.wear import worn
-from pbrnet.scenes.seeds import derive, generator
+from pbrnet.scenes.seeds import Draw, derive, generator
 
 SEEDS = 6  # different draws of each family
 WEARS = 3  # steps from new to old
@@ -31,7 +31,7 @@ class Family:
     scratched rather than stained; `sheen` of the fibres; `wears`: how much age shows.
     """
 
-    make: Callable[[np.random.Generator, int], Surface]
+    make: Callable[[Draw, int], Surface]
     detail: int = 2
     hard: bool = True
     sheen: float = 0.0

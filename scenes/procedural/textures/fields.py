@@ -22,7 +22,7 @@ from pbrnet.scenes.arrays import (
     UInt8Array,
 )
 from pbrnet.scenes.color import encode_srgb
-from pbrnet.scenes.seeds import generator
+from pbrnet.scenes.seeds import Draw, generator
 
 DRAWS = 2  # different fields of each spectrum; shifts and turns make many of them
 _CUTOFF = 384  # periods per tile; finer noise is white to the eye and costs memory
@@ -69,9 +69,9 @@ class Surface:
     modules: tuple[int, int] | None = None
 
 
-def noise(rng: np.random.Generator, size: int, spectrum: Spectrum = CLOUD) -> Float32Array:
+def noise(rng: Draw, size: int, spectrum: Spectrum = CLOUD) -> Float32Array:
     """Return noise of a spectrum with mean 0 and standard deviation 1, at a random shift."""
-    field = _field(size, spectrum, int(rng.integers(DRAWS)))
+    field = _field(size, spectrum, rng.whole(DRAWS))
     shift = rng.integers(0, size, 2)
     field = np.roll(field, (int(shift[0]), int(shift[1])), axis=(0, 1))
     return field * np.float32(1 / _GRID)
@@ -132,7 +132,7 @@ def constant(size: int, value: float) -> Float32Array:
     return np.full((size, size), value, dtype=np.float32)
 
 
-def drawn(rng: np.random.Generator, shape: tuple[int, ...]) -> Float32Array:
+def drawn(rng: Draw, shape: tuple[int, ...]) -> Float32Array:
     """Standard normal numbers of a shape, rounded to the grid of noise."""
     return (np.rint(rng.standard_normal(shape) * _GRID) / _GRID).astype(np.float32)
 
@@ -226,7 +226,7 @@ def hexagons(size: int, metres: float, columns: int) -> Modules:
     return Modules(number, x, y, edge, columns * rows)
 
 
-def cells(rng: np.random.Generator, size: int, count: int) -> tuple[Float32Array, ...]:
+def cells(rng: Draw, size: int, count: int) -> tuple[Float32Array, ...]:
     """Voronoi cells of `count` x `count` jittered points.
 
     Distances to the nearest and to the second nearest point in units of the mean spacing, and a

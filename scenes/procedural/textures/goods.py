@@ -18,9 +18,10 @@ from pbrnet.scenes.procedural.textures.fields import (
     noise,
     smoothstep,
 )
+from pbrnet.scenes.seeds import Draw
 
 
-def granite(rng: np.random.Generator, size: int) -> Surface:
+def granite(rng: Draw, size: int) -> Surface:
     """Polished granite: crystals of several tones."""
     _, _, own = cells(rng, size, 64)
     specks = noise(rng, size, GRIT)
@@ -35,7 +36,7 @@ def granite(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def marble(rng: np.random.Generator, size: int) -> Surface:
+def marble(rng: Draw, size: int) -> Surface:
     """Marble with branching veins over clouds."""
     bend = noise(rng, size, CLOUD._replace(falloff=1.9))
     field = noise(rng, size, CLOUD) + 0.4 * bend
@@ -52,7 +53,7 @@ def marble(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def travertine(rng: np.random.Generator, size: int) -> Surface:
+def travertine(rng: Draw, size: int) -> Surface:
     """Travertine or limestone: bands with elongated holes."""
     bands = noise(rng, size, Spectrum(1.2, 2, 7.0))
     holes = smoothstep(1.7, 2.3, noise(rng, size, CRUMB._replace(along=4.0)))
@@ -65,7 +66,7 @@ def travertine(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def slate(rng: np.random.Generator, size: int) -> Surface:
+def slate(rng: Draw, size: int) -> Surface:
     """Riven slate: steps of thin layers."""
     field = 2.2 * noise(rng, size, BLOTCH)
     steps = np.floor(field) + smoothstep(0.8, 1.0, field - np.floor(field))
@@ -79,7 +80,7 @@ def slate(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def terrazzo(rng: np.random.Generator, size: int) -> Surface:
+def terrazzo(rng: Draw, size: int) -> Surface:
     """Chips of stone in cement, ground flat."""
     near, second, own = cells(rng, size, 26)
     chip = smoothstep(0.06, 0.12, second - near) * smoothstep(0.35, 0.4, own)
@@ -95,7 +96,7 @@ def terrazzo(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def composite(rng: np.random.Generator, size: int) -> Surface:
+def composite(rng: Draw, size: int) -> Surface:
     """Quartz composite or laminate with fine speckles."""
     specks = noise(rng, size, GRIT)
     mix = 0.6 * smoothstep(1.2, 2.2, specks) + 0.3 * smoothstep(1.5, 2.5, -specks)
@@ -108,7 +109,7 @@ def composite(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def lacquer(rng: np.random.Generator, size: int, peel: float = 1.0) -> Surface:
+def lacquer(rng: Draw, size: int, peel: float = 1.0) -> Surface:
     """Sprayed lacquer or powder coat: orange peel of `peel`."""
     skin = noise(rng, size, Spectrum(0.9, 40))
     cloud = noise(rng, size, CLOUD)
@@ -121,7 +122,7 @@ def lacquer(rng: np.random.Generator, size: int, peel: float = 1.0) -> Surface:
     )
 
 
-def plastic(rng: np.random.Generator, size: int, spark: float = 0.0) -> Surface:
+def plastic(rng: Draw, size: int, spark: float = 0.0) -> Surface:
     """Moulded plastic: smooth, or with an eroded texture of `spark`."""
     grain = noise(rng, size, GRIT)
     cloud = noise(rng, size, CLOUD)
@@ -134,7 +135,7 @@ def plastic(rng: np.random.Generator, size: int, spark: float = 0.0) -> Surface:
     )
 
 
-def brushed(rng: np.random.Generator, size: int) -> Surface:
+def brushed(rng: Draw, size: int) -> Surface:
     """Metal brushed along u."""
     lines = noise(rng, size, Spectrum(0.25, 16, 60.0))
     cloud = noise(rng, size, CLOUD)
@@ -147,7 +148,7 @@ def brushed(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def polished(rng: np.random.Generator, size: int) -> Surface:
+def polished(rng: Draw, size: int) -> Surface:
     """Plated or polished metal with smears of hands."""
     smear = smoothstep(0.6, 2.0, noise(rng, size, BLOTCH))
     return Surface(
@@ -159,7 +160,7 @@ def polished(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def cast(rng: np.random.Generator, size: int) -> Surface:
+def cast(rng: Draw, size: int) -> Surface:
     """Cast iron or aluminium with a sandy skin."""
     sand, crumb = noise(rng, size, GRIT), noise(rng, size, CRUMB)
     return Surface(
@@ -171,7 +172,7 @@ def cast(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def hammered(rng: np.random.Generator, size: int) -> Surface:
+def hammered(rng: Draw, size: int) -> Surface:
     """Metal with the dents of a hammer, 1.5 cm wide."""
     near, _, own = cells(rng, size, 20)
     return Surface(
@@ -183,7 +184,7 @@ def hammered(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def patinated(rng: np.random.Generator, size: int) -> Surface:
+def patinated(rng: Draw, size: int) -> Surface:
     """Aged brass or galvanised steel: patches of other tone and gloss."""
     _, _, own = cells(rng, size, 22)
     patch = noise(rng, size, BLOTCH)
@@ -196,7 +197,7 @@ def patinated(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def glazed(rng: np.random.Generator, size: int, wavy: float = 1.0) -> Surface:
+def glazed(rng: Draw, size: int, wavy: float = 1.0) -> Surface:
     """Glazed ceramic with slight waves and pinholes."""
     waves = noise(rng, size, CLOUD)
     pins = smoothstep(3.0, 3.4, noise(rng, size, CRUMB))
@@ -209,7 +210,7 @@ def glazed(rng: np.random.Generator, size: int, wavy: float = 1.0) -> Surface:
     )
 
 
-def speckled(rng: np.random.Generator, size: int) -> Surface:
+def speckled(rng: Draw, size: int) -> Surface:
     """Stoneware glaze with iron specks and rings of the wheel."""
     specks = smoothstep(2.0, 2.6, noise(rng, size, GRIT))
     rings = noise(rng, size, Spectrum(0.6, 10, 60.0))
@@ -223,7 +224,7 @@ def speckled(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def earthenware(rng: np.random.Generator, size: int) -> Surface:
+def earthenware(rng: Draw, size: int) -> Surface:
     """Unglazed clay with bloom of lime."""
     grit, cloud = noise(rng, size, GRIT), noise(rng, size, BLOTCH)
     bloom = smoothstep(0.8, 2.0, cloud)
@@ -236,7 +237,7 @@ def earthenware(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def paper(rng: np.random.Generator, size: int, fold: float = 1.0) -> Surface:
+def paper(rng: Draw, size: int, fold: float = 1.0) -> Surface:
     """Paper or card: fibres and a slight cockle."""
     fibre, cockle = noise(rng, size, GRIT), noise(rng, size, CLOUD)
     return Surface(
@@ -248,7 +249,7 @@ def paper(rng: np.random.Generator, size: int, fold: float = 1.0) -> Surface:
     )
 
 
-def corrugated(rng: np.random.Generator, size: int) -> Surface:
+def corrugated(rng: Draw, size: int) -> Surface:
     """Corrugated board: brown fibres over faint flutes."""
     u, _ = axes(size)
     t = u * 60
@@ -263,7 +264,7 @@ def corrugated(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def canvas(rng: np.random.Generator, size: int) -> Surface:
+def canvas(rng: Draw, size: int) -> Surface:
     """Primed canvas or heavy paper under a picture; a tile is the picture, about 0.6 m."""
     threads = noise(rng, size, Spectrum(0.2, 60))
     brush = noise(rng, size, CRUMB)
@@ -276,7 +277,7 @@ def canvas(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def leaf(rng: np.random.Generator, size: int) -> Surface:
+def leaf(rng: Draw, size: int) -> Surface:
     """Leaves: mottled, with a net of veins."""
     near, second, _ = cells(rng, size, 24)
     vein = 1 - smoothstep(0.0, 0.15, second - near)
@@ -290,7 +291,7 @@ def leaf(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def soil(rng: np.random.Generator, size: int, crumbs: float = 1.0) -> Surface:
+def soil(rng: Draw, size: int, crumbs: float = 1.0) -> Surface:
     """Potting soil or mulch: crumbs and bits of bark."""
     near, _, own = cells(rng, size, 26)
     crumb = noise(rng, size, CRUMB)
@@ -304,7 +305,7 @@ def soil(rng: np.random.Generator, size: int, crumbs: float = 1.0) -> Surface:
     )
 
 
-def gravel(rng: np.random.Generator, size: int) -> Surface:
+def gravel(rng: Draw, size: int) -> Surface:
     """Pebbles of 1 to 3 cm."""
     near, second, own = cells(rng, size, 40)
     stone = smoothstep(0.0, 0.35, second - near)
@@ -317,7 +318,7 @@ def gravel(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def lawn(rng: np.random.Generator, size: int, long: float = 1.0) -> Surface:
+def lawn(rng: Draw, size: int, long: float = 1.0) -> Surface:
     """Grass from above: blades, tufts, thin and dry patches."""
     blades = noise(rng, size, Spectrum(0.3, 30, 1.0, 2.5))
     other = noise(rng, size, Spectrum(0.3, 30, 2.5))
@@ -334,7 +335,7 @@ def lawn(rng: np.random.Generator, size: int, long: float = 1.0) -> Surface:
     )
 
 
-def asphalt(rng: np.random.Generator, size: int) -> Surface:
+def asphalt(rng: Draw, size: int) -> Surface:
     """Asphalt with its stones worn bare, and tar repairs."""
     near, second, own = cells(rng, size, 90)
     stone = smoothstep(0.0, 0.3, second - near) * smoothstep(0.4, 0.5, own)

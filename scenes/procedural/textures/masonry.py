@@ -24,12 +24,13 @@ from pbrnet.scenes.procedural.textures.fields import (
     smoothstep,
     wave,
 )
+from pbrnet.scenes.seeds import Draw
 
 _ROLLER = Spectrum(0.9, 130)  # bumps of a paint roller, on a tile of 1.6 m
 _COMB = Spectrum(0.3, 12, 40.0)
 
 
-def painted(rng: np.random.Generator, size: int, nap: float = 1.0) -> Surface:
+def painted(rng: Draw, size: int, nap: float = 1.0) -> Surface:
     """Rolled wall paint; `nap` scales the height of the roller's texture."""
     roller = noise(rng, size, _ROLLER)
     cloud = noise(rng, size, CLOUD)
@@ -38,7 +39,7 @@ def painted(rng: np.random.Generator, size: int, nap: float = 1.0) -> Surface:
     return Surface(constant(size, 0), shade, 0.02 * cloud, height.astype(np.float32), 1.6)
 
 
-def trowelled(rng: np.random.Generator, size: int) -> Surface:
+def trowelled(rng: Draw, size: int) -> Surface:
     """Lime or clay plaster smoothed by hand: overlapping strokes, mottled tone."""
     a = noise(rng, size, BLOTCH._replace(along=2.2))
     b = noise(rng, size, BLOTCH._replace(across=2.2))
@@ -54,7 +55,7 @@ def trowelled(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def rendered(rng: np.random.Generator, size: int, grain: float = 1.0) -> Surface:
+def rendered(rng: Draw, size: int, grain: float = 1.0) -> Surface:
     """Scratched render or roughcast of 1.2 m; `grain` scales its grains."""
     grit = noise(rng, size, GRIT)
     crumb = noise(rng, size, CRUMB)
@@ -70,7 +71,7 @@ def rendered(rng: np.random.Generator, size: int, grain: float = 1.0) -> Surface
     )
 
 
-def woodchip(rng: np.random.Generator, size: int) -> Surface:
+def woodchip(rng: Draw, size: int) -> Surface:
     """Woodchip paper, painted: scattered chips under the paint."""
     chips = smoothstep(0.9, 1.8, noise(rng, size, Spectrum(0.8, 60, 1.8)))
     soft = noise(rng, size, _ROLLER)
@@ -83,7 +84,7 @@ def woodchip(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def brushed(rng: np.random.Generator, size: int) -> Surface:
+def brushed(rng: Draw, size: int) -> Surface:
     """Paint laid on with a brush, strokes along u."""
     strokes = noise(rng, size, _COMB)
     cloud = noise(rng, size, CLOUD)
@@ -96,7 +97,7 @@ def brushed(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def concrete(rng: np.random.Generator, size: int) -> Surface:
+def concrete(rng: Draw, size: int) -> Surface:
     """Fair-faced concrete with clouds, pores and the marks of shuttering boards."""
     metres = 2.0
     at = courses(size, metres, 1, 2)
@@ -115,7 +116,7 @@ def concrete(rng: np.random.Generator, size: int) -> Surface:
 
 
 def tiled(
-    rng: np.random.Generator,
+    rng: Draw,
     size: int,
     columns: int = 4,
     rows: int = 4,
@@ -141,7 +142,7 @@ def tiled(
 
 
 def _joined(
-    rng: np.random.Generator,
+    rng: Draw,
     size: int,
     metres: float,
     at: Modules,
@@ -190,12 +191,12 @@ def _joined(
     )
 
 
-def _inlay(rng: np.random.Generator, metres: float, at: Modules) -> Float32Array:
+def _inlay(rng: Draw, metres: float, at: Modules) -> Float32Array:
     """Ornament of an encaustic tile: rings, a star or petals, soft by 0.6 mm."""
     half = np.float32(np.abs(at.x).max())
     x, y = np.abs(at.x) / half, np.abs(at.y) / half
     radius = np.sqrt(x * x + y * y)
-    kind = int(rng.integers(4))
+    kind = rng.whole(4)
     if kind == 0:  # rings around the centre and the corners
         corner = np.sqrt((1 - x) ** 2 + (1 - y) ** 2)
         line = np.minimum(np.abs(radius - 0.55), np.abs(corner - 0.45)) - np.float32(0.09)
@@ -209,9 +210,7 @@ def _inlay(rng: np.random.Generator, metres: float, at: Modules) -> Float32Array
     return 1 - smoothstep(-0.02, 0.02, line.astype(np.float32))
 
 
-def brickwork(
-    rng: np.random.Generator, size: int, bond: str = "running", worn: float = 1.0
-) -> Surface:
+def brickwork(rng: Draw, size: int, bond: str = "running", worn: float = 1.0) -> Surface:
     """Bricks of 0.25 m x 0.075 m with 10 mm of mortar in the accent colour."""
     metres, columns, rows = 1.5, 6, 20
     step = {"running": (0.0, 0.5), "third": (0.0, 1 / 3, 2 / 3, 1 / 3), "stack": (0.0,)}[bond]
@@ -239,7 +238,7 @@ def brickwork(
     )
 
 
-def roof_tiles(rng: np.random.Generator, size: int) -> Surface:
+def roof_tiles(rng: Draw, size: int) -> Surface:
     """Pantiles of 0.25 m x 0.3 m."""
     metres, columns, rows = 1.5, 6, 5
     at = courses(size, metres, columns, rows)
@@ -257,24 +256,24 @@ def roof_tiles(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def papered(rng: np.random.Generator, size: int, print_of: str) -> Surface:
+def papered(rng: Draw, size: int, print_of: str) -> Surface:
     """Wallpaper of two rolls' width, with its seams: what is printed has the accent colour."""
     metres = 1.06
     u, v = axes(size)
     soft = 1.5 / size
     rough, relief = constant(size, 0.0), constant(size, 0.0)
     if print_of == "stripes":
-        count = int(rng.choice([8, 12, 20]))
+        count = rng.pick([8, 12, 20])
         band = np.abs((u * count) % 1 - np.float32(0.5)) - np.float32(rng.integers(20, 36) / 100)
         mix = smoothstep(-count * soft, count * soft, band)
         rough = -0.15 * mix  # satin stripes on a matt ground
     elif print_of == "diamonds":
-        count = int(rng.choice([6, 9]))
+        count = rng.pick([6, 9])
         a, b = (u + v) * count % 1, (u - v) * count % 1
         line = np.minimum(np.minimum(a, 1 - a), np.minimum(b, 1 - b))
         mix = 0.8 * (1 - smoothstep(0.03, 0.03 + 2 * count * soft, line))
     elif print_of == "hexagons":
-        at = hexagons(size, metres, int(rng.choice([7, 14])))
+        at = hexagons(size, metres, rng.pick([7, 14]))
         mix = 1 - smoothstep(0.002, 0.002 + 2 * metres / size, np.abs(at.edge - 0.006))
     elif print_of == "scales":
         at = courses(size, metres, 8, 16, (np.arange(16) % 2 * 0.5).astype(np.float32))
@@ -285,7 +284,7 @@ def papered(rng: np.random.Generator, size: int, print_of: str) -> Surface:
         at = courses(size, metres, 6, 6, (np.arange(6) % 2 * 0.5).astype(np.float32))
         mix = _sprigs(at, metres / size)
     elif print_of == "damask":
-        count = int(rng.choice([4, 5]))
+        count = rng.pick([4, 5])
         a, b = wave(u * count), wave(v * count)
         c, d = wave((u + v) * count), wave((u - v) * count)
         field = a * b + np.float32(0.45) * c * d + np.float32(0.25) * wave(2 * u * count) * b
@@ -320,7 +319,7 @@ def _sprigs(at: Modules, texel: float) -> Float32Array:
     return 1 - smoothstep(-0.5 * texel, texel, best.astype(np.float32))
 
 
-def crazed(rng: np.random.Generator, size: int) -> Surface:
+def crazed(rng: Draw, size: int) -> Surface:
     """Glaze with a net of fine cracks."""
     near, second, _ = cells(rng, size, 18)
     crack = 1 - smoothstep(0.0, 0.05, second - near)
@@ -333,7 +332,7 @@ def crazed(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def planked(rng: np.random.Generator, size: int) -> Surface:
+def planked(rng: Draw, size: int) -> Surface:
     """Painted tongue-and-groove panelling: boards of 0.1 m along v."""
     metres = 1.2
     at = courses(size, metres, 12, 1)

@@ -23,7 +23,7 @@ from pbrnet.scenes.procedural.textures.fields import (
     noise,
     smoothstep,
 )
-from pbrnet.scenes.seeds import generator
+from pbrnet.scenes.seeds import Draw, generator
 
 _SOIL = np.array([0.075, 0.062, 0.05], dtype=np.float32)  # reflectance of grime and grease
 _DUST = np.array([0.42, 0.40, 0.37], dtype=np.float32)  # of dust and scale
@@ -203,7 +203,7 @@ def _amount(
 
 def _broken(
     how: str,
-    rng: np.random.Generator,
+    rng: Draw,
     amount: Float32Array,
     layout: Layout,
     window: tuple[slice, slice],

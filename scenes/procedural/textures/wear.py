@@ -16,12 +16,13 @@ from pbrnet.scenes.procedural.textures.fields import (
     noise,
     smoothstep,
 )
+from pbrnet.scenes.seeds import Draw
 
 _DASH = Spectrum(0.5, 10, 30.0)
 _GRID = 1024  # per millimetre and less; means are rounded before they decide anything
 
 
-def worn(surface: Surface, rng: np.random.Generator, level: float, hard: bool) -> Surface:
+def worn(surface: Surface, rng: Draw, level: float, hard: bool) -> Surface:
     """Return a surface after use; `hard` ones are scratched and polished, soft ones stained."""
     if level <= 0:
         return surface

@@ -26,6 +26,7 @@ from pbrnet.scenes.procedural.textures.fields import (
     smoothstep,
     wave,
 )
+from pbrnet.scenes.seeds import Draw
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ WENGE = Grain(26, 0.25, 0.6, 0.8)
 BAMBOO = Grain(30, 0.02, 0.25, 0.3)
 
 
-def _figure(rng: np.random.Generator, size: int, grain: Grain) -> tuple[Float32Array, ...]:
+def _figure(rng: Draw, size: int, grain: Grain) -> tuple[Float32Array, ...]:
     """Mixing weight and pores (0 to 1) of plain-sawn wood with its grain along u."""
     _, v = axes(size)
     bend = noise(rng, size, BEND)
@@ -78,7 +79,7 @@ def _figure(rng: np.random.Generator, size: int, grain: Grain) -> tuple[Float32A
     return mix.astype(np.float32), pores.astype(np.float32)
 
 
-def solid(rng: np.random.Generator, size: int, grain: Grain) -> Surface:
+def solid(rng: Draw, size: int, grain: Grain) -> Surface:
     """Lacquered wood of 0.8 m: open pores are duller and deeper."""
     mix, pores = _figure(rng, size, grain)
     height = -0.00012 * pores + 0.00002 * noise(rng, size, CLOUD)
@@ -87,7 +88,7 @@ def solid(rng: np.random.Generator, size: int, grain: Grain) -> Surface:
     return Surface(np.clip(mix, 0, 1), shade, rough, height.astype(np.float32), 0.8)
 
 
-def end_grain(rng: np.random.Generator, size: int) -> Surface:
+def end_grain(rng: Draw, size: int) -> Surface:
     """Butcher's block: staves of 4 cm, glued, each with rings of its own."""
     metres = 0.64
     at = courses(size, metres, 2, 16, (rng.integers(0, 8, 16) / 8).astype(np.float32))
@@ -103,13 +104,13 @@ def end_grain(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def plywood(rng: np.random.Generator, size: int) -> Surface:
+def plywood(rng: Draw, size: int) -> Surface:
     """Birch veneer with the odd patch."""
     base = solid(rng, size, BIRCH)
     return replace(base, shade=base.shade + 0.02 * noise(rng, size, FIBRE))
 
 
-def chipboard(rng: np.random.Generator, size: int) -> Surface:
+def chipboard(rng: Draw, size: int) -> Surface:
     """Pressed chips, as of boards' backs and pin boards."""
     chips = noise(rng, size, CRUMB._replace(along=2.5))
     grit = noise(rng, size, GRIT)
@@ -123,7 +124,7 @@ def chipboard(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def cork(rng: np.random.Generator, size: int) -> Surface:
+def cork(rng: Draw, size: int) -> Surface:
     """Agglomerated cork granules."""
     crumbs = noise(rng, size, CRUMB)
     dark = smoothstep(1.1, 1.9, noise(rng, size, GRIT))
@@ -138,7 +139,7 @@ def cork(rng: np.random.Generator, size: int) -> Surface:
 
 
 def _boarded(
-    rng: np.random.Generator, size: int, grain: Grain, at: Modules, metres: float
+    rng: Draw, size: int, grain: Grain, at: Modules, metres: float
 ) -> tuple[Float32Array, Float32Array]:
     """Grain of boards, each cut from another place; boards along v have theirs along v."""
     mix, pores = _figure(rng, size, grain)
@@ -152,7 +153,7 @@ def _boarded(
 
 
 def floor(
-    rng: np.random.Generator,
+    rng: Draw,
     size: int,
     grain: Grain,
     layout: str = "boards",
@@ -201,7 +202,7 @@ def floor(
     )
 
 
-def wicker(rng: np.random.Generator, size: int) -> Surface:
+def wicker(rng: Draw, size: int) -> Surface:
     """Willow or rattan woven around stakes 4 cm apart."""
     metres, stakes, rods = 0.48, 12, 48
     u, v = axes(size)
@@ -222,7 +223,7 @@ def wicker(rng: np.random.Generator, size: int) -> Surface:
     )
 
 
-def bark(rng: np.random.Generator, size: int) -> Surface:
+def bark(rng: Draw, size: int) -> Surface:
     """Furrowed bark with its ridges along v."""
     ridges = noise(rng, size, CRUMB._replace(across=5.0))
     fine = noise(rng, size, GRIT)

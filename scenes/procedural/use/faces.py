@@ -16,12 +16,13 @@ from scipy.sparse.csgraph import connected_components
 from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
 from pbrnet.scenes.procedural.piece import Material, PiecePart, Trace, Use
 from pbrnet.scenes.procedural.scene_item import SceneItem
+from pbrnet.scenes.seeds import Draw
 
 _GRID = 4  # decimals of metres: the last bits of coordinates depend on the processor
 _ASIDE = 1.3e-6  # metres; keeps multiples of half a step of that grid off its borders
 
 Point = tuple[float, float]
-Draw = np.random.Generator
+Draw = Draw
 
 
 @dataclass(frozen=True)
@@ -96,9 +97,7 @@ def with_traces(
 ) -> Material:
     """Return a material with the traces on a face."""
     left = tuple(traces(face, rng))
-    return replace(
-        material, use=Use(face.low, face.high, face.panels, left, int(rng.integers(1 << 30)))
-    )
+    return replace(material, use=Use(face.low, face.high, face.panels, left, rng.variant()))
 
 
 def of_faces(part: PiecePart, keep: BoolArray) -> PiecePart:

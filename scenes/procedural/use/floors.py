@@ -41,7 +41,7 @@ def on_floor(
 
         found = []
         for path, strength in _paths(plan, room, standing):
-            width = round(float(rng.uniform(0.3, 0.42)), 3)
+            width = round(rng.between(0.3, 0.42), 3)
             found += [
                 line("walk", path[k], path[k + 1], width, strength) for k in range(len(path) - 1)
             ]
@@ -59,7 +59,7 @@ def on_floor(
             low, high = on_grid(item.bounds)
             if item.category in ("chair", "stool") and low[2] < _SOLID:
                 middle = (float(low[0] + high[0]) / 2, float(low[1] + high[1]) / 2)
-                found.append(line("scuff", middle, middle, 0.45, float(rng.uniform(0.5, 1))))
+                found.append(line("scuff", middle, middle, 0.45, rng.between(0.5, 1)))
             elif low[2] > 0.08 and low[2] < 0.5 and (high - low)[:2].min() > 0.3:
                 # Nobody sweeps below a low piece.
                 half = 0.5 * float((high - low)[:2].min())
@@ -68,10 +68,10 @@ def on_floor(
                 ends[0][axis], ends[1][axis] = low[axis] + half, high[axis] - half
                 a, b = (rounded(end) for end in ends)
                 found.append(line("dust", a, b, half, 0.8))
-        for _ in range(int(rng.integers(0, 4))):
+        for _ in range(rng.whole(0, 4)):
             x, y = rng.random(2)
             place = face.inside(float(x), float(y))
-            found.append(Trace("spill", place, place, round(float(rng.uniform(0.04, 0.15)), 3)))
+            found.append(Trace("spill", place, place, round(rng.between(0.04, 0.15), 3)))
         return found
 
     return traces

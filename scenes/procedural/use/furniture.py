@@ -20,7 +20,7 @@ def _on_table(face: Face, rng: Draw) -> list[Trace]:
     for side in (0.13, 0.87):
         ends = ((0.15, side), (0.85, side)) if wide else ((side, 0.15), (side, 0.85))
         a, b = (face.inside(*end) for end in ends)
-        found.append(Trace("touch", a, b, 0.16, round(float(rng.uniform(0.4, 0.9)), 2)))
+        found.append(Trace("touch", a, b, 0.16, round(rng.between(0.4, 0.9), 2)))
     middle = face.inside(0.5, 0.5)
     found.append(Trace("scuff", middle, middle, round(0.5 * min(face.size), 3), 0.7))
     return found + _rings(face, rng, 2, 7) + _spots(face, rng, "spill", 0, 3, (0.03, 0.09))
@@ -50,7 +50,7 @@ def _by_hob(face: Face, rng: Draw) -> list[Trace]:
 
 def _on_worktop(face: Face, rng: Draw) -> list[Trace]:
     middle = face.inside(0.5, 0.45)
-    cut = Trace("scuff", middle, middle, 0.26, round(float(rng.uniform(0.4, 1.0)), 2))
+    cut = Trace("scuff", middle, middle, 0.26, round(rng.between(0.4, 1.0), 2))
     return [cut, *_rings(face, rng, 0, 3), *_spots(face, rng, "spill", 0, 3, (0.02, 0.06))]
 
 
@@ -77,10 +77,10 @@ TOPS: dict[str, tuple[str, Callable[[Face, Draw], list[Trace]]]] = {
 
 def _rings(face: Face, rng: Draw, low: int, high: int) -> list[Trace]:
     found = []
-    for _ in range(int(rng.integers(low, high))):
+    for _ in range(rng.whole(low, high)):
         place = face.inside(*rng.uniform(0.08, 0.92, 2).tolist())
-        radius = round(float(rng.uniform(0.03, 0.045)), 3)
-        found.append(Trace("ring", place, place, radius, round(float(rng.uniform(0.3, 1)), 2)))
+        radius = round(rng.between(0.03, 0.045), 3)
+        found.append(Trace("ring", place, place, radius, round(rng.between(0.3, 1), 2)))
     return found
 
 
@@ -88,9 +88,9 @@ def _spots(
     face: Face, rng: Draw, kind: str, low: int, high: int, radius: tuple[float, float]
 ) -> list[Trace]:
     found = []
-    for _ in range(int(rng.integers(low, high))):
+    for _ in range(rng.whole(low, high)):
         place = face.inside(*rng.uniform(0.05, 0.95, 2).tolist())
-        found.append(Trace(kind, place, place, round(float(rng.uniform(*radius)), 3)))
+        found.append(Trace(kind, place, place, round(rng.between(*radius), 3)))
     return found
 
 
@@ -108,7 +108,7 @@ def on_leaf(item: SceneItem, lever: Float64Array, rng: Draw) -> SceneItem:
         ends = [list(face.low), list(face.high)]
         ends[0][1 - across] = ends[1][1 - across] = floor[1 - across] + 0.05
         foot = [(float(end[0]), float(end[1])) for end in ends]
-        found.append(Trace("scuff", foot[0], foot[1], 0.16, round(float(rng.uniform(0.4, 1)), 2)))
+        found.append(Trace("scuff", foot[0], foot[1], 0.16, round(rng.between(0.4, 1), 2)))
         found.append(Trace("dust", foot[0], foot[1], 0.05, 0.6))
         return found
 
@@ -131,9 +131,7 @@ def on_seats(item: SceneItem, rng: Draw) -> SceneItem:
             if min(s1 - s0, t1 - t0) > 0.3:
                 middle = ((s0 + s1) / 2, (t0 + t1) / 2)
                 radius = round(0.5 * min(s1 - s0, t1 - t0), 3)
-                found.append(
-                    Trace("seat", middle, middle, radius, round(float(rng.uniform(0.6, 1)), 2))
-                )
+                found.append(Trace("seat", middle, middle, radius, round(rng.between(0.6, 1), 2)))
         return found
 
     names = [part.name for part in item.parts if _kind(part) in ("fabric", "leather")]

@@ -69,7 +69,7 @@ def _rubbed(
     rng: Draw,
 ) -> Callable[[Face, Draw], list[Trace]]:
     _, reach, kinds = touched
-    share = float(rng.uniform(0.5, 1.0))
+    share = rng.between(0.5, 1.0)
 
     def traces(face: Face, rng: Draw) -> list[Trace]:
         a, b = face.at(ends[0]), face.at(ends[1])

@@ -61,7 +61,7 @@ def _try_sanitary(
     rng, space = furnisher.rng, furnisher.space
     tub = None
     if first == "bath_tub":
-        piece = furnisher.make("bath_tub", width=1.6 if tight else float(rng.choice([1.6, 1.7])))
+        piece = furnisher.make("bath_tub", width=1.6 if tight else rng.pick([1.6, 1.7]))
         tub = space.against_wall(rng, "bath_tub", piece, where="corner", tries=120)
     elif first == "shower":
         tub = _place_shower(furnisher)
@@ -74,9 +74,7 @@ def _place_shower(furnisher: Furnisher) -> PlacedPiece | None:
     rng, space = furnisher.rng, furnisher.space
     for width in (0.9, 0.8):
         piece = furnisher.make("shower", width=width)
-        edges = furnisher.room.edges
-        for index in rng.permutation(len(edges)):
-            edge = edges[int(index)]
+        for edge in rng.shuffled(furnisher.room.edges):
             half = 0.5 * float(np.ptp(piece.bounds[:, 0]))
             for s in (half + GAP, edge.length - half - GAP):
                 item = space.try_place("shower", piece, space.wall_pose(piece, edge, s))

@@ -56,9 +56,7 @@ def furnish_bedroom(furnisher: Furnisher) -> None:
 def _build_in_wardrobe(furnisher: Furnisher) -> bool:
     """Fill a short wall between two corners with a wardrobe; returns whether one fits."""
     space = furnisher.space
-    edges = furnisher.room.edges
-    for index in furnisher.rng.permutation(len(edges)):
-        edge = edges[int(index)]
+    for edge in furnisher.rng.shuffled(furnisher.room.edges):
         if not 1.5 < edge.length < 3.4 or any(
             has_opening(edge, one) for one in space.plan.openings
         ):
@@ -103,14 +101,14 @@ def _stand_beside(
     lamp = furnisher.make("table_lamp")
     size = 0.5 * float(np.ptp(table.bounds[:, 0]))
     for side in (-1.0, 1.0):
-        place = s + side * (half + size + float(rng.uniform(0.03, 0.08)))
+        place = s + side * (half + size + rng.between(0.03, 0.08))
         item = space.try_place("night_table", table, space.wall_pose(table, edge, place))
         if item is not None:
             space.on_top(rng, "table_lamp", lamp, item, centre=True) or space.on_top(
                 rng, "table_lamp", lamp, item
             )
     if furnisher.wants(0.65):
-        rug = furnisher.make("rug", width=float(rng.uniform(1.2, 1.7)), depth=0.7)
+        rug = furnisher.make("rug", width=rng.between(1.2, 1.7), depth=0.7)
         foot = float(-bed.piece.bounds[0, 1]) + 0.45
         x, y, _ = bed.pose.apply(np.array([[0.0, -foot, 0.0]]))[0]
         space.try_place("rug", rug, Pose(float(x), float(y), 0.0, bed.pose.yaw), zone=False)

@@ -29,7 +29,7 @@ def place_desk(furnisher: Furnisher) -> PlacedPiece | None:
             continue
         # The knee space is beside the pedestal.
         knees = _knee_space(desk)
-        askew = float(rng.normal(0, 10 + 50 * furnisher.style.disorder))
+        askew = rng.normal(0, 10 + 50 * furnisher.style.disorder)
         for pulled, turn in ((0.2, askew), (0.1, 0.0), (0.2, 0.0), (0.32, askew), (0.45, 0.0)):
             local = np.array([[knees, float(desk.bounds[0, 1]) - pulled, 0.0]])
             x, y, _ = item.pose.apply(local)[0]

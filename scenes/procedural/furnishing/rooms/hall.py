@@ -38,8 +38,8 @@ def _lay_runner(furnisher: Furnisher) -> None:
     rng, space = furnisher.rng, furnisher.space
     x0, y0, x1, y1 = space.shape.bounds
     along_x = x1 - x0 > y1 - y0
-    width = min(float(rng.uniform(1.4, 2.6)), 0.75 * max(x1 - x0, y1 - y0))
-    depth = min(float(rng.uniform(0.6, 0.8)), 0.6 * min(x1 - x0, y1 - y0))
+    width = min(rng.between(1.4, 2.6), 0.75 * max(x1 - x0, y1 - y0))
+    depth = min(rng.between(0.6, 0.8), 0.6 * min(x1 - x0, y1 - y0))
     runner = furnisher.make("rug", width=width, depth=depth)
     middle = space.middle()
     yaw = 0.0 if along_x else 90.0

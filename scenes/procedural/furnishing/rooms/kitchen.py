@@ -50,8 +50,8 @@ def _place_units(furnisher: Furnisher) -> list[PlacedPiece]:
     units.append(("hob_unit", 0.6))
     if furnisher.chance(0.5):
         units.reverse()
-    extras = int(rng.integers(1, 4)) if furnisher.area > 8 else 1
-    units += [("base_cupboard", float(rng.choice([0.4, 0.5, 0.6]))) for _ in range(extras)]
+    extras = rng.whole(1, 4) if furnisher.area > 8 else 1
+    units += [("base_cupboard", rng.pick([0.4, 0.5, 0.6])) for _ in range(extras)]
     units.insert(0 if furnisher.chance(0.6) else len(units), ("fridge", 0.61))
     pieces = [(kind, width, furnisher.make(kind, width=min(width, 0.8))) for kind, width in units]
     # If doors and windows leave no wall for the whole run, place sink and hob alone.
@@ -166,12 +166,12 @@ def _tile_behind(furnisher: Furnisher, edge: WallEdge, run: Sequence[PlacedPiece
     has = furnisher.style.interior
     tile = Material(
         "tiles",
-        hex_color(has.wall_tiles[int(furnisher.rng.integers(len(has.wall_tiles)))]),
+        hex_color(furnisher.rng.pick(has.wall_tiles)),
         0.15,
         accent=(0.6, 0.59, 0.57),
-        scale=float(furnisher.rng.choice([0.35, 0.5])),
-        variant=int(furnisher.rng.integers(1 << 30)),
-        family=has.wall_tile_families[int(furnisher.rng.integers(len(has.wall_tile_families)))],
+        scale=furnisher.rng.pick([0.35, 0.5]),
+        variant=furnisher.rng.variant(),
+        family=furnisher.rng.pick(has.wall_tile_families),
     )
     half = 0.5 * (s1 - s0)
     panel = span((-half, -0.008, 0.0), (half, 0.0, high - low))

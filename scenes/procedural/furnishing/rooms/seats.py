@@ -36,7 +36,7 @@ def _place_island(furnisher: Furnisher) -> PlacedPiece | None:
     sofa_piece, table = furnisher.make("sofa", width=1.7), furnisher.make("coffee_table")
     for attempt in range(40):
         x, y = space.open_middle() + rng.normal(0, 0.1 + 0.03 * attempt, 2)
-        pose = Pose(float(x), float(y), 0.0, 90.0 * int(rng.integers(4)))
+        pose = Pose(float(x), float(y), 0.0, 90.0 * rng.whole(4))
         sofa = space.try_place("sofa", sofa_piece, pose)
         if sofa is None:
             continue
@@ -93,7 +93,7 @@ def _try_seating(
     if stand_pose is not None:
         kept_stand = space.try_place("tv_stand", stand, stand_pose)
         if kept_stand is not None:
-            width = min(float(rng.uniform(0.95, 1.35)), float(np.ptp(stand.bounds[:, 0])) - 0.1)
+            width = min(rng.between(0.95, 1.35), float(np.ptp(stand.bounds[:, 0])) - 0.1)
             space.on_top(
                 rng,
                 "television",
@@ -110,8 +110,8 @@ def _lay_rug_before(
     """Lay a rug in front of the sofa; returns its thickness in metres, 0 without a rug."""
     if not furnisher.chance(0.75):
         return 0.0
-    width = min(float(np.ptp(sofa.bounds[:, 0])) + float(furnisher.rng.uniform(-0.1, 0.5)), 2.9)
-    depth = table_deep + float(furnisher.rng.uniform(0.75, 1.05))
+    width = min(float(np.ptp(sofa.bounds[:, 0])) + furnisher.rng.between(-0.1, 0.5), 2.9)
+    depth = table_deep + furnisher.rng.between(0.75, 1.05)
     rug = furnisher.make("rug", width=width, depth=depth)
     deep = float(np.ptp(rug.bounds[:, 1]))
     at = start + 0.5 * deep * np.array(edge.inward)
@@ -145,7 +145,7 @@ def place_armchair(furnisher: Furnisher, sofa: PlacedPiece | None) -> None:
     piece = furnisher.make("armchair")
     if sofa is not None:
         for side in rng.permutation([-1, 1]):
-            local = np.array([[side * float(rng.uniform(1.5, 1.9)), -1.45, 0.0]])
+            local = np.array([[side * rng.between(1.5, 1.9), -1.45, 0.0]])
             x, y, _ = sofa.pose.apply(local)[0]
             yaw = (sofa.pose.yaw + side * -90.0) % 360
             pose = Pose(float(x), float(y), 0.0, yaw)
@@ -154,7 +154,7 @@ def place_armchair(furnisher: Furnisher, sofa: PlacedPiece | None) -> None:
     item = space.against_wall(rng, "armchair", piece, where="corner")
     if item is not None and furnisher.chance(0.5):
         table = furnisher.make("side_table")
-        side = float(rng.choice([-1.0, 1.0]))
+        side = rng.pick([-1.0, 1.0])
         half = 0.5 * float(np.ptp(piece.bounds[:, 0])) + 0.5 * float(np.ptp(table.bounds[:, 0]))
         x, y, _ = item.pose.apply(np.array([[side * (half + 0.05), 0.1, 0.0]]))[0]
         space.try_place("side_table", table, Pose(float(x), float(y), 0.0, item.pose.yaw))
@@ -170,7 +170,7 @@ def place_second_seats(furnisher: Furnisher) -> None:
     distance = 0.5 * float(np.ptp(table.bounds[:, 0])) - float(chair.bounds[0, 1]) + 0.12
     for _ in range(12):
         x, y = middle + rng.normal(0, 0.15, 2)
-        pose = Pose(float(x), float(y), 0.0, 90.0 * int(rng.integers(4)))
+        pose = Pose(float(x), float(y), 0.0, 90.0 * rng.whole(4))
         seat = space.try_place("side_table", table, pose, zone=False)
         if seat is None:
             continue

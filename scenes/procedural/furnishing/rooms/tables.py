@@ -17,14 +17,14 @@ def place_dining_group(furnisher: Furnisher, small: bool) -> PlacedPiece | None:
         round_one = furnisher.chance(0.35)
         shrink = 1.0 - 0.03 * attempt
         if round_one:
-            table = furnisher.make("round_table", width=float(rng.uniform(0.9, 1.2)) * shrink)
+            table = furnisher.make("round_table", width=rng.between(0.9, 1.2) * shrink)
         else:
             width = float(rng.uniform(1.1, 1.4) if small else rng.uniform(1.4, 2.0)) * shrink
             table = furnisher.make("dining_table", width=width)
         centre = furnisher.space.open_middle()
         spread = 0.15 + 0.12 * attempt
         x, y = (float(value) for value in centre + rng.normal(0, spread, 2))
-        pose = Pose(x, y, 0.0, float(rng.choice([0.0, 90.0])))
+        pose = Pose(x, y, 0.0, rng.pick([0.0, 90.0]))
         if not space.fits(table, pose, ()):
             continue
         x0, y0, x1, y1 = space.shape.bounds
@@ -79,10 +79,10 @@ def _place_chairs(furnisher: Furnisher, table: PlacedPiece, round_one: bool) -> 
         # At yaw 0 the chair is beyond the table's +Y edge and faces -Y.
         edge = float(high[1]) if relative_yaw in (0.0, 180.0) else float(high[0])
         disorder = furnisher.style.disorder
-        drawn = float(rng.uniform(-0.12, 0.12))
+        drawn = rng.between(-0.12, 0.12)
         if furnisher.chance(0.5 * disorder):  # somebody got up and left it so
-            drawn = float(rng.uniform(0.1, 0.4))
-        askew = float(rng.normal(0, 2 + 10 * disorder)) * (2.0 if drawn > 0.12 else 1.0)
+            drawn = rng.between(0.1, 0.4)
+        askew = rng.normal(0, 2 + 10 * disorder) * (2.0 if drawn > 0.12 else 1.0)
         for pulled, turn in ((drawn, askew), (drawn, 0.0), (0.12, 0.0), (0.3, 0.0)):
             distance = edge + depth / 2 - 0.16 + pulled
             local = Pose(0.0, 0.0, 0.0, relative_yaw).apply(np.array([[offset, distance, 0.0]]))
@@ -99,7 +99,7 @@ def _place_chairs(furnisher: Furnisher, table: PlacedPiece, round_one: bool) -> 
 
 def _hang_pendant(furnisher: Furnisher, table: PlacedPiece) -> None:
     top = float(table.bounds[1, 2])
-    drop = furnisher.plan.height - top - float(furnisher.rng.uniform(0.62, 0.78))
+    drop = furnisher.plan.height - top - furnisher.rng.between(0.62, 0.78)
     if drop < 0.35:
         return
     lamp = furnisher.make("pendant_lamp", drop=drop)

@@ -56,19 +56,19 @@ def fill_sills(furnisher: Furnisher) -> None:
         depth = pane_depth(window) - 0.05
         if window.z0 <= 0 or depth < 0.14:
             continue
-        for _ in range(int(furnisher.rng.integers(0, 5))):
+        for _ in range(furnisher.rng.whole(0, 5)):
             things = [one for one in BY_PLACE["sill"] if one not in furnisher.left]
             kinds = list(filter(furnisher.may_leave, ["small_plant", "small_plant", *things]))
             if not kinds:
                 break
-            kind = kinds[int(furnisher.rng.integers(len(kinds)))]
+            kind = furnisher.rng.pick(kinds)
             furnisher.left.add(kind)
             piece = furnisher.make(kind)
             low, high = piece.bounds
             size = float((high - low)[:2].max())
             if size > depth + 0.04 or high[2] > window.z1 - window.z0:
                 continue
-            s = float(furnisher.rng.uniform(size / 2 + 0.08, window.width - size / 2 - 0.08))
+            s = furnisher.rng.between(size / 2 + 0.08, window.width - size / 2 - 0.08)
             centre = 0.5 * (low + high)
             # Centred on the sill, but in front of the window handles.
             x, y = window.edge.at(s, -min(depth / 2 - 0.03, depth - 0.06 - size / 2))
