@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from pbrnet.scenes.color import Color
 from pbrnet.scenes.procedural.furniture.interiors import Interior
 from pbrnet.scenes.procedural.furniture.style import Style, hex_color, scaled_color
 from pbrnet.scenes.procedural.piece import Material
@@ -49,96 +50,27 @@ class Finishes:
 
 def make_finishes(rng: Draw, style: Style, rooms: dict[str, str]) -> Finishes:
     """Draw finishes for `rooms` (id -> type) that match the furniture's `style`."""
-
-    def pick(codes: tuple[str, ...]) -> str:
-        return rng.pick(codes)
-
-    def variant() -> int:
-        return rng.variant()
-
     has = style.interior
-    plank_color = hex_color(pick(has.floors))
-    planks = Material(
-        "planks",
-        plank_color,
-        roughness=rng.between(0.3, 0.55),
-        accent=scaled_color(plank_color, 0.6),
-        scale=rng.pick([0.8, 1.0, 1.3]),
-        variant=variant(),
-        family=pick(has.floor_families),
-    )
-    nap = pick(has.wall_families)
-    carpet = Material("carpet", hex_color(pick(has.carpets)), 0.95, variant=variant())
-    common_wall = Material(
-        "plaster", hex_color(pick(has.walls)), 0.9, variant=variant(), family=nap
-    )
-    frame_code, door_code = pick(has.frames), pick(has.doors)
+    planks = _planks(rng, has)
+    nap = rng.pick(has.wall_families)
+    carpet = Material("carpet", hex_color(rng.pick(has.carpets)), 0.95, variant=rng.variant())
+    wall = _plaster(rng, has.walls, nap)
+    frame_code, door_color = rng.pick(has.frames), hex_color(rng.pick(has.doors))
     frame = Material("paint", hex_color(frame_code), rng.between(0.25, 0.4))
-    door_color = hex_color(door_code)
-    wooden = max(door_color) / max(min(door_color), 1e-6) > 1.8
-    door = (
-        replace(
-            style.wood, color=door_color, accent=scaled_color(door_color, 0.6), variant=variant()
-        )
-        if wooden
-        else Material("paint", door_color, 0.35)
-    )
+    door = Material("paint", door_color, 0.35)
+    if max(door_color) / max(min(door_color), 1e-6) > 1.8:  # a wooden one
+        grain = scaled_color(door_color, 0.6)
+        door = replace(style.wood, color=door_color, accent=grain, variant=rng.variant())
     white = Material("paint", hex_color("#e8e6e0"), 0.4)
     metal_code, metal_roughness = rng.pick(has.metals)
-    finishes = {}
+    finished = {}
     for room, kind in rooms.items():
-        wet = kind in ("bathroom", "kitchen")
-        floor = planks
-        if wet or (kind in ("dining", "hall") and rng.chance(0.3)):
-            color = hex_color(pick(has.floor_tiles))
-            floor = Material(
-                "tiles",
-                color,
-                roughness=rng.between(0.15, 0.45),
-                accent=scaled_color(hex_color("#a09c94"), 0.8),
-                scale=rng.pick([1.0, 1.0, 1.5, 2.0, 0.5 if kind == "bathroom" else 1.0]),
-                variant=variant(),
-                family=pick(has.floor_tile_families),
-            )
-            if kind == "kitchen" and rng.chance(0.35):
-                floor = planks
-        elif kind in ("bedroom", "study") and rng.chance(has.carpeted):
-            floor = carpet
-        wall = common_wall
-        if rng.chance(0.4):
-            wall = Material(
-                "plaster", hex_color(pick(has.walls)), 0.9, variant=variant(), family=nap
-            )
-        accent = None
-        if not wet and rng.chance(has.accent):
-            accent = _accent_wall(rng, has, style, nap)
-        tiles, tile_height = None, 0.0
-        if kind == "bathroom":
-            tiles = Material(
-                "tiles",
-                hex_color(pick(has.wall_tiles)),
-                roughness=rng.between(0.1, 0.25),
-                accent=hex_color("#c9c7c1"),
-                scale=rng.pick([0.35, 0.5, 0.65, 1.0]),
-                variant=variant(),
-                family=pick(has.wall_tile_families),
-            )
-            tile_height = rng.pick([1.2, 1.5, 2.1, 9.0])
-        finishes[room] = RoomFinish(
-            floor=floor,
-            wall=wall,
-            accent=accent,
-            wall_tiles=tiles,
-            tile_height=tile_height,
-            skirting=kind != "bathroom",
-        )
-    facade_color = hex_color(pick(FACADES))
-    red = facade_color[0] > 2.2 * facade_color[2]
+        floor = _floor(rng, has, kind, planks, carpet)
+        finished[room] = _room_finish(rng, style, kind, floor, wall, nap)
+    facade_color = hex_color(rng.pick(FACADES))
     return Finishes(
-        ceiling=Material(
-            "plaster", hex_color(pick(CEILINGS)), 0.95, variant=variant(), family="smooth"
-        ),
-        skirting=white if rng.chance(0.7) else replace(style.wood, variant=variant()),
+        ceiling=_plaster(rng, CEILINGS, "smooth", 0.95),
+        skirting=white if rng.chance(0.7) else replace(style.wood, variant=rng.variant()),
         skirting_height=rng.between(*has.skirting),
         cornice=rng.pick(has.cornices),
         frame=frame,
@@ -147,20 +79,81 @@ def make_finishes(rng: Draw, style: Style, rooms: dict[str, str]) -> Finishes:
         door_panels=rng.pick(has.panels),
         casing=door if rng.chance(0.5) else white,
         handle=Material("metal", hex_color(metal_code), metal_roughness),
-        facade=Material(
-            "brick" if red else "plaster",
-            facade_color,
-            0.9,
-            accent=hex_color("#a8a196") if red else None,
-            variant=variant(),
-            family=rng.pick(("running", "third")) if red else "render",
-        ),
-        threshold=replace(style.wood, variant=variant()),
+        facade=_facade(rng, facade_color),
+        threshold=replace(style.wood, variant=rng.variant()),
         beam=_beam(rng, has, style),
         glazing_bars=rng.chance(has.glazing_bars),
         sash_width=rng.between(0.8, 1.15),
-        rooms=finishes,
+        rooms=finished,
     )
+
+
+def _planks(rng: Draw, has: Interior) -> Material:
+    color = hex_color(rng.pick(has.floors))
+    return Material(
+        "planks",
+        color,
+        roughness=rng.between(0.3, 0.55),
+        accent=scaled_color(color, 0.6),
+        scale=rng.pick((0.8, 1.0, 1.3)),
+        variant=rng.variant(),
+        family=rng.pick(has.floor_families),
+    )
+
+
+def _plaster(rng: Draw, codes: tuple[str, ...], nap: str, roughness: float = 0.9) -> Material:
+    color = hex_color(rng.pick(codes))
+    return Material("plaster", color, roughness, variant=rng.variant(), family=nap)
+
+
+def _floor(rng: Draw, has: Interior, kind: str, planks: Material, carpet: Material) -> Material:
+    """Draw the floor of a room: tiles, the home's planks or its carpet."""
+    if kind in ("bathroom", "kitchen") or (kind in ("dining", "hall") and rng.chance(0.3)):
+        tiles = Material(
+            "tiles",
+            hex_color(rng.pick(has.floor_tiles)),
+            roughness=rng.between(0.15, 0.45),
+            accent=scaled_color(hex_color("#a09c94"), 0.8),
+            scale=rng.pick((1.0, 1.0, 1.5, 2.0, 0.5 if kind == "bathroom" else 1.0)),
+            variant=rng.variant(),
+            family=rng.pick(has.floor_tile_families),
+        )
+        return planks if kind == "kitchen" and rng.chance(0.35) else tiles
+    return carpet if kind in ("bedroom", "study") and rng.chance(has.carpeted) else planks
+
+
+def _room_finish(
+    rng: Draw, style: Style, kind: str, floor: Material, wall: Material, nap: str
+) -> RoomFinish:
+    """Draw the walls of a room; most have the home's common `wall`."""
+    has = style.interior
+    if rng.chance(0.4):
+        wall = _plaster(rng, has.walls, nap)
+    accent, tiles, tile_height = None, None, 0.0
+    if kind not in ("bathroom", "kitchen") and rng.chance(has.accent):
+        accent = _accent_wall(rng, has, style, nap)
+    if kind == "bathroom":
+        tiles = Material(
+            "tiles",
+            hex_color(rng.pick(has.wall_tiles)),
+            roughness=rng.between(0.1, 0.25),
+            accent=hex_color("#c9c7c1"),
+            scale=rng.pick((0.35, 0.5, 0.65, 1.0)),
+            variant=rng.variant(),
+            family=rng.pick(has.wall_tile_families),
+        )
+        tile_height = rng.pick((1.2, 1.5, 2.1, 9.0))
+    return RoomFinish(floor, wall, accent, tiles, tile_height, skirting=kind != "bathroom")
+
+
+def _facade(rng: Draw, color: Color) -> Material:
+    """Draw the facade in a colour: brick if that is red, else render."""
+    variant = rng.variant()
+    if color[0] <= 2.2 * color[2]:
+        return Material("plaster", color, 0.9, variant=variant, family="render")
+    bond = rng.pick(("running", "third"))
+    joints = hex_color("#a8a196")
+    return Material("brick", color, 0.9, accent=joints, variant=variant, family=bond)
 
 
 def _beam(rng: Draw, has: Interior, style: Style) -> Material:
@@ -180,17 +173,15 @@ def _accent_wall(rng: Draw, has: Interior, style: Style, nap: str) -> Material:
     variant = rng.variant()
     papered, bare = rng.random(2)
     if papered < has.papered:
-        codes = (*has.walls, *has.accent_walls)
-        base = hex_color(rng.pick(codes))
-        paper = rng.pick(has.papers)
-        accent = scaled_color(base, 0.62)
+        base = hex_color(rng.pick((*has.walls, *has.accent_walls)))
+        paper, accent = rng.pick(has.papers), scaled_color(base, 0.62)
         return Material("wallpaper", base, 0.9, accent=accent, variant=variant, family=paper)
-    if has.bare and bare < 0.6:
-        if has.bare == "brick":
-            joints = hex_color("#a8a196")
-            red = hex_color(("#8d4a38", "#9a5a44", "#b5aca0")[rng.whole(3)])
-            return Material("brick", red, 0.9, accent=joints, variant=variant, family="running")
-        if has.bare == "concrete":
-            return Material("stone", hex_color("#a3a19c"), 0.7, variant=variant, family="concrete")
-        return replace(style.wood, variant=variant)
-    return Material("plaster", color, 0.9, variant=variant, family=nap)
+    if not has.bare or bare >= 0.6:
+        return Material("plaster", color, 0.9, variant=variant, family=nap)
+    if has.bare == "brick":
+        red = hex_color(rng.pick(("#8d4a38", "#9a5a44", "#b5aca0")))
+        joints = hex_color("#a8a196")
+        return Material("brick", red, 0.9, accent=joints, variant=variant, family="running")
+    if has.bare == "concrete":
+        return Material("stone", hex_color("#a3a19c"), 0.7, variant=variant, family="concrete")
+    return replace(style.wood, variant=variant)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from pbrnet.scenes.params import Aspect, SceneParams
 from pbrnet.scenes.procedural.finishes import make_finishes
 from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler, load_kind_index
 from pbrnet.scenes.procedural.furnishing.placement import furnish
-from pbrnet.scenes.procedural.furniture.style import make_style
+from pbrnet.scenes.procedural.furniture.style import Style, make_style
 from pbrnet.scenes.procedural.lighting import (
     LampState,
     Sky,
@@ -82,48 +82,28 @@ def make_home(
     `params.catalogue_share` is above 0.
     """
 
-    def draws(aspect: Aspect, *names: str) -> Draw:
-        """Random generator of an aspect, specific to the variant if the aspect varies."""
-        varies = variant > 0 and aspect in params.vary
-        return generator(seed, *names, *(("variant", variant) if varies else ()))
-
+    seeds = _Seeds(seed, variant, frozenset(params.vary) if variant > 0 else frozenset())
     plan = make_plan(generator(seed, "plan"), params.rooms_min, params.rooms_max)
-    # Colours and materials vary within a style; the style itself changes with the furniture, too.
-    restyled = variant > 0 and {"finishes", "furniture"} <= set(params.vary)
-    named = generator(seed, "interior", *(("variant", variant) if restyled else ()))
-    style = make_style(
-        draws("finishes", "style"), params.styles[int(named.integers(len(params.styles)))]
-    )
+    style = _draw_style(seeds, params)
     kinds = {room.id: str(room.type) for room in plan.rooms}
-    finishes = make_finishes(draws("finishes", "finishes"), style, kinds)
+    finishes = make_finishes(seeds.draw("finishes", "finishes"), style, kinds)
     building, portals = build_structure(plan, finishes)
     sampler = None
     if params.catalogue_share > 0 and assets is not None:
-        sampler = AssetSampler(draws("furniture", "catalogue"), load_kind_index(assets), params)
-    furniture = furnish(draws("furniture", "furniture"), plan, style, sampler)
-    outdoors = build_outdoors(draws("outdoors", "outdoors"), plan)
-    looks = draws("finishes", "textures")
-    texture_seed, wear = int(looks.integers(1 << 62)), float(looks.random())
+        catalogue = load_kind_index(assets)
+        sampler = AssetSampler(seeds.draw("furniture", "catalogue"), catalogue, params)
+    furniture = furnish(seeds.draw("furniture", "furniture"), plan, style, sampler)
+    outdoors = build_outdoors(seeds.draw("outdoors", "outdoors"), plan)
+    looks = seeds.draw("finishes", "textures")
+    texture_seed, wear = looks.whole(1 << 62), looks.random()
     used = [*building, *furniture]
     if wear > _NEW:
         used = leave_traces(used, plan, texture_seed)
-    windowless = [room.id for room in plan.rooms if room.id not in plan.with_window]
-    lit = choose_lit_lamps(
-        draws("light", "lamps", lighting), lighting, lamp_descriptions(furniture), windowless
-    )
-    lit_parts = [part for item in lamp_items(furniture) if item.id in lit for part in item.parts]
-    lamp_weight = sum(sampling_weight(part) for part in lit_parts if part.lumens > 0)
-    kelvin_offset = draw_kelvin_offset(draws("light", "lamp colour", lighting))
-    sky = draw_sky(draws("light", "sky", lighting), lighting, lamp_weight)
-    heaps = _clouds(draws("light", "clouds", lighting), plan, sky)
-    items = [*used, *outdoors, *heaps]
-    states = draw_lamp_states(draws("light", "lamp states", lighting), lit, kelvin_offset)
-    states |= draw_screen_states(draws("light", "screens", lighting), lighting, furniture)
-    if sky.is_dark:
-        states |= {item.id: LampState(1.0, 0.0) for item in lamp_items(outdoors)}
+    light = _draw_light(seeds, lighting, plan, furniture, outdoors)
+    items = [*used, *outdoors, *light.clouds]
     with writing_scene(Path(folder)) as partial:
         library = MaterialLibrary(partial, params.texture_size, seed=texture_seed, wear=wear)
-        objects, lights, shapes = _write_shapes(partial, items, states, library)
+        objects, lights, shapes = _write_shapes(partial, items, light.states, library)
         scene = Scene(
             scene_id=scene_id,
             source={
@@ -137,22 +117,83 @@ def make_home(
                     for room, finish in sorted(finishes.rooms.items())
                 },
                 **_shape_of(plan),
-                "light": {**sky.choices, "clouds": len(heaps), "lamps_cooler": kelvin_offset},
+                "light": {
+                    **light.sky.choices,
+                    "clouds": len(light.clouds),
+                    "lamps_cooler": light.kelvin_offset,
+                },
             },
             rooms=_rooms(plan, furniture),
             objects=tuple(objects),
-            lights=(*lights, *sky.lights),
+            lights=(*lights, *light.sky.lights),
             portals=tuple(portals),
             credits=_credits(furniture),
             lighting=lighting,
             plan=f"home-{seed:016x}",
         )
         standing = [*furniture, *(item for item in building if item.category == "stairs")]
-        text = _scene_xml(plan, standing, library, shapes, sky)
+        text = _scene_xml(plan, standing, library, shapes, light.sky)
         (partial / "scene.xml").write_text(text, encoding="utf-8")
         save_scene(partial, scene)
     object.__setattr__(scene, "folder", Path(folder))
     return scene
+
+
+@dataclass(frozen=True)
+class _Seeds:
+    """Random generators of a home's aspects, specific to the variant where the aspect varies."""
+
+    seed: int
+    variant: int
+    varied: frozenset[Aspect]
+
+    def draw(self, aspect: Aspect, *names: str) -> Draw:
+        return self.named(aspect in self.varied, *names)
+
+    def named(self, varies: bool, *names: str) -> Draw:
+        return generator(self.seed, *names, *(("variant", self.variant) if varies else ()))
+
+
+def _draw_style(seeds: _Seeds, params: SceneParams) -> Style:
+    """Draw the style, which changes with finishes and furniture, and its colours and materials."""
+    name = seeds.named({"finishes", "furniture"} <= seeds.varied, "interior").pick(params.styles)
+    return make_style(seeds.draw("finishes", "style"), name)
+
+
+@dataclass(frozen=True)
+class _HomeLight:
+    """Sky, clouds and the states of all lamps of a home."""
+
+    sky: Sky
+    clouds: list[SceneItem]
+    states: dict[str, LampState]  # by item; lamps without one are off
+    kelvin_offset: float
+
+
+def _draw_light(
+    seeds: _Seeds,
+    lighting: str,
+    plan: Plan,
+    furniture: Sequence[SceneItem],
+    outdoors: Sequence[SceneItem],
+) -> _HomeLight:
+    """Draw the light of a home for a setting."""
+
+    def draw(name: str) -> Draw:
+        return seeds.draw("light", name, lighting)
+
+    windowless = [room.id for room in plan.rooms if room.id not in plan.with_window]
+    lamps = lamp_descriptions(furniture)
+    lit = choose_lit_lamps(draw("lamps"), lighting, lamps, windowless)
+    parts = [part for item in lamp_items(furniture) if item.id in lit for part in item.parts]
+    weight = sum(sampling_weight(part) for part in parts if part.lumens > 0)
+    kelvin_offset = draw_kelvin_offset(draw("lamp colour"))
+    sky = draw_sky(draw("sky"), lighting, weight)
+    states = draw_lamp_states(draw("lamp states"), lit, kelvin_offset)
+    states |= draw_screen_states(draw("screens"), lighting, furniture)
+    if sky.is_dark:
+        states |= {item.id: LampState(1.0, 0.0) for item in lamp_items(outdoors)}
+    return _HomeLight(sky, _clouds(draw("clouds"), plan, sky), states, kelvin_offset)
 
 
 def _shape_of(plan: Plan) -> dict[str, list]:

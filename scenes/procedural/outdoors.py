@@ -338,7 +338,7 @@ def _balconies(rng: Draw, plan: Plan, outline: Polygon) -> list[SceneItem]:
     """Balconies before the glazed doors of an upper floor: slab, railing, and a place to sit."""
     items = []
     concrete = Material("stone", hex_color("#9a968e"), 0.8, family="concrete")
-    code = ("#4a4d50", "#cfccc4", "#2f3133", "#7d8084")[rng.whole(4)]
+    code = rng.pick(("#4a4d50", "#cfccc4", "#2f3133", "#7d8084"))
     rail = Material("paint", hex_color(code), 0.5)
     wood = Material("wood", hex_color("#94683f"), 0.7, variant=rng.variant())
     for opening in plan.openings:

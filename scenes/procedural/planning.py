@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -118,6 +119,9 @@ _DOOR_COST: dict[frozenset[str], float] = {
 _HALL_COST = 0.6  # to any room
 _THROUGH_COST: dict[str, float] = {"bathroom": 50.0, "bedroom": 3.0, "study": 2.0}
 _HUBS = ("hall", "living", "dining", "kitchen", "study", "bedroom", "bathroom")
+
+
+_Stretch = tuple[WallEdge, float, float]  # of a wall, from one place along it to another
 
 
 class PlanError(PbrnetError):
@@ -527,20 +531,45 @@ def _shared_walls(
 def _draw_doors(
     rng: Draw, rooms: list[PlanRoom], partition: float, height: float
 ) -> list[Opening] | None:
-    """Doors of a cheapest tree grown from the hub; None if a room needs a bathroom passage."""
-    stretches: dict[tuple[int, int], list[tuple[WallEdge, float, float]]] = {}
+    """Doors that join all rooms, and some more; None if a room needs a bathroom passage."""
+    stretches: dict[tuple[int, int], list[_Stretch]] = {}
     for i, j in itertools.combinations(range(len(rooms)), 2):
         shared = [
             item for item in _shared_walls(rooms[i], rooms[j], partition) if item[2] - item[1] > 1.2
         ]
         if shared:
             stretches[i, j] = shared
+    pairs = _door_tree(rooms, sorted(stretches))
+    if pairs is None:
+        return None
+    extra = [
+        (i, j)
+        for i, j in sorted(stretches)
+        if (i, j) not in pairs
+        and (j, i) not in pairs
+        and _DOOR_COST.get(frozenset({rooms[i].type, rooms[j].type}), 9) < 1.0
+    ]
+    pairs += [pair for pair in extra if rng.chance(0.6)]
+    doors = []
+    for number, (known, fresh) in enumerate(pairs):
+        first, second = sorted((known, fresh))
+        longest = max(stretches[first, second], key=lambda item: item[2] - item[1])
+        joined = rooms[first], rooms[second]
+        door = _draw_door(rng, f"door-{number}", joined, longest, partition, height)
+        doors.append(replace(door, swing=rooms[fresh].id, angle=_draw_angle(rng)))
+    return doors
+
+
+def _door_tree(rooms: list[PlanRoom], walls: list[tuple[int, int]]) -> list[tuple[int, int]] | None:
+    """Cheapest tree of doors, grown from the hub through shared `walls` (pairs of rooms).
+
+    Each door is (room reached before, new room). None if a room needs a bathroom passage.
+    """
     hub = min(range(len(rooms)), key=lambda index: _HUBS.index(rooms[index].type))
-    reached = [hub]
-    pairs: list[tuple[int, int]] = []
+    reached, pairs = [hub], []
     while len(reached) < len(rooms):
         best: tuple[float, int, int] | None = None
-        for i, j in sorted(stretches):
+        for i, j in walls:
             if (i in reached) == (j in reached):
                 continue
             known, fresh = (i, j) if i in reached else (j, i)
@@ -554,57 +583,50 @@ def _draw_doors(
             return None
         pairs.append(best[1:])
         reached.append(best[2])
-    extra = [
-        (i, j)
-        for i, j in sorted(stretches)
-        if (i, j) not in pairs
-        and (j, i) not in pairs
-        and _DOOR_COST.get(frozenset({rooms[i].type, rooms[j].type}), 9) < 1.0
-    ]
-    pairs += [pair for pair in extra if rng.chance(0.6)]
-    doors = []
-    for number, (known, fresh) in enumerate(pairs):
-        shared = stretches[min(known, fresh), max(known, fresh)]
-        edge, s0, s1 = shared[int(np.argmax([item[2] - item[1] for item in shared]))]
-        host = rooms[min(known, fresh)]
-        other = rooms[max(known, fresh)]
-        kinds = frozenset({host.type, other.type})
-        open_plan = kinds <= {"living", "dining", "kitchen"} and s1 - s0 > 2.0
-        drawn = rng.random() if open_plan else 1.0
-        kind: OpeningKind = "open" if drawn < 0.4 else ("archway" if drawn < 0.7 else "door")
-        if kind == "open":
-            width = _snap(s1 - s0 - 2 * rng.between(0.13, 0.4))
-            top = height - rng.between(LEAST_LINTEL, 0.3)
-        elif kind == "archway":
-            width = _snap(min(rng.between(1.2, 2.4), s1 - s0 - 0.5))
-            top = rng.pick([2.1, 2.2, 2.25])
-        else:
-            width = rng.pick([0.8, 0.85, 0.9])
-            top = 2.05
-        # Doors are mostly near a corner, which leaves long walls for furniture.
-        low = s0 + 0.13
-        high = max(low, s1 - 0.13 - width)  # a rounded width may leave a little less
-        place = rng.weighted([low, high, rng.uniform(low, high)], [0.4, 0.4, 0.2])
-        if kind == "archway":
-            place = rng.between(low, high)
-        elif kind == "open":
-            place = 0.5 * (s0 + s1 - width)
-        doors.append(
-            Opening(
-                id=f"door-{number}",
-                kind=kind,
-                start=_rounded(edge.at(place)),
-                end=_rounded(edge.at(place + width)),
-                thickness=partition,
-                z0=0.0,
-                z1=top,
-                rooms=(host.id, other.id),
-                hinge_at_start=bool(place - s0 < s1 - place - width),
-                swing=rooms[fresh].id,
-                angle=_draw_angle(rng),
-            )
-        )
-    return doors
+    return pairs
+
+
+def _draw_door(
+    rng: Draw,
+    name: str,
+    rooms: tuple[PlanRoom, PlanRoom],
+    stretch: _Stretch,
+    partition: float,
+    height: float,
+) -> Opening:
+    """Draw a door, an archway or a wide opening in the stretch of wall that two rooms share."""
+    edge, s0, s1 = stretch
+    open_plan = {room.type for room in rooms} <= {"living", "dining", "kitchen"} and s1 - s0 > 2.0
+    drawn = rng.random() if open_plan else 1.0
+    kind: OpeningKind = "open" if drawn < 0.4 else ("archway" if drawn < 0.7 else "door")
+    if kind == "open":
+        width = _snap(s1 - s0 - 2 * rng.between(0.13, 0.4))
+        top = height - rng.between(LEAST_LINTEL, 0.3)
+    elif kind == "archway":
+        width = _snap(min(rng.between(1.2, 2.4), s1 - s0 - 0.5))
+        top = rng.pick((2.1, 2.2, 2.25))
+    else:
+        width = rng.pick((0.8, 0.85, 0.9))
+        top = 2.05
+    # Doors are mostly near a corner, which leaves long walls for furniture.
+    low = s0 + 0.13
+    high = max(low, s1 - 0.13 - width)  # a rounded width may leave a little less
+    place = rng.weighted((low, high, rng.between(low, high)), (0.4, 0.4, 0.2))
+    if kind == "archway":
+        place = rng.between(low, high)
+    elif kind == "open":
+        place = 0.5 * (s0 + s1 - width)
+    return Opening(
+        id=name,
+        kind=kind,
+        start=_rounded(edge.at(place)),
+        end=_rounded(edge.at(place + width)),
+        thickness=partition,
+        z0=0.0,
+        z1=top,
+        rooms=(rooms[0].id, rooms[1].id),
+        hinge_at_start=bool(place - s0 < s1 - place - width),
+    )
 
 
 def _draw_angle(rng: Draw) -> float:

@@ -37,6 +37,7 @@ LINING = 0.02  # door lining, thickness
 CASING = (0.07, 0.015)  # door casing, width and thickness
 LEAF = 0.04  # thickness of a door leaf
 FRAME = (0.05, 0.065)  # window frame, width and depth
+_SASH = 0.045  # width of the frame of a sash
 SKIRTING = 0.014  # thickness
 GABLE = "gable_"  # before the names of parts that are not made of rectangles
 
@@ -466,12 +467,10 @@ def _portal(opening: Opening, clear: bool) -> Portal:
 
 def _window(opening: Opening, finishes: Finishes) -> SceneItem:
     """Window with frame, sashes, glazing bars, handles and sill, without panes."""
-    edge, width = opening.edge, opening.width
-    wide, depth = FRAME
+    edge, width, wide = opening.edge, opening.width, FRAME[0]
     middle = -pane_depth(opening)
-    near, far = middle + depth / 2, middle - depth / 2
-    z0 = opening.z0 if opening.z0 > 0 else 0.004
-    z1 = opening.z1
+    near, far = middle + FRAME[1] / 2, middle - FRAME[1] / 2
+    z0, z1 = opening.z0 if opening.z0 > 0 else 0.004, opening.z1
     frame = [
         _edge_span(edge, -LAP, wide, near, far, z0 - LAP, z1 + LAP),
         _edge_span(edge, width - wide, width + LAP, near, far, z0 - LAP, z1 + LAP),
@@ -481,75 +480,69 @@ def _window(opening: Opening, finishes: Finishes) -> SceneItem:
     clear = width - 2 * wide
     sashes = max(1, int(np.ceil(clear / finishes.sash_width)))
     handles = []
-    sash = 0.045
+    gap = 0.0015
     for number in range(sashes):
-        s0 = wide + clear * number / sashes
-        s1 = wide + clear * (number + 1) / sashes
-        front, back = near + 0.012, middle - depth / 4
-        low, high = z0 + wide - 0.01, z1 - wide + 0.01
-        gap = 0.0015
-        left, right = (
-            s0 - (0.01 if number == 0 else -gap),
-            s1 + (0.01 if number == sashes - 1 else -gap),
-        )
-        frame += [
-            _edge_span(edge, left, left + sash, front, back, low, high),
-            _edge_span(edge, right - sash, right, front, back, low, high),
-            _edge_span(edge, left + sash, right - sash, front, back, low, low + sash),
-            _edge_span(edge, left + sash, right - sash, front, back, high - sash, high),
-        ]
+        left = wide + clear * number / sashes - (0.01 if number == 0 else -gap)
+        right = wide + clear * (number + 1) / sashes + (0.01 if number == sashes - 1 else -gap)
+        frame += _sash(opening, left, right, z0 + wide - 0.01, z1 - wide + 0.01)
         if finishes.glazing_bars:
-            bars = 1 if opening.kind == "window" else 2
-            for k in range(1, bars + 1):
-                z = low + (high - low) * k / (bars + 1)
-                frame.append(
-                    _edge_span(
-                        edge,
-                        left + sash,
-                        right - sash,
-                        middle + 0.012,
-                        middle - 0.012,
-                        z - 0.012,
-                        z + 0.012,
-                    )
-                )
-            s = 0.5 * (left + right)
-            frame.append(
-                _edge_span(
-                    edge,
-                    s - 0.012,
-                    s + 0.012,
-                    middle + 0.0125,
-                    middle - 0.0125,
-                    low + sash,
-                    high - sash,
-                )
-            )
+            frame += _glazing_bars(opening, left, right, z0 + wide - 0.01, z1 - wide + 0.01)
         z = z0 + (1.0 if opening.kind == "patio" else 0.45 * (z1 - z0))
-        s = right - sash / 2 if number < sashes / 2 else left + sash / 2
-        handles += [
-            _edge_span(
-                edge, s - 0.014, s + 0.014, front + 0.008, front - 0.002, z - 0.035, z + 0.035
-            ),
-            _edge_span(edge, s - 0.006, s + 0.006, front + 0.04, front, z - 0.006, z + 0.006),
-            _edge_span(
-                edge, s - 0.008, s + 0.008, front + 0.045, front + 0.033, z - 0.11, z + 0.008
-            ),
-        ]
+        s = right - _SASH / 2 if number < sashes / 2 else left + _SASH / 2
+        handles += _window_handle(edge, s, near + 0.012, z)
     parts = [
         make_part("frame", finishes.frame, *frame),
         make_part("handle", finishes.handle, *handles),
     ]
     if opening.z0 > 0:
+        back = -opening.thickness - 0.04
         board = [
             _edge_span(edge, -LAP, width + LAP, 0.0, near - 0.005, z0 - LAP, z0 + 0.022),
             _edge_span(edge, -0.04, width + 0.04, 0.045, 0.0, z0 - 0.008, z0 + 0.022),
+            _edge_span(edge, -LAP, width + LAP, far + 0.005, back, z0 - LAP, z0 + 0.012),
         ]
-        outside = _edge_span(
-            edge, -LAP, width + LAP, far + 0.005, -opening.thickness - 0.04, z0 - LAP, z0 + 0.012
-        )
-        parts.append(make_part("sill", finishes.sill, *board, outside))
+        parts.append(make_part("sill", finishes.sill, *board))
     return _structure_item(opening.id, "window", opening.rooms[0], parts)
+
+
+def _sash(opening: Opening, left: float, right: float, low: float, high: float) -> list[BodyMesh]:
+    """The frame of one sash, between two places along the wall and two heights, metres."""
+    edge, middle = opening.edge, -pane_depth(opening)
+    front, back = middle + FRAME[1] / 2 + 0.012, middle - FRAME[1] / 4
+    inner = left + _SASH, right - _SASH
+    return [
+        _edge_span(edge, left, inner[0], front, back, low, high),
+        _edge_span(edge, inner[1], right, front, back, low, high),
+        _edge_span(edge, *inner, front, back, low, low + _SASH),
+        _edge_span(edge, *inner, front, back, high - _SASH, high),
+    ]
+
+
+def _glazing_bars(
+    opening: Opening, left: float, right: float, low: float, high: float
+) -> list[BodyMesh]:
+    """An upright bar in the middle of a sash, and one or two across it."""
+    edge, middle = opening.edge, -pane_depth(opening)
+    near, far = middle + 0.012, middle - 0.012
+    count = 1 if opening.kind == "window" else 2
+    levels = [low + (high - low) * k / (count + 1) for k in range(1, count + 1)]
+    s = 0.5 * (left + right)
+    across = [
+        _edge_span(edge, left + _SASH, right - _SASH, near, far, z - 0.012, z + 0.012)
+        for z in levels
+    ]
+    near, far = middle + 0.0125, middle - 0.0125  # no two faces in one plane
+    upright = _edge_span(edge, s - 0.012, s + 0.012, near, far, low + _SASH, high - _SASH)
+    return [*across, upright]
+
+
+def _window_handle(edge: WallEdge, s: float, front: float, z: float) -> list[BodyMesh]:
+    """Rosette, neck and lever on the sash whose face is `front` metres before the wall."""
+    return [
+        _edge_span(edge, s - 0.014, s + 0.014, front + 0.008, front - 0.002, z - 0.035, z + 0.035),
+        _edge_span(edge, s - 0.006, s + 0.006, front + 0.04, front, z - 0.006, z + 0.006),
+        _edge_span(edge, s - 0.008, s + 0.008, front + 0.045, front + 0.033, z - 0.11, z + 0.008),
+    ]
 
 
 def _door(opening: Opening, finishes: Finishes) -> SceneItem:

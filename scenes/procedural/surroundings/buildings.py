@@ -68,7 +68,7 @@ def building(
         accent=hex_color("#97908a") if is_brick else None,
         variant=rng.variant(),
     )
-    trim = Material("paint", hex_color(("#cfccc4", "#8c8880", "#4a4a4a")[rng.whole(3)]), 0.6)
+    trim = Material("paint", hex_color(rng.pick(("#cfccc4", "#8c8880", "#4a4a4a"))), 0.6)
     walls: list[BodyMesh] = []
     trims: list[BodyMesh] = []
     panes: list[list[BodyMesh]] = [[] for _ in range(2 + len(_LUMINANCE))]
@@ -86,7 +86,7 @@ def building(
     parts = [("walls", wall, walls), ("trim", trim, trims)]
     parts.append(("roof", Material("paint", roof_color, 0.85), roof))
     parts.append(("panes", Material("plastic", hex_color("#1b2126"), 0.08), panes[0]))
-    curtain = hex_color(("#8f8b82", "#a39d92", "#7d7a74")[rng.whole(3)])
+    curtain = hex_color(rng.pick(("#8f8b82", "#a39d92", "#7d7a74")))
     parts.append(("curtains", Material("plastic", curtain, 0.25), panes[1]))
     made = [
         make_part(label, material, *(m.turned("z", degrees) for m in meshes))

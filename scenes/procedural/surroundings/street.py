@@ -94,7 +94,7 @@ def fence(rng: Draw, centre: Float64Array, half: float, ground: float) -> SceneI
         step = 0.01 * (side % 2)  # rails that meet in a corner share no plane
         run += [box((2 * half, 0.04, 0.08), (0, -half + 0.03, z * high + step)) for z in (0.2, 0.8)]
         boards.append(merge(run).turned("z", 90.0 * side))
-    color = hex_color(("#8a7358", "#6f6252", "#b8b2a6", "#5a5650")[rng.whole(4)])
+    color = hex_color(rng.pick(("#8a7358", "#6f6252", "#b8b2a6", "#5a5650")))
     wood = Material("wood", color, 0.8, variant=rng.variant())
     mesh = merge(boards).moved(float(centre[0]), float(centre[1]), ground)
     part = make_part("boards", wood, mesh)

@@ -22,7 +22,6 @@ _GRID = 4  # decimals of metres: the last bits of coordinates depend on the proc
 _ASIDE = 1.3e-6  # metres; keeps multiples of half a step of that grid off its borders
 
 Point = tuple[float, float]
-Draw = Draw
 
 
 @dataclass(frozen=True)

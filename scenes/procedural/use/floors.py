@@ -16,7 +16,8 @@ from pbrnet.scenes.geometry.regions import simplified
 from pbrnet.scenes.procedural.piece import Trace
 from pbrnet.scenes.procedural.plan import Plan, PlanRoom
 from pbrnet.scenes.procedural.scene_item import SceneItem
-from pbrnet.scenes.procedural.use.faces import Draw, Face, Point, on_grid, rounded
+from pbrnet.scenes.procedural.use.faces import Face, Point, on_grid, rounded
+from pbrnet.scenes.seeds import Draw
 
 _CELL = 0.15  # metres, of the grid that paths are found on
 _BLOCKED = 40.0  # cost of a step through furniture, relative to free floor

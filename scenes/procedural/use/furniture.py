@@ -10,7 +10,8 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.procedural.piece import PiecePart, Trace
 from pbrnet.scenes.procedural.scene_item import SceneItem
-from pbrnet.scenes.procedural.use.faces import Draw, Face, split
+from pbrnet.scenes.procedural.use.faces import Face, split
+from pbrnet.scenes.seeds import Draw
 
 
 def _on_table(face: Face, rng: Draw) -> list[Trace]:

@@ -14,7 +14,8 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.procedural.piece import Material, PiecePart, Trace
 from pbrnet.scenes.procedural.scene_item import SceneItem
 from pbrnet.scenes.procedural.structure import GABLE
-from pbrnet.scenes.procedural.use.faces import Draw, Face, face_of, of_faces, on_grid, with_traces
+from pbrnet.scenes.procedural.use.faces import Face, face_of, of_faces, on_grid, with_traces
+from pbrnet.scenes.seeds import Draw
 
 
 def on_walls(item: SceneItem, beside: Sequence[SceneItem], rng: Draw) -> SceneItem:
