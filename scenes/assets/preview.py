@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pbrnet.scenes.seeds import Draw
-
 import math
 from collections.abc import Sequence
 
