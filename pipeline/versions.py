@@ -12,6 +12,7 @@ from pbrnet.scenes.files import digest_bytes, digest_file
 from pbrnet.scenes.installation import PACKAGE
 
 _LAYERS = ("pipeline", "scenes")
+_KINDS = ("*.py", "*.yaml")  # of sources: code, and the tables of modules beside them
 PACKED = PACKAGE / "weights"  # pretrained networks: a checkout's, or an installation's
 
 
@@ -19,7 +20,8 @@ PACKED = PACKAGE / "weights"  # pretrained networks: a checkout's, or an install
 def code_version() -> str:
     """Return a short digest of the sources of `pipeline` and `scenes`, by name and content."""
     parts = []
-    for path in sorted(one for layer in _LAYERS for one in (PACKAGE / layer).rglob("*.py")):
+    folders = [PACKAGE / layer for layer in _LAYERS]
+    for path in sorted(one for folder in folders for kind in _KINDS for one in folder.rglob(kind)):
         parts += [path.relative_to(PACKAGE).as_posix().encode(), digest_file(path).encode()]
     return digest_bytes(*parts)[:12]
 

@@ -16,6 +16,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from pbrnet.scenes.errors import InputError, MachineError
 
 _PARTIAL = ".partial-"
@@ -233,6 +235,12 @@ def read_json(path: Path) -> Any:
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not valid JSON ({error})") from None
     return parse_json(text, str(path))
+
+
+def data_beside(module: str) -> Any:
+    """The content of the data file of a module, a YAML file of its name beside it: its tables."""
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # ten times as fast, where it is built
+    return yaml.load(Path(module).with_suffix(".yaml").read_text(encoding="utf-8"), loader)
 
 
 def parse_json(text: str | bytes, where: str) -> Any:

@@ -20,6 +20,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from pbrnet.model.studies.registry import STUDIES
 from pbrnet.pipeline.keys import table
 from pbrnet.pipeline.params import CameraParams
@@ -105,12 +107,17 @@ def entries() -> dict[str, tuple[str, ...]]:
 
 
 def code_of(modules: Iterable[str], left_out: Iterable[str] = ()) -> str:
-    """Return a digest of modules and of all that they import, without comments and docstrings."""
+    """Return a digest of modules, of all that they import and of the tables beside these.
+
+    Comments and docstrings do not count.
+    """
     code = ROOT / "pbrnet"
     found = import_closure(
         [code / one for one in modules], ROOT, [code / one for one in (*PLUMBING, *left_out)]
     )
-    return digest_bytes(*(_normalised(path) for path in found))[:16]
+    tables = [table for path in found if (table := path.with_suffix(".yaml")).is_file()]
+    content = [repr(yaml.safe_load(table.read_bytes())).encode() for table in tables]
+    return digest_bytes(*(_normalised(path) for path in found), *content)[:16]
 
 
 def codes() -> dict[str, str]:

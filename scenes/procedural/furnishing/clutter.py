@@ -9,7 +9,7 @@ from __future__ import annotations
 from pbrnet.scenes.procedural.furnishing.cables import run_cables
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
 from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
-from pbrnet.scenes.procedural.furniture.things import BY_PLACE
+from pbrnet.scenes.procedural.furniture.things.kinds import BY_PLACE
 from pbrnet.scenes.procedural.plan import Opening
 from pbrnet.scenes.procedural.scene_item import Pose
 

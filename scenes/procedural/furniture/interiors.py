@@ -1,677 +1,95 @@
 """Interior styles: shapes, colours, materials and density that belong together.
 
 An `Interior` holds what a style draws from; `make_style` and `make_finishes` draw one home from it.
-Repeated entries are as much more probable. What a style leaves out is as in "eclectic".
+Repeated entries are as much more probable. The styles are in `interiors.yaml`; what one leaves out
+is as in "eclectic".
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-from pbrnet.scenes.params import StyleName
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.files import data_beside
+from pbrnet.scenes.params import STYLES, StyleName
 
 Front = Literal["flat", "framed"]
 Handle = Literal["bar", "knob", "edge"]
 Legs = Literal["square", "tapered", "round", "metal"]
-
-_STEEL, _BLACK, _BRASS, _BRONZE = (
-    ("#c9c7c2", 0.3), ("#2b2a29", 0.45), ("#c5a35c", 0.28), ("#8f7a66", 0.4),
-)  # fmt: skip
-_CUSHION_CLOTHS = (
-    "plain", "linen", "basket", "birdseye", "velvet", "corduroy", "striped", "checked", "knit",
-    "denim", "boucle",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Interior:
     """Choices of a style: sRGB colours "#rrggbb", families of surfaces, shares of homes."""
 
-    woods: tuple[str, ...] = (
-        "#c8a06a", "#b98a55", "#d9bb8b", "#8a5a36", "#5b3d2a", "#a06a3c", "#cfae84", "#6f4a30",
-    )  # fmt: skip
-    wood_families: tuple[str, ...] = ("oak", "ash", "walnut", "beech", "birch", "teak", "cherry")
-    dark_woods: tuple[str, ...] = ("#5b3d2a", "#3f2c20", "#6f4a30", "#4a3a2e")
-    lacquers: tuple[str, ...] = (
-        "#eeece6", "#e2ddd2", "#dfe3e4", "#b9c2c0", "#8d9a94", "#4f5b66", "#3b3d40", "#c9b9a4",
-    )  # fmt: skip
-    wooden_cabinets: float = 0.6
-    kitchens: tuple[str, ...] = (
-        "#f0eeea", "#e9e4d8", "#7f8f8b", "#3f5361", "#51624f", "#b7b4ab", "#2f3437", "#a8b9c4",
-        "#d3c7ae",
-    )  # fmt: skip
-    wooden_kitchens: float = 0.25
-    stones: tuple[str, ...] = ("#d8d4cc", "#4a4a4c", "#8d8a85", "#b9a890", "#2c2b2b", "#c4c0ba")
-    stone_families: tuple[str, ...] = ("granite", "marble", "composite", "terrazzo")
-    stone_worktops: float = 0.65
-    metals: tuple[tuple[str, float], ...] = (_STEEL, _BLACK, _BRASS, _BRONZE)  # colour, roughness
-    upholstery: tuple[str, ...] = (
-        "#8f8a82", "#5a6470", "#b8ad9c", "#3d5a5f", "#7a4b3a", "#6a7556", "#c7bfb2", "#44506b",
-        "#a35f45", "#757575",
-    )  # fmt: skip
-    cloths: tuple[str, ...] = (
-        "plain", "linen", "basket", "twill", "herringbone", "birdseye", "melange", "boucle",
-        "velvet", "chenille", "corduroy", "felt",
-    )  # fmt: skip
-    leathers: tuple[str, ...] = ("#5a3a26", "#2a2725", "#8a5a3a", "#b59a7c")
-    leather: float = 0.2  # share of homes whose sofa is of leather
-    accents: tuple[str, ...] = (
-        "#c4573a", "#d9a13b", "#2f6f73", "#86a08b", "#b56576", "#355070", "#e3d5c0", "#8c4a5a",
-        "#6b8fa3", "#4f7a4a",
-    )  # five or more  # fmt: skip
-    cushion_cloths: tuple[str, ...] = _CUSHION_CLOTHS
-    beddings: tuple[str, ...] = (
-        "#f2f0ec", "#dfe4e8", "#cfd8d3", "#e8dccb", "#aebccb", "#8a97a8", "#d8c2b8", "#b7c0a8",
-    )  # fmt: skip
-    bedding_cloths: tuple[str, ...] = ("cotton", "cotton", "linen", "striped", "checked", "satin")
-    throw_cloths: tuple[str, ...] = ("knit", "cable", "herringbone", "checked", "felt")
-    curtains: tuple[str, ...] = (
-        "#e6e0d4", "#c9c3b8", "#9aa5a8", "#7d8a78", "#b5895f", "#dcd7cf", "#62707c", "#c7a9a0",
-    )  # fmt: skip
-    curtain_cloths: tuple[str, ...] = ("linen", "linen", "plain", "satin", "striped", "velvet")
-    sheer_curtains: float = 0.6
-    curtained: float = 0.75  # share of rooms whose windows have curtains
-    rugs: tuple[str, ...] = (
-        "#a89a86", "#8c3f3a", "#37475a", "#cbbfae", "#6d7a6e", "#b98b54", "#7b7f86", "#d6cdbf",
-    )  # fmt: skip
-    rug_families: tuple[str, ...] = ("cut", "shag", "loop", "sisal", "rag", "kilim", "kilim")
-    shades: tuple[str, ...] = ("#efe6d4", "#e7dcc6", "#f2efe8", "#d8cdb8")
-    kelvins: tuple[float, ...] = (2700.0, 2800.0, 3000.0, 3300.0)
-    fronts: tuple[Front, ...] = ("flat", "flat", "flat", "framed", "framed")
-    handles: tuple[Handle, ...] = ("bar", "knob", "edge")
-    legs: tuple[Legs, ...] = ("square", "tapered", "round", "metal")
+    woods: tuple[str, ...]
+    wood_families: tuple[str, ...]
+    dark_woods: tuple[str, ...]
+    lacquers: tuple[str, ...]
+    wooden_cabinets: float
+    kitchens: tuple[str, ...]
+    wooden_kitchens: float
+    stones: tuple[str, ...]
+    stone_families: tuple[str, ...]
+    stone_worktops: float
+    metals: tuple[tuple[str, float], ...]  # colour, roughness
+    upholstery: tuple[str, ...]
+    cloths: tuple[str, ...]
+    leathers: tuple[str, ...]
+    leather: float  # share of homes whose sofa is of leather
+    accents: tuple[str, ...]  # five or more
+    cushion_cloths: tuple[str, ...]
+    beddings: tuple[str, ...]
+    bedding_cloths: tuple[str, ...]
+    throw_cloths: tuple[str, ...]
+    curtains: tuple[str, ...]
+    curtain_cloths: tuple[str, ...]
+    sheer_curtains: float
+    curtained: float  # share of rooms whose windows have curtains
+    rugs: tuple[str, ...]
+    rug_families: tuple[str, ...]
+    shades: tuple[str, ...]
+    kelvins: tuple[float, ...]
+    fronts: tuple[Front, ...]
+    handles: tuple[Handle, ...]
+    legs: tuple[Legs, ...]
     # Variants that the style has of a piece's feature; all of them where the feature is missing.
-    shapes: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
-    density: float = 1.0  # things and optional furniture, relative to "eclectic"
-    disorder: tuple[float, float] = (0.1, 1.0)
+    shapes: dict[str, tuple[str, ...]]
+    density: float  # things and optional furniture, relative to "eclectic"
+    disorder: tuple[float, float]
     # Measured reflectances of paint: about 0.8 for fresh white, 0.5 to 0.7 for tints.
-    walls: tuple[str, ...] = (
-        "#e6e1d6", "#e9e6df", "#e2dccf", "#d9d8d2", "#dcd3c2", "#cfd6d2", "#d5dbe0", "#e3d6cb",
-        "#d3d4c6", "#e5dcc3", "#c9ccd0", "#d8c8b8",
-    )  # fmt: skip
-    wall_families: tuple[str, ...] = (
-        "rolled", "rolled", "smooth", "coarse", "trowelled", "woodchip", "brushed",
-    )  # fmt: skip
-    accent_walls: tuple[str, ...] = (
-        "#8fa39a", "#a7b7c2", "#b89a83", "#7f8b96", "#c2a58f", "#9aa584", "#6f8089", "#b7a2a0",
-        "#c9b68f", "#a5745c", "#5f7381",
-    )  # fmt: skip
-    accent: float = 0.4  # share of rooms with an accent wall
-    papers: tuple[str, ...] = (
-        "stripes", "diamonds", "hexagons", "scales", "sprigs", "damask", "grasscloth",
-    )  # fmt: skip
-    papered: float = 0.5  # share of accent walls that are papered
-    bare: Literal["", "brick", "concrete", "boards"] = ""  # what other accent walls are made of
-    floors: tuple[str, ...] = (
-        "#b58a5c", "#c9a576", "#94683f", "#6f4b30", "#d2b58c", "#a98763", "#8b7355", "#bda98c",
-    )  # fmt: skip
-    floor_families: tuple[str, ...] = (
-        "oak", "ash", "walnut", "pine", "laminate", "strips", "herringbone", "basket",
-    )  # fmt: skip
-    carpets: tuple[str, ...] = ("#a39887", "#8a8f96", "#b9ab96", "#6f7a7f", "#9c8a7c")
-    carpeted: float = 0.35  # share of bedrooms and studies
-    floor_tiles: tuple[str, ...] = (
-        "#b9b2a6", "#8f8c87", "#cfc8bb", "#6d6e70", "#b79f86", "#a9503a", "#dad6cd", "#4e5256",
-    )  # fmt: skip
-    floor_tile_families: tuple[str, ...] = (
-        "square", "stoneware", "subway", "third", "hexagon", "handmade", "marble",
-    )  # fmt: skip
-    wall_tiles: tuple[str, ...] = (
-        "#e6e5e0", "#d5dde0", "#cfdcd4", "#e5dccb", "#a9bcc4", "#dfe3e5", "#8fa7a0", "#c7d2da",
-    )  # fmt: skip
-    wall_tile_families: tuple[str, ...] = (
-        "square", "stoneware", "subway", "third", "hexagon", "handmade", "marble",
-    )  # fmt: skip
-    frames: tuple[str, ...] = ("#e9e8e4", "#e9e8e4", "#e4e1d8", "#4a4d50", "#6b4a31", "#8a6a48")
-    doors: tuple[str, ...] = (
-        "#e8e5de", "#e8e5de", "#e3ded2", "#c9a476", "#8a5f3c", "#5f4330", "#9aa39d",
-    )  # fmt: skip
-    panels: tuple[Literal["flat", "two", "four"], ...] = ("flat", "two", "four")
-    glazing_bars: float = 0.3
-    cornices: tuple[float, ...] = (0.0, 0.0, 0.05, 0.07)  # metres
-    skirting: tuple[float, float] = (0.06, 0.12)  # least and greatest height, metres
-    beams: tuple[Literal["wood", "dark", "paint", "steel"], ...] = ("wood", "dark", "paint")
+    walls: tuple[str, ...]
+    wall_families: tuple[str, ...]
+    accent_walls: tuple[str, ...]
+    accent: float  # share of rooms with an accent wall
+    papers: tuple[str, ...]
+    papered: float  # share of accent walls that are papered
+    bare: Literal["", "brick", "concrete", "boards"]  # what other accent walls are made of
+    floors: tuple[str, ...]
+    floor_families: tuple[str, ...]
+    carpets: tuple[str, ...]
+    carpeted: float  # share of bedrooms and studies
+    floor_tiles: tuple[str, ...]
+    floor_tile_families: tuple[str, ...]
+    wall_tiles: tuple[str, ...]
+    wall_tile_families: tuple[str, ...]
+    frames: tuple[str, ...]
+    doors: tuple[str, ...]
+    panels: tuple[Literal["flat", "two", "four"], ...]
+    glazing_bars: float
+    cornices: tuple[float, ...]  # metres
+    skirting: tuple[float, float]  # least and greatest height, metres
+    beams: tuple[Literal["wood", "dark", "paint", "steel"], ...]
 
 
-def _shapes(**variants: tuple[str, ...]) -> Mapping[str, tuple[str, ...]]:
-    return MappingProxyType(variants)
+def _read() -> Mapping[StyleName, Interior]:
+    """Read the styles from their file; `ParameterError` names a wrong or missing key."""
+    found = data_beside(__file__)
+    common = found["eclectic"]
+    return MappingProxyType({name: build(Interior, common | found[name], name) for name in STYLES})
 
 
-INTERIORS: Mapping[StyleName, Interior] = MappingProxyType({
-    "eclectic": Interior(),
-    "scandinavian": Interior(
-        woods=("#d9bb8b", "#e0c89c", "#cfae84", "#d6b98f"),
-        wood_families=("birch", "ash", "oak", "beech"),
-        dark_woods=("#a57f52", "#8a6a48"),
-        lacquers=("#f0eeea", "#e8e8e4", "#dfe3e4", "#c8d0cf"),
-        wooden_cabinets=0.5,
-        kitchens=("#f0eeea", "#e9eae8", "#dfe3e2", "#b8c4c4"),
-        wooden_kitchens=0.15,
-        stones=("#e0ddd6", "#c4c0ba"),
-        stone_families=("composite", "terrazzo", "marble"),
-        stone_worktops=0.35,
-        metals=(_STEEL, ("#e6e4df", 0.4), _BLACK),
-        upholstery=("#a3a8ab", "#8b9297", "#c9c6bf", "#7f8f93", "#b9bdb8"),
-        cloths=("plain", "linen", "melange", "boucle", "felt"),
-        leather=0.05,
-        accents=("#d9b94f", "#6b8fa3", "#86a08b", "#d8a79c", "#33393d", "#e3ddd0"),
-        cushion_cloths=("plain", "linen", "knit", "striped", "boucle"),
-        beddings=("#f2f0ec", "#e4e7e8", "#d3d9db", "#c9cfc9"),
-        bedding_cloths=("cotton", "linen", "linen", "striped"),
-        throw_cloths=("knit", "cable", "felt"),
-        curtains=("#eeece6", "#e6e4de", "#d6d8d6"),
-        curtain_cloths=("linen", "linen", "plain"),
-        sheer_curtains=0.9,
-        curtained=0.6,
-        rugs=("#d6d2c8", "#bfc2c2", "#e0dacd", "#8f989b"),
-        rug_families=("shag", "loop", "cut", "rag"),
-        shades=("#f4f2ec", "#efece4"),
-        kelvins=(2700.0, 2800.0, 3000.0),
-        fronts=("flat",),
-        handles=("knob", "edge", "bar"),
-        legs=("tapered", "round", "round"),
-        shapes=_shapes(
-            chair=("spindles", "shell", "rails"), sofa=("slim", "block"), bed=("panel", "slats"),
-            coffee_table=("oval", "shelf"), pendant=("globe", "lantern", "dome"),
-            floor_lamp=("tripod", "straight"), round_table=("tulip",),
-        ),
-        density=0.9,
-        disorder=(0.1, 0.7),
-        walls=("#ecebe7", "#e9e9e6", "#e6e6e2", "#dfe3e3"),
-        wall_families=("rolled", "smooth"),
-        accent_walls=("#b9c4c6", "#c3cbc2", "#9fb0b5", "#d5c3ba"),
-        accent=0.25,
-        papers=("sprigs", "diamonds", "scales"),
-        papered=0.3,
-        floors=("#d9bf97", "#e0caa6", "#d2b58c"),
-        floor_families=("ash", "oak", "pine", "laminate"),
-        carpeted=0.1,
-        floor_tiles=("#cfccc4", "#b9b8b4", "#dad6cd"),
-        floor_tile_families=("square", "hexagon", "stoneware"),
-        wall_tiles=("#eeeeea", "#e6e8e8", "#d5dde0"),
-        wall_tile_families=("subway", "square", "stacked"),
-        frames=("#f0efeb", "#ecebe6"),
-        doors=("#ecebe6", "#f0efeb"),
-        panels=("flat", "two"),
-        glazing_bars=0.3,
-        cornices=(0.0,),
-        skirting=(0.06, 0.09),
-        beams=("paint", "wood"),
-    ),
-    "mid-century": Interior(
-        woods=("#8a5a36", "#7a4e2e", "#94633b"),
-        wood_families=("walnut", "teak", "teak"),
-        dark_woods=("#5b3d2a", "#4c3323"),
-        lacquers=("#e9e4d8", "#d9a13b", "#3d6a70", "#c8664a"),
-        wooden_cabinets=0.9,
-        kitchens=("#e9e4d8", "#c9b68f", "#6f8f8b", "#d08a4c"),
-        wooden_kitchens=0.6,
-        stones=("#d8d4cc", "#b9a890", "#3a3a3b"),
-        stone_families=("terrazzo", "composite"),
-        metals=(_BRASS, _BLACK, _BRASS),
-        upholstery=("#3d6a70", "#b8862f", "#a8552f", "#5f6f3f", "#44506b", "#8f8a82"),
-        cloths=("plain", "birdseye", "boucle", "melange", "basket"),
-        leathers=("#8a5a3a", "#6b3f24"),
-        leather=0.25,
-        accents=("#d08a2c", "#c4573a", "#2f6f73", "#7a8a3a", "#33424f", "#e3d5c0"),
-        cushion_cloths=("plain", "basket", "boucle", "velvet"),
-        beddings=("#f2eee4", "#e8dccb", "#d9b98a", "#a8b8b0"),
-        bedding_cloths=("cotton", "cotton", "linen"),
-        curtains=("#d9cfb8", "#b8862f", "#6f7a5a", "#e6e0d4"),
-        sheer_curtains=0.4,
-        rugs=("#b9a27a", "#8c4a2f", "#3d5a5f", "#cbbfa0"),
-        rug_families=("shag", "cut", "loop"),
-        shades=("#efe2c6", "#e7d6b4"),
-        kelvins=(2700.0,),
-        fronts=("flat",),
-        handles=("edge", "knob"),
-        legs=("round", "round", "tapered"),
-        shapes=_shapes(
-            chair=("shell", "pad", "shell"), sofa=("slim",), bed=("panel",),
-            coffee_table=("oval", "glass", "oval"), pendant=("globe", "dome"),
-            floor_lamp=("arch", "tripod"), round_table=("tulip",),
-        ),
-        walls=("#e9e2d2", "#e2dccf", "#ddd6c4", "#d8d2bc"),
-        wall_families=("rolled", "smooth"),
-        accent_walls=("#b8863f", "#7f8f6a", "#4f7377", "#a8653f"),
-        accent=0.55,
-        papers=("hexagons", "scales", "diamonds"),
-        papered=0.4,
-        bare="boards",
-        floors=("#94683f", "#8a5f3a", "#a8784a"),
-        floor_families=("strips", "basket", "walnut", "oak"),
-        carpeted=0.2,
-        floor_tiles=("#cfc8bb", "#8f8c87", "#6d6e70"),
-        floor_tile_families=("square", "stoneware", "hexagon"),
-        wall_tiles=("#a9c0bc", "#e5d6b4", "#9fb5a4", "#e6e2d6"),
-        wall_tile_families=("square", "stacked"),
-        frames=("#e4e1d8", "#6b4a31", "#4a4d50"),
-        doors=("#8a5f3c", "#7a5233", "#e3ded2"),
-        panels=("flat",),
-        glazing_bars=0.05,
-        cornices=(0.0,),
-        skirting=(0.06, 0.08),
-    ),
-    "industrial": Interior(
-        woods=("#7a5a3c", "#8a6a48", "#6b4f36"),
-        wood_families=("pine", "oak"),
-        dark_woods=("#3f2f22", "#4a3a2e"),
-        lacquers=("#3b3d40", "#4f5357", "#6d6f70", "#2f3133"),
-        wooden_cabinets=0.45,
-        kitchens=("#2f3437", "#3f4446", "#55595a", "#6d6f70"),
-        wooden_kitchens=0.2,
-        stones=("#8d8a85", "#6d6c6a", "#4a4a4c"),
-        stone_families=("concrete", "concrete", "slate", "composite"),
-        stone_worktops=0.6,
-        metals=(_BLACK, _BLACK, ("#5a5a5a", 0.5), _BRONZE),
-        upholstery=("#5a5a58", "#3f4447", "#6b5a48", "#757067"),
-        cloths=("twill", "melange", "felt", "corduroy"),
-        leathers=("#5a3a26", "#7a4a2c", "#3a2c22"),
-        leather=0.6,
-        accents=("#8a3b2a", "#b9802f", "#3d4a4f", "#6b6b5f", "#9a9489", "#2b2d2f"),
-        cushion_cloths=("denim", "twill", "plain", "knit"),
-        beddings=("#8a8d90", "#b9b6b0", "#55606a", "#d9d6d0"),
-        bedding_cloths=("cotton", "linen", "checked"),
-        throw_cloths=("knit", "felt", "checked"),
-        curtains=("#6d6f70", "#8d8a85", "#4f5357"),
-        curtain_cloths=("linen", "plain", "velvet"),
-        sheer_curtains=0.15,
-        curtained=0.4,
-        rugs=("#6d6a66", "#7a3f35", "#4f5357", "#8f7d68"),
-        rug_families=("sisal", "kilim", "loop", "cut"),
-        shades=("#cfc2a8", "#3b3a38", "#b8a98c"),
-        kelvins=(2700.0, 2700.0, 3000.0),
-        fronts=("flat", "flat", "framed"),
-        handles=("bar", "edge"),
-        legs=("metal",),
-        shapes=_shapes(
-            chair=("rails", "shell"), sofa=("block", "low"), bed=("slats", "panel"),
-            coffee_table=("shelf", "drum"), pendant=("dome",), dome=("metal",),
-            floor_lamp=("straight", "tripod"), round_table=("column",),
-        ),
-        density=0.9,
-        walls=("#c9c7c2", "#d9d8d2", "#b9b8b4", "#e2dfd8"),
-        wall_families=("coarse", "trowelled", "brushed"),
-        accent_walls=("#8d4a38", "#8f8c87", "#9a5a44", "#5a5d5f"),
-        accent=0.75,
-        papered=0.0,
-        bare="brick",
-        floors=("#8b7355", "#7a6146", "#9a8468"),
-        floor_families=("oak", "pine", "strips"),
-        carpeted=0.05,
-        floor_tiles=("#7d7c7a", "#6d6e70", "#8f8c87"),
-        floor_tile_families=("stoneware", "stoneware", "square"),
-        wall_tiles=("#e6e5e0", "#4a4d50", "#c7c8c6"),
-        wall_tile_families=("subway", "subway", "stacked"),
-        frames=("#2f3133", "#3b3d40", "#4a4d50"),
-        doors=("#3b3d40", "#6b4f36", "#55595a"),
-        panels=("flat", "two"),
-        glazing_bars=0.8,
-        cornices=(0.0,),
-        skirting=(0.06, 0.1),
-        beams=("steel", "wood"),
-    ),
-    "farmhouse": Interior(
-        woods=("#c29a63", "#b08450", "#cda873", "#a67c4c"),
-        wood_families=("pine", "pine", "oak"),
-        dark_woods=("#6f4a30", "#7a5535"),
-        lacquers=("#e9e4d6", "#b7c2b4", "#9fb0b8", "#d9cdb4", "#8fa095"),
-        wooden_cabinets=0.5,
-        kitchens=("#e9e4d8", "#a9b8a6", "#9fb0b8", "#c9cfc0", "#ddd2ba"),
-        wooden_kitchens=0.2,
-        stones=("#d8d4cc", "#8d8a85", "#b9b0a0"),
-        stone_families=("slate", "travertine", "granite"),
-        stone_worktops=0.25,
-        metals=(_BRONZE, _BLACK, ("#b8a98c", 0.4)),
-        upholstery=("#c7bfb2", "#8a9a9f", "#b5a78c", "#9a6f5a", "#a3ab94"),
-        cloths=("linen", "twill", "herringbone", "plain"),
-        leathers=("#7a5233",),
-        leather=0.1,
-        accents=("#8c3f3a", "#355070", "#6b7f5a", "#c9a25a", "#a9b8c0", "#e3d5c0"),
-        cushion_cloths=("checked", "checked", "striped", "linen", "knit"),
-        beddings=("#f2f0ec", "#dfd6c4", "#b8c4d0", "#d8b8b0"),
-        bedding_cloths=("checked", "striped", "linen", "cotton"),
-        throw_cloths=("checked", "cable", "knit"),
-        curtains=("#e6dcc6", "#d8c2a8", "#b8c0b0", "#e6e0d4"),
-        curtain_cloths=("linen", "checked", "striped"),
-        sheer_curtains=0.5,
-        curtained=0.9,
-        rugs=("#a8947a", "#8c4a3f", "#5f7080", "#cbb894"),
-        rug_families=("rag", "sisal", "rag", "loop"),
-        shades=("#efe6d0", "#e7d8b8"),
-        kelvins=(2700.0, 2800.0),
-        fronts=("framed",),
-        handles=("knob", "knob", "bar"),
-        legs=("square", "round", "square"),
-        shapes=_shapes(
-            chair=("spindles", "rails", "slats"), sofa=("rolled", "block"), bed=("slats", "panel"),
-            coffee_table=("shelf",), pendant=("dome", "drum"), dome=("metal",),
-            floor_lamp=("straight", "tripod"), round_table=("column",),
-        ),
-        density=1.2,
-        disorder=(0.3, 1.0),
-        walls=("#ebe6d8", "#e5dcc3", "#e6e1d6", "#d8dccb"),
-        wall_families=("trowelled", "coarse", "brushed"),
-        accent_walls=("#a9b59a", "#b8c4c9", "#c9b68f", "#b08f78"),
-        accent=0.4,
-        papers=("sprigs", "stripes", "sprigs"),
-        papered=0.5,
-        bare="boards",
-        floors=("#b08a5c", "#a67c4c", "#c29a6b"),
-        floor_families=("pine", "pine", "oak"),
-        carpeted=0.1,
-        floor_tiles=("#a9603f", "#b87850", "#b9a68c", "#8f8478"),
-        floor_tile_families=("terracotta", "flagstone", "terracotta"),
-        wall_tiles=("#ece6d6", "#dfe3dc", "#b8c8c4"),
-        wall_tile_families=("handmade", "subway", "square"),
-        frames=("#e9e6da", "#8a6a48", "#a3ab94"),
-        doors=("#e9e4d6", "#b08450", "#a9b5a6"),
-        panels=("four", "two", "four"),
-        glazing_bars=0.85,
-        cornices=(0.0, 0.0, 0.05),
-        skirting=(0.1, 0.15),
-        beams=("dark", "wood"),
-    ),
-    "classic": Interior(
-        woods=("#6f3f26", "#7a4a2c", "#5b3522", "#8a5a36"),
-        wood_families=("cherry", "walnut", "cherry"),
-        dark_woods=("#3f2418", "#4a2c1e"),
-        lacquers=("#ece4d0", "#e2d6ba", "#cfd3cc"),
-        wooden_cabinets=0.8,
-        kitchens=("#ece4d0", "#d9cfb8", "#4a3527", "#3f5361"),
-        wooden_kitchens=0.45,
-        stones=("#d8cfc0", "#3a3533", "#b9a890", "#5a4a40"),
-        stone_families=("granite", "marble", "marble"),
-        stone_worktops=0.95,
-        metals=(_BRASS, _BRASS, _BRONZE),
-        upholstery=("#7a2f35", "#3d4f3f", "#44506b", "#b59a6f", "#6b5a4a", "#8f7d68"),
-        cloths=("velvet", "chenille", "velvet", "herringbone"),
-        leathers=("#5a2f20", "#4a2a1c"),
-        leather=0.3,
-        accents=("#8c3f3a", "#b8922f", "#355070", "#4f6a4a", "#d8c8a0", "#6a3f55"),
-        cushion_cloths=("velvet", "striped", "corduroy"),
-        beddings=("#f0e8d8", "#d8c8a8", "#8c4a4a", "#9aa5b8"),
-        bedding_cloths=("satin", "cotton", "striped"),
-        throw_cloths=("checked", "herringbone", "cable"),
-        curtains=("#8c3f3a", "#b8a070", "#4f6350", "#d8c8a8", "#5a6480"),
-        curtain_cloths=("velvet", "satin", "velvet", "striped"),
-        sheer_curtains=0.1,
-        curtained=0.95,
-        rugs=("#8c2f2f", "#37475a", "#7a5a3a", "#a8704a"),
-        rug_families=("kilim", "cut", "kilim"),
-        shades=("#e7d6b0", "#efe0c0", "#d8c098"),
-        kelvins=(2700.0,),
-        fronts=("framed",),
-        handles=("knob",),
-        legs=("round", "tapered"),
-        shapes=_shapes(
-            chair=("pad", "slats"), sofa=("rolled",), bed=("padded", "panel"),
-            coffee_table=("oval", "shelf"), pendant=("drum", "globe"),
-            floor_lamp=("straight",), round_table=("column",),
-        ),
-        density=1.25,
-        disorder=(0.1, 0.6),
-        walls=("#e5d8bc", "#d8cdb4", "#d3c8a8", "#cfd3c4", "#dcc8b0"),
-        wall_families=("smooth", "rolled"),
-        accent_walls=("#9a5a4f", "#7f8a6a", "#6f7f8f", "#b89a6a"),
-        accent=0.7,
-        papers=("damask", "stripes", "damask"),
-        papered=0.85,
-        floors=("#8a5a36", "#7a4a2c", "#9a6840"),
-        floor_families=("herringbone", "basket", "herringbone", "walnut"),
-        carpets=("#8c5a4f", "#a3906f", "#6f7a6a"),
-        carpeted=0.45,
-        floor_tiles=("#dad0bd", "#b9a68c", "#4e4a46"),
-        floor_tile_families=("marble", "marble", "cement"),
-        wall_tiles=("#e9e0cc", "#dcd3bd", "#c8d0c8"),
-        wall_tile_families=("marble", "square", "handmade"),
-        frames=("#ece6d6", "#6b4a31"),
-        doors=("#6f4a30", "#ece4d0", "#5f3f2a"),
-        panels=("four", "two"),
-        glazing_bars=0.6,
-        cornices=(0.07, 0.09, 0.07),
-        skirting=(0.12, 0.17),
-    ),
-    "minimal": Interior(
-        woods=("#cfae84", "#b9a080", "#8f7d68"),
-        wood_families=("oak", "ash"),
-        dark_woods=("#3a342f", "#2f2b28"),
-        lacquers=("#f0f0ee", "#e9e9e7", "#d3d3d0", "#3b3d40"),
-        wooden_cabinets=0.1,
-        kitchens=("#f0f0ee", "#e6e6e4", "#c9c9c6", "#2b2d2f"),
-        wooden_kitchens=0.05,
-        stones=("#e6e5e2", "#c4c4c2", "#2c2b2b"),
-        stone_families=("composite", "concrete", "composite"),
-        stone_worktops=1.0,
-        metals=(_STEEL, _BLACK, ("#dcdcda", 0.2)),
-        upholstery=("#c9c8c5", "#9a9a98", "#4a4b4d", "#e0deda"),
-        cloths=("plain", "felt", "boucle"),
-        leathers=("#2a2725", "#d9d3c8", "#8f8d8a"),
-        leather=0.3,
-        accents=("#2f3133", "#8f9192", "#d3d1cc", "#b5a893", "#6d7276"),
-        cushion_cloths=("plain", "felt"),
-        beddings=("#f2f2f0", "#dcdcda", "#b9babb", "#55585b"),
-        bedding_cloths=("cotton", "satin", "cotton"),
-        throw_cloths=("felt", "knit"),
-        curtains=("#efeeeb", "#d9d8d5", "#b5b5b3"),
-        curtain_cloths=("plain", "linen"),
-        sheer_curtains=0.8,
-        curtained=0.35,
-        rugs=("#cfcdc8", "#9a9a98", "#5a5b5d"),
-        rug_families=("cut", "loop"),
-        shades=("#f4f3f0", "#efeeea"),
-        kelvins=(3000.0, 3300.0, 4000.0),
-        fronts=("flat",),
-        handles=("edge",),
-        legs=("square", "metal"),
-        shapes=_shapes(
-            chair=("shell", "pad"), sofa=("low", "low", "block"), bed=("padded", "panel"),
-            coffee_table=("drum", "glass"), pendant=("globe", "dome"), dome=("metal",),
-            floor_lamp=("straight", "arch"), round_table=("tulip",),
-        ),
-        density=0.5,
-        disorder=(0.0, 0.3),
-        walls=("#ececea", "#e6e6e4", "#e9e9e6"),
-        wall_families=("smooth",),
-        accent_walls=("#9a9c9c", "#6f7274", "#bfbfbc"),
-        accent=0.2,
-        papered=0.0,
-        bare="concrete",
-        floors=("#c9b698", "#bda98c", "#8f8478"),
-        floor_families=("laminate", "oak"),
-        carpets=("#b5b4b0", "#8f9092"),
-        carpeted=0.1,
-        floor_tiles=("#cfcfcc", "#8f9090", "#b5b5b2", "#4e5052"),
-        floor_tile_families=("stoneware",),
-        wall_tiles=("#eeeeec", "#d6d7d7", "#8f9294"),
-        wall_tile_families=("stoneware", "stacked"),
-        frames=("#2f3133", "#ececea"),
-        doors=("#ececea", "#f0f0ee"),
-        panels=("flat",),
-        glazing_bars=0.0,
-        cornices=(0.0,),
-        skirting=(0.04, 0.06),
-        beams=("paint",),
-    ),
-    "bohemian": Interior(
-        woods=("#a06a3c", "#8a5a36", "#b08450", "#6f4a30"),
-        wood_families=("teak", "bamboo", "walnut"),
-        lacquers=("#d9a13b", "#2f6f73", "#b56576", "#e9dcc0", "#7a8a4f"),
-        wooden_cabinets=0.65,
-        kitchens=("#3f6a66", "#d9c49a", "#9a5a4a", "#e9dcc0"),
-        wooden_kitchens=0.35,
-        stones=("#b9a890", "#8d7a68"),
-        stone_families=("terrazzo", "travertine"),
-        stone_worktops=0.3,
-        metals=(_BRASS, _BRONZE, _BRASS),
-        upholstery=("#a35f45", "#3d5a5f", "#8c4a5a", "#b8862f", "#6a7556", "#6b4f7a"),
-        cloths=("velvet", "chenille", "corduroy", "basket", "boucle"),
-        leathers=("#8a5a3a", "#a8704a"),
-        leather=0.15,
-        accents=("#c4573a", "#d9a13b", "#2f6f73", "#b56576", "#7a4f8a", "#4f7a4a", "#d97f3f"),
-        cushion_cloths=("velvet", "striped", "knit", "basket", "checked", "corduroy"),
-        beddings=("#e8d0b0", "#c98a6a", "#8a9a7a", "#d8b0b8", "#b0a0c0"),
-        bedding_cloths=("linen", "striped", "cotton"),
-        throw_cloths=("cable", "knit", "checked"),
-        curtains=("#c98a4f", "#d8a8a0", "#7d8a5f", "#e6d0a8", "#8a6a9a"),
-        curtain_cloths=("linen", "striped", "linen"),
-        sheer_curtains=0.7,
-        curtained=0.85,
-        rugs=("#8c3f3a", "#b9702f", "#37505a", "#a84f5f", "#c9a25a"),
-        rug_families=("kilim", "kilim", "rag", "shag"),
-        shades=("#e7c890", "#d8a878", "#efdcb8"),
-        kelvins=(2400.0, 2700.0),
-        fronts=("framed", "flat"),
-        handles=("knob", "bar"),
-        legs=("round", "tapered", "square"),
-        shapes=_shapes(
-            chair=("spindles", "slats", "pad"), sofa=("low", "rolled"), bed=("slats", "padded"),
-            coffee_table=("drum", "oval"), pendant=("lantern", "drum"),
-            floor_lamp=("tripod", "arch"),
-        ),
-        density=1.45,
-        disorder=(0.5, 1.0),
-        walls=("#e5d8c0", "#dcc8b0", "#d8cfa8", "#e0cfc4", "#c9d0c0"),
-        wall_families=("trowelled", "coarse", "brushed"),
-        accent_walls=("#b5653f", "#3f6f6f", "#9a5a6a", "#b8903f", "#5f7a55"),
-        accent=0.75,
-        papers=("damask", "sprigs", "scales", "grasscloth"),
-        papered=0.4,
-        floors=("#94683f", "#a8784a", "#7a5233"),
-        floor_families=("oak", "pine", "herringbone", "basket"),
-        carpeted=0.2,
-        floor_tiles=("#a9603f", "#5f7a7a", "#b9905f"),
-        floor_tile_families=("cement", "terracotta", "hexagon"),
-        wall_tiles=("#5f9a94", "#d8b87a", "#c98a6a", "#7a94a8"),
-        wall_tile_families=("handmade", "penny", "cement"),
-        frames=("#e9e2d2", "#8a6a48", "#5f7a72"),
-        doors=("#8a5f3c", "#5f8a84", "#e3d6ba"),
-        panels=("two", "four"),
-        glazing_bars=0.4,
-    ),
-    "seventies": Interior(
-        woods=("#a8683a", "#94582e", "#b5794a"),
-        wood_families=("teak", "cherry"),
-        dark_woods=("#5b3420", "#6b3f26"),
-        lacquers=("#d97f3f", "#c9a23f", "#8a7a3a", "#ddd0b0"),
-        wooden_cabinets=0.75,
-        kitchens=("#c98a3f", "#a8983f", "#8a5a36", "#ddd0b0", "#7a8a5a"),
-        wooden_kitchens=0.4,
-        stones=("#b9a080", "#d8c8a8", "#6b5a4a"),
-        stone_families=("terrazzo", "granite"),
-        stone_worktops=0.5,
-        metals=(("#b5a890", 0.35), _BRONZE, ("#9a8a5f", 0.35)),
-        upholstery=("#94582e", "#7a6a2f", "#6b4a35", "#a8763a", "#5a5f35"),
-        cloths=("corduroy", "corduroy", "velvet", "chenille"),
-        leathers=("#6b4226", "#8a5a30"),
-        leather=0.2,
-        accents=("#d97f2c", "#b8a02f", "#8a4a2a", "#6b7a2f", "#e0b860", "#a8552f"),
-        cushion_cloths=("corduroy", "velvet", "knit", "striped"),
-        beddings=("#e0c080", "#c98a4f", "#b5a86a", "#d8c8a8"),
-        bedding_cloths=("striped", "checked", "cotton"),
-        throw_cloths=("knit", "cable", "checked"),
-        curtains=("#c97f3f", "#a8983f", "#8a5a3a", "#ddc890"),
-        curtain_cloths=("plain", "striped", "velvet"),
-        sheer_curtains=0.25,
-        curtained=0.95,
-        rugs=("#a8602f", "#8a6a35", "#c9a25a", "#6b4a35"),
-        rug_families=("shag", "shag", "cut"),
-        shades=("#e0a860", "#d8904f", "#e7c890"),
-        kelvins=(2700.0,),
-        fronts=("flat", "framed"),
-        handles=("bar", "knob"),
-        legs=("square", "tapered"),
-        shapes=_shapes(
-            chair=("pad", "rails"), sofa=("low", "block"), bed=("padded", "panel"),
-            coffee_table=("shelf", "glass"), pendant=("globe", "dome", "drum"),
-            floor_lamp=("arch", "straight"), round_table=("tulip",),
-        ),
-        density=1.15,
-        disorder=(0.3, 1.0),
-        walls=("#e0d3b0", "#d8c8a0", "#ddd0b8", "#d3c098"),
-        wall_families=("woodchip", "woodchip", "coarse"),
-        accent_walls=("#c98a4f", "#a8843f", "#8a7a45", "#b5704a"),
-        accent=0.8,
-        papers=("hexagons", "scales", "diamonds", "damask"),
-        papered=0.85,
-        bare="boards",
-        floors=("#94602f", "#a87040", "#8a5a30"),
-        floor_families=("basket", "strips", "laminate"),
-        carpets=("#8a6a3a", "#a8783f", "#7a7040", "#9a5f3a"),
-        carpeted=0.8,
-        floor_tiles=("#a9703f", "#8a7a55", "#b59a6a"),
-        floor_tile_families=("square", "hexagon", "cement"),
-        wall_tiles=("#c9a86a", "#a8a870", "#d8b890", "#8a9a70"),
-        wall_tile_families=("square", "mosaic", "stacked"),
-        frames=("#6b4a31", "#8a6a48", "#e4dcc8"),
-        doors=("#94602f", "#8a5a36", "#e0d3b0"),
-        panels=("flat",),
-        glazing_bars=0.1,
-        cornices=(0.0, 0.05),
-        skirting=(0.05, 0.07),
-    ),
-    "japandi": Interior(
-        woods=("#b89468", "#a8845a", "#c2a078"),
-        wood_families=("ash", "bamboo", "oak"),
-        dark_woods=("#3a2c22", "#2f2620"),
-        lacquers=("#ddd6c8", "#c9c0b0", "#4a443e"),
-        wooden_cabinets=0.9,
-        kitchens=("#c9c0b0", "#4a443e", "#a89c88"),
-        wooden_kitchens=0.7,
-        stones=("#c4b8a5", "#8d8070", "#4a443e"),
-        stone_families=("travertine", "slate", "concrete"),
-        stone_worktops=0.7,
-        metals=(_BLACK, _BLACK, _BRONZE),
-        upholstery=("#c9bfae", "#a89c88", "#8a8070", "#6f6a5a"),
-        cloths=("linen", "boucle", "linen", "basket"),
-        leather=0.03,
-        accents=("#6f7a5f", "#a87a5f", "#4a443e", "#c9b898", "#8f8a7a"),
-        cushion_cloths=("linen", "basket", "boucle"),
-        beddings=("#e6dfd0", "#c9bfae", "#a8a090", "#8a8f7a"),
-        bedding_cloths=("linen",),
-        throw_cloths=("herringbone", "felt", "knit"),
-        curtains=("#e0d8c8", "#cfc4b0", "#b5a890"),
-        curtain_cloths=("linen",),
-        sheer_curtains=1.0,
-        curtained=0.55,
-        rugs=("#c9b898", "#a8987a", "#ddd0b8"),
-        rug_families=("sisal", "sisal", "loop"),
-        shades=("#f0e8d6", "#ece0c8"),
-        kelvins=(2700.0, 2700.0, 3000.0),
-        fronts=("flat",),
-        handles=("edge", "knob"),
-        legs=("round", "square"),
-        shapes=_shapes(
-            chair=("spindles", "rails"), sofa=("low", "slim"), bed=("panel", "slats"),
-            coffee_table=("drum", "oval"), pendant=("lantern",), floor_lamp=("tripod",),
-            round_table=("column",),
-        ),
-        density=0.6,
-        disorder=(0.0, 0.4),
-        walls=("#e2d9c9", "#dcd1bf", "#d6cab5", "#e6dfd2"),
-        wall_families=("trowelled", "trowelled", "brushed"),
-        accent_walls=("#a8977d", "#8f8a70", "#b59f85"),
-        accent=0.45,
-        papers=("grasscloth",),
-        papered=0.5,
-        bare="boards",
-        floors=("#bfa27a", "#b5966b", "#a8895f"),
-        floor_families=("oak", "ash", "strips"),
-        carpets=("#b5a68c", "#a3967f"),
-        carpeted=0.2,
-        floor_tiles=("#b5a893", "#8f8474", "#5a544c"),
-        floor_tile_families=("stoneware", "flagstone"),
-        wall_tiles=("#cfc4b0", "#a8a08f", "#8a9080"),
-        wall_tile_families=("stacked", "handmade"),
-        frames=("#3a342f", "#a8845a"),
-        doors=("#b89468", "#a8845a"),
-        panels=("flat",),
-        glazing_bars=0.5,
-        cornices=(0.0,),
-        skirting=(0.04, 0.07),
-        beams=("wood", "dark"),
-    ),
-})  # fmt: skip
+INTERIORS = _read()

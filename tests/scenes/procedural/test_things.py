@@ -12,11 +12,13 @@ from scipy.stats import binom
 
 from pbrnet.pipeline.inspection.realism import is_thing
 from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.importing.semantics import CATEGORY_LABELS
 from pbrnet.scenes.procedural.furnishing import placement
 from pbrnet.scenes.procedural.furnishing.placement import furnish
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
-from pbrnet.scenes.procedural.furniture.things import BY_PLACE, THINGS
+from pbrnet.scenes.procedural.furniture.things import kinds
+from pbrnet.scenes.procedural.furniture.things.kinds import BY_PLACE, THINGS
 from pbrnet.scenes.procedural.furniture.things.soft import fallen
 from pbrnet.scenes.procedural.planning import SIZES, make_plan
 from pbrnet.scenes.procedural.scene_item import SceneItem
@@ -31,6 +33,16 @@ def test_there_are_150_kinds_of_things_with_known_categories() -> None:
     assert not set(THINGS) & set(FURNITURE_KINDS)
     for place in ("worktop", "dining", "coffee", "desk", "bedside", "shelf"):
         assert len(BY_PLACE[place]) >= 15, place  # so that none is in most of its rooms
+
+
+@pytest.mark.parametrize(
+    ("make", "options"), [("vessels.amphora", {}), ("vessels.bottle", {"colour": 1})]
+)
+def test_a_row_of_the_table_that_no_generator_takes_is_refused(
+    make: str, options: dict[str, int]
+) -> None:
+    with pytest.raises(ParameterError, match=r"tall one.*vessels"):
+        kinds._thing("tall one", "shelf", make, **options)
 
 
 def test_things_are_solid_and_touch_what_carries_them() -> None:

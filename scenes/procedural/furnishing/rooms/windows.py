@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
 from pbrnet.scenes.procedural.furniture.textiles import SHAPES
-from pbrnet.scenes.procedural.furniture.things import BY_PLACE
+from pbrnet.scenes.procedural.furniture.things.kinds import BY_PLACE
 from pbrnet.scenes.procedural.scene_item import Pose
 from pbrnet.scenes.procedural.structure import pane_depth
 
