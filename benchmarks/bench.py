@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from pbrnet.pipeline.params import ImageParams, Params, load_params
+from pbrnet.pipeline.cameras.settings import ImageParams
+from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.passes.groundtruth import Truth
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.stages.cameras import run_cameras

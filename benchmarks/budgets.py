@@ -55,14 +55,16 @@ from pbrnet.model.evaluation.predict import example_of, rendered_for
 from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.images import contact_sheet, jpeg_bytes
-from pbrnet.pipeline.params import TRANSPORT_SAMPLES, GroundTruthParams, Params
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality, denoise
 from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
 from pbrnet.pipeline.passes.preparation import sample_guides
+from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import transport_of
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.tonemap import exposure_of, to_bytes, tonemap
+from pbrnet.pipeline.transport.settings import TRANSPORT_SAMPLES
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.files import atomic_file, digest_bytes, digest_file, write_json

@@ -25,8 +25,8 @@ from benchmarks.clay import SKY, camera_for_blender, write_clay
 from benchmarks.rendering import plain_render
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, spend, spread
-from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes.groundtruth import render_both, render_truth
+from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View

@@ -18,15 +18,11 @@ import click
 import numpy as np
 from matplotlib.figure import Figure
 
+from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams
 from pbrnet.pipeline.costs.ledger import read_ledger
-from pbrnet.pipeline.params import (
-    CameraParams,
-    FarmParams,
-    GroundTruthParams,
-    IlluminationParams,
-    ImageParams,
-    Params,
-)
+from pbrnet.pipeline.farm.settings import FarmParams
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.groundtruth import run_groundtruth
 from pbrnet.pipeline.stages.illumination import run_illumination
@@ -74,7 +70,7 @@ def parameters(homes: int, recycle: int = 0) -> Params:
         scenes=SceneParams(homes=homes, rooms_min=1, rooms_max=3, texture_size=64),
         cameras=CameraParams(views_per_room=1, views_per_scene=1, candidates=4),
         illumination=IlluminationParams(width=32, supersampling=1, light_samples=4),
-        groundtruth=GroundTruthParams(spp=4, block_spp=4, max_depth=5),
+        groundtruth=GroundTruthParams(spp=4, block_spp=4, max_depth=5, denoise="none"),
     )
 
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 from benchmarks.bench import Bench, resized
 from benchmarks.rows import Row, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
-from pbrnet.pipeline.params import NoisyParams
 from pbrnet.pipeline.passes.denoise import guides
 from pbrnet.pipeline.passes.registry import render_noisy, render_samples
+from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.transport import transport_of
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.transport.guides import fast_guides

@@ -26,7 +26,7 @@ from pbrnet.model.benchmark.score import METRICS, score_folder, table
 from pbrnet.model.benchmark.views import pin_views, save_views
 from pbrnet.pipeline.commands.release import processor
 from pbrnet.pipeline.export.rows import DatasetRows
-from pbrnet.pipeline.release.recipe import RECIPES, load_recipe, load_record
+from pbrnet.pipeline.release.recipe import load_recipe, load_record
 from pbrnet.scenes.files import write_json
 from pbrnet.scenes.installation import IMPORT_FOLDER as ROOT
 
@@ -48,7 +48,7 @@ Examples:
 @click.option(
     "--recipes",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    default=RECIPES,
+    default=Path("recipes"),
     show_default=True,
     help="Folder of the recipes, for trials of others of the same names.",
 )
@@ -62,7 +62,7 @@ Examples:
 @click.option("--workers", type=int, default=None, help="Worker processes.")
 def main(only: tuple[str, ...], recipes: Path, out: Path, workers: int | None) -> None:
     """Renew checksums of releases, the sample, the benchmark's views and rows, and the plan."""
-    own = recipes.resolve() == (ROOT / RECIPES).resolve()
+    own = recipes.resolve() == (ROOT / "recipes").resolve()
     tables = ROOT / "docs" / "data" if own else out
     spent, done = {}, []
     for topic in only or TOPICS:
@@ -84,7 +84,7 @@ def main(only: tuple[str, ...], recipes: Path, out: Path, workers: int | None) -
     for topic, seconds in spent.items():
         click.echo(f"{topic:10} {seconds:6.0f} s")
     for name in done:
-        record = load_record(recipes, name)
+        record = load_record(name, recipes)
         assert record is not None
         click.echo(
             f"{name:10} {60 * record.core_hours:5.1f} core-minutes of stages, "
@@ -121,7 +121,7 @@ def _forecast(measured: Sequence[Path], out: Path) -> None:
 
 def _score(folder: Path, recipes: Path, out: Path) -> None:
     """Pin all views of the release, and score the methods on them."""
-    dataset, recipe = folder / "dataset", load_recipe(recipes, "benchmark")
+    dataset, recipe = folder / "dataset", load_recipe("benchmark", recipes)
     rows = DatasetRows(dataset, ("test",))
     views = pin_views(rows, 0, "benchmark", recipe.version)
     save_views(recipes / "views.json", views)

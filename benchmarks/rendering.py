@@ -18,7 +18,6 @@ from benchmarks.bench import ROOT, Bench, resized
 from benchmarks.plain_loop import plain_sensor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
-from pbrnet.pipeline.params import EnvironmentParams, IlluminationParams, LightParams
 from pbrnet.pipeline.passes.environment import render_environment
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.passes.illumination import render_illumination
@@ -27,6 +26,7 @@ from pbrnet.pipeline.passes.registry import (
     render_surfaces,
     render_truths,
 )
+from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
 from pbrnet.pipeline.pathtrace import integrator as joint
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.stages import view_sampling

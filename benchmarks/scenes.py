@@ -25,7 +25,7 @@ from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.frames import frame_path, read_frame
 from pbrnet.pipeline.images import contact_sheet, png_bytes, tone_picture
 from pbrnet.pipeline.inspection.sizes import triangles_of
-from pbrnet.pipeline.params import Params, ToneParams, load_params
+from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.render.leaks import Leak, find_leaks
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.stages.cameras import run_cameras
@@ -34,7 +34,7 @@ from pbrnet.pipeline.stages.illumination import run_illumination
 from pbrnet.pipeline.stages.inputs import run_inputs
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scene_jobs import scene_name
-from pbrnet.pipeline.tonemap import exposure_of
+from pbrnet.pipeline.tonemap import ToneParams, exposure_of
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.contract import Scene, load_scene

@@ -12,17 +12,12 @@ import pyarrow.parquet as pq
 from benchmarks.bench import Bench, resized
 from benchmarks.rows import Row, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import KINDS, ChannelSet, Kind
 from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.frames import frame_path, kinds_of, write_frame
-from pbrnet.pipeline.params import (
-    EnvironmentParams,
-    IlluminationParams,
-    ImageParams,
-    LightParams,
-    Params,
-)
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import (
     PASSES,
     SURFACES,
@@ -32,6 +27,7 @@ from pbrnet.pipeline.passes.registry import (
     render_surfaces,
     render_truths,
 )
+from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, View, as_matrix, save_cameras

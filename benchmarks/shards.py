@@ -25,12 +25,13 @@ from benchmarks.bench import Bench
 from benchmarks.rows import Row, at_least
 from benchmarks.timing import Clock, Spent, by_turns, ratio, spread
 from pbrnet.model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import RGB, TINT, Kind
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.parquet import images_of
 from pbrnet.pipeline.dataset.shards import LZ4_LEVEL
 from pbrnet.pipeline.frames import frame_path, read_frame, write_pixels
-from pbrnet.pipeline.params import ImageParams, Params
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.groundtruth import run_groundtruth
 from pbrnet.pipeline.stages.illumination import run_illumination

@@ -20,8 +20,8 @@ from benchmarks.bench import Bench, Reference, pixels, resized
 from benchmarks.rendering import plain_render
 from benchmarks.rows import Row, at_most, missing
 from benchmarks.timing import Spread, spend, spread
-from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes.groundtruth import render_both
+from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View

@@ -22,7 +22,6 @@ import numpy as np
 
 from pbrnet.model.evaluation.metrics import measure
 from pbrnet.pipeline.frames import frame_path, read_frame
-from pbrnet.pipeline.params import ToneParams, TransportParams
 from pbrnet.pipeline.passes.groundtruth import rooms_box
 from pbrnet.pipeline.passes.transport import gathered, samples_for, surfels_for
 from pbrnet.pipeline.pathtrace.guiding import (
@@ -35,10 +34,11 @@ from pbrnet.pipeline.pathtrace.light_pilot import plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.drjit_arrays import column, vector
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
-from pbrnet.pipeline.tonemap import exposure_of, tonemap
+from pbrnet.pipeline.tonemap import ToneParams, exposure_of, tonemap
 from pbrnet.pipeline.transport.launches import TransportLauncher
 from pbrnet.pipeline.transport.pixels import Samples
 from pbrnet.pipeline.transport.radiosity import Surfels, grid_size
+from pbrnet.pipeline.transport.settings import TransportParams
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.arrays import AnyArray, Float32Array
 from pbrnet.scenes.contract import load_scene

@@ -25,7 +25,7 @@ from pbrnet.model.networks.hybrid import HybridNet
 from pbrnet.model.networks.objective import ExposedLoss, Objective, PairedLoss, Setting, Target
 from pbrnet.model.networks.pbrnet import Architecture, composition_network, shading_network
 from pbrnet.model.networks.plus import PlusNet
-from pbrnet.pipeline.params import TrainParams
+from pbrnet.model.training.settings import TrainParams
 from pbrnet.scenes.errors import InputError
 
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbrnet.pipeline.params import ToneParams
 from pbrnet.scenes.arrays import (
     ArrayOrTensor,
     Float32Array,
@@ -22,9 +21,18 @@ from pbrnet.scenes.arrays import (
     UInt8Array,
     array_namespace,
 )
+from pbrnet.scenes.checked import param, within
 from pbrnet.scenes.color import decode_srgb, encode_srgb, luminance
 
 Image = FloatingArray
+
+
+@dataclass(frozen=True)
+class ToneParams:
+    """Reinhard's photographic operator as in PBRS."""
+
+    key: float = param(0.8, "luminance of the average in the picture", within(above=0))
+    burn: float = param(0.2, "0 compresses all, 1 clips above the key", within(above=0))
 
 
 @dataclass(frozen=True)

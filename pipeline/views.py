@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.pipeline.params import ImageParams, Projection
+from pbrnet.pipeline.cameras.settings import ImageParams, Projection
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.checked import OPTIONAL, build, check_name, plain
 from pbrnet.scenes.errors import InputError

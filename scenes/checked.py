@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import importlib
 import math
 import re
 import reprlib
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -46,6 +47,39 @@ def within(
 # Field metadata: `plain(..., brief=True)` leaves the field out while it has its default value, so
 # that files and fingerprints of before the field existed stay as they are.
 OPTIONAL = {"optional": True}
+# Field metadata: a parameter file may say `auto`, for a value that follows from others.
+AUTO = {"auto": True}
+# Field metadata: a parameter file has the whole section in one line.
+INLINE = {"inline": True}
+
+
+def param(default: T, meaning: str = "", *rules: Mapping[str, Any]) -> T:
+    """A dataclass field that is a parameter: its default, one line of meaning, `within` and so on.
+
+    Dataclass fields are the only place of a default; `params.yaml` is written from them.
+    """
+    metadata: dict[str, Any] = {"meaning": meaning}
+    for rule in rules:
+        metadata |= rule
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def section(name: str, meaning: str = "") -> Any:
+    """A dataclass field that is a section of parameters, of the class `name`: "module:class".
+
+    The class is imported when an instance is made, so that sections stand beside the code they
+    steer, which may import this dataclass. The annotation's name is for type checkers alone.
+    """
+    return dataclasses.field(
+        default_factory=lambda: _imported(name)(), metadata={"section": name, "meaning": meaning}
+    )
+
+
+@cache
+def _imported(name: str) -> type[Any]:
+    module, attribute = name.split(":")
+    found: type[Any] = getattr(importlib.import_module(module), attribute)
+    return found
 
 
 def shown(value: object) -> str:
@@ -81,11 +115,18 @@ def check_name(
     return name
 
 
-def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = ParameterError) -> T:
+def build(
+    cls: type[T],
+    data: Any,
+    where: str = "",
+    error: type[PbrnetError] = ParameterError,
+    base: T | None = None,
+) -> T:
     """Read `data` (mappings, lists, scalars) as the dataclass `cls`.
 
-    Missing keys take the field's default; an unknown key, a wrong type or a value outside the
-    field's `within(...)` raises `error`, naming key, value and what is allowed.
+    Missing keys take the value of `base`, or else the field's default; an unknown key, a wrong
+    type or a value outside the field's `within(...)` raises `error`, naming key, value and what is
+    allowed.
     """
     if not isinstance(data, dict):
         raise error(f"{where or cls.__name__}: expected a mapping of keys, got {shown(data)}")
@@ -99,7 +140,13 @@ def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = P
     for name, field in fields.items():
         key = _join(where, name)
         if name in data:
-            values[name] = _convert(hints[name], data[name], key, field.metadata, error)
+            usual = getattr(base, name) if base is not None else field.default
+            if dataclasses.is_dataclass(hints[name]) and isinstance(usual, hints[name]):
+                values[name] = build(hints[name], data[name], key, error, usual)
+            else:
+                values[name] = _convert(hints[name], data[name], key, field.metadata, error)
+        elif base is not None:
+            values[name] = getattr(base, name)
         elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
             raise error(f"{key}: missing; expected {_describe(hints[name])}")
     built = cls(**values)
@@ -114,7 +161,12 @@ def build(cls: type[T], data: Any, where: str = "", error: type[PbrnetError] = P
 
 @cache
 def _types(cls: type) -> dict[str, Any]:
-    return get_type_hints(cls)
+    sections = {
+        str(field.type): _imported(field.metadata["section"])
+        for field in dataclasses.fields(cls)
+        if "section" in field.metadata
+    }
+    return get_type_hints(cls, localns=sections)
 
 
 @cache

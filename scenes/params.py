@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, get_args
 
-from pbrnet.scenes.checked import within
+from pbrnet.scenes.checked import AUTO, param, within
 from pbrnet.scenes.import_options import ImportEntry
 
 LightSetting = Literal["day", "evening", "night", "mixed"]
@@ -20,14 +20,16 @@ STYLES: tuple[StyleName, ...] = get_args(StyleName)
 
 @dataclass(frozen=True)
 class AssetParams:
-    """Optional furniture catalogues: `.sh3f` files of a folder, else of Debian packages."""
+    """Optional furniture catalogues: `.sh3f` files of a folder, else of Debian packages.
 
-    enabled: bool = False
-    folder: str = ""  # the `.sh3f` files in it are used, and nothing is fetched
-    # Packages that hold `.sh3f` files; taken from this machine where they are installed.
-    debian: tuple[str, ...] = ("sweethome3d-furniture",)
-    max_triangles: int = field(default=200_000, metadata=within(100, 2_000_000))  # of one piece
-    texture_size: int = field(default=1024, metadata=within(16, 8192))  # pixels, longer side
+    Packages are taken from this machine where they are installed, else fetched.
+    """
+
+    enabled: bool = param(False, "true: fetch and convert furniture catalogues")
+    folder: str = param("", "folder of .sh3f files; empty: the Debian packages below")
+    debian: tuple[str, ...] = param(("sweethome3d-furniture",), "packages that hold .sh3f files")
+    max_triangles: int = param(200_000, "pieces with more are refused", within(100, 2_000_000))
+    texture_size: int = param(1024, "pixels, longer side", within(16, 8192))
 
     def verify(self, where: str) -> None:
         """Check that enabled assets have a source; raises ValueError."""
@@ -40,34 +42,42 @@ class AssetParams:
 
 @dataclass(frozen=True)
 class SceneParams:
-    """Parameters of the `scenes` stage."""
+    """Parameters of the `scenes` stage.
 
-    homes: int = field(default=12, metadata=within(0, 1_000_000))
-    # Scenes of one plan: the home itself, and others that differ in what `vary` names.
-    variants: int = field(default=1, metadata=within(1, 1000))
-    vary: tuple[Aspect, ...] = ("finishes", "furniture", "light", "outdoors")
-    rooms_min: int = field(default=1, metadata=within(1, 6))
-    rooms_max: int = field(default=6, metadata=within(1, 6))
-    # Light settings, dealt out in turn so that every split sees each.
-    lighting: tuple[LightSetting, ...] = ("day", "evening", "night", "mixed")
-    styles: tuple[StyleName, ...] = STYLES  # of the homes' interiors, drawn per home
-    # Pixels a side; a parameter file may say `auto`, see `pbrnet.pipeline.params.texture_size_for`.
-    texture_size: int = field(default=256, metadata=within(64, 4096))
-    # Share of the furniture that comes from the catalogues of the `assets` stage, where those
-    # have something fitting; 0: all of it is the generator's own.
-    catalogue_share: float = field(default=0.0, metadata=within(0, 1))
-    # More homes, furnished-0000 and so on, with another share of catalogue furniture. Where the
-    # homes above take none, these show networks what they were not trained on: see
-    # `dataset.splits.test_only`.
-    furnished_homes: int = field(default=0, metadata=within(0, 1_000_000))
-    furnished_share: float = field(default=0.7, metadata=within(0.01, 1))
-    # Catalogue pieces with more triangles than this are not used in homes.
-    catalogue_triangles: int = field(default=30_000, metadata=within(100, 2_000_000))
-    # Scenes of one's own: files that `pbrnet import` reads, brought in by the same stage.
-    imports: tuple[str | ImportEntry, ...] = ()
-    # An import that takes longer, or more memory, is stopped and reported as failed.
-    import_seconds: float = field(default=900.0, metadata=within(0.1, 1e6))
-    import_memory: float = field(default=16.0, metadata=within(0.25, 1e5))  # GiB
+    Variants are scenes of one plan that differ in what `vary` names. Where ordinary homes take no
+    catalogue furniture, furnished ones show networks what they were not trained on: see
+    `dataset.splits.test_only`. An import beyond its limits is stopped and reported as failed.
+    """
+
+    homes: int = param(12, "procedural homes", within(0, 1_000_000))
+    variants: int = param(1, "scenes per floor plan; all of them in one split", within(1, 1000))
+    vary: tuple[Aspect, ...] = param(
+        ("finishes", "furniture", "light", "outdoors"), "differences between variants"
+    )
+    rooms_min: int = param(1, "rooms of a home, least", within(1, 6))
+    rooms_max: int = param(6, "rooms of a home, most", within(1, 6))
+    lighting: tuple[LightSetting, ...] = param(
+        ("day", "evening", "night", "mixed"), "assigned in turn, so that every split sees each"
+    )
+    styles: tuple[StyleName, ...] = param(STYLES, "of interiors, drawn per home")
+    texture_size: int = param(
+        256, "pixels per side; auto: by the width of the images", within(64, 4096), AUTO
+    )
+    catalogue_share: float = param(
+        0.0, "share of the furniture that comes from catalogues, where they fit", within(0, 1)
+    )
+    furnished_homes: int = param(
+        0, "further homes, furnished-0000 and so on, with the share below", within(0, 1_000_000)
+    )
+    furnished_share: float = param(0.7, "likewise, of furnished homes", within(0.01, 1))
+    catalogue_triangles: int = param(
+        30_000, "catalogue pieces with more are not used", within(100, 2_000_000)
+    )
+    imports: tuple[str | ImportEntry, ...] = param(
+        (), "scene files, or {file: ..., options of `pbrnet import`}"
+    )
+    import_seconds: float = param(900.0, "time after which an import is stopped", within(0.1, 1e6))
+    import_memory: float = param(16.0, "GiB, likewise", within(0.25, 1e5))
 
     def verify(self, where: str) -> None:
         """Checks across fields; raises ValueError."""

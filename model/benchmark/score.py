@@ -14,9 +14,8 @@ from pbrnet.model.benchmark.pictures import SUFFIXES, Task, find_picture, read_p
 from pbrnet.model.benchmark.views import ViewList, truths
 from pbrnet.model.evaluation.metrics import bootstrap, measure
 from pbrnet.pipeline.export.rows import Content, DatasetRows, ViewRow
-from pbrnet.pipeline.params import ToneParams
 from pbrnet.pipeline.progress import Progress
-from pbrnet.pipeline.tonemap import exposure_of, tonemap
+from pbrnet.pipeline.tonemap import ToneParams, exposure_of, tonemap
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.color import luminance

@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 from torch.nn import functional
 
-from pbrnet.pipeline.params import ToneParams
+from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.scenes.color import REC709, decode_srgb, encode_srgb
 
 BLOCK = 8  # side in pixels of the blocks whose means the log average takes, see `exposure_of`

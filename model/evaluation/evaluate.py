@@ -36,7 +36,7 @@ from pbrnet.model.methods import BASELINES, METHODS, extras_of
 from pbrnet.model.training.store import ModelCard
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.costs.ledger import read_ledger
-from pbrnet.pipeline.dataset.held_out import kept_back
+from pbrnet.pipeline.dataset.settings import kept_back
 from pbrnet.pipeline.images import error_picture, png_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress

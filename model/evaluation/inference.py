@@ -28,8 +28,7 @@ from pbrnet.model.evaluation.product import linear_product, product, product_lin
 from pbrnet.model.methods import BASELINES, METHODS
 from pbrnet.model.networks.tiles import margin, tiled
 from pbrnet.model.training.store import ModelCard, load_model
-from pbrnet.pipeline.params import ToneParams
-from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap, untonemap
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.errors import InputError
 

@@ -32,16 +32,17 @@ from pbrnet.pipeline.frames import (
     write_pixels,
 )
 from pbrnet.pipeline.images import Picture, contact_sheet, error_picture, reflectance_picture
-from pbrnet.pipeline.params import NoisyParams, Params, ToneParams
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import inputs_of, visible_surfaces
 from pbrnet.pipeline.passes.materials import materials_of
 from pbrnet.pipeline.passes.preparation import Preparation, prepare
 from pbrnet.pipeline.passes.registry import render_samples, render_truths
+from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.transport import render_transport
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
-from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
 from pbrnet.pipeline.views import View, as_matrix, load_cameras, look
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import plain

@@ -13,13 +13,14 @@ from pbrnet.model.evaluation.predict import known_truth, trace_truth
 from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pbrnet.pipeline.frames import Channels, write_pixels
 from pbrnet.pipeline.images import Picture, contact_sheet, error_picture
-from pbrnet.pipeline.params import TRANSPORT_SAMPLES, Params
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality
 from pbrnet.pipeline.passes.registry import trace_denoised
 from pbrnet.pipeline.passes.transport import Transport, transport_of
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.tonemap import exposure_of, tonemap
+from pbrnet.pipeline.transport.settings import TRANSPORT_SAMPLES
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.contract import load_scene

@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from pbrnet.model.training.store import ModelCard
-from pbrnet.pipeline.params import ToneParams
-from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap, untonemap
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.color import encode_srgb
 

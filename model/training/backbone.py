@@ -22,8 +22,8 @@ from safetensors.torch import load_file
 from torch import nn
 from torch.nn import functional
 
+from pbrnet.model.training.settings import BackboneParams
 from pbrnet.model.training.weights import write_weights
-from pbrnet.pipeline.params import BackboneParams
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.files import digest_file, read_json, write_json

@@ -15,7 +15,8 @@ from pbrnet.model.data.encoding import Policy
 from pbrnet.model.methods import build_network, is_current
 from pbrnet.model.networks.pbrnet import Architecture, channels_last
 from pbrnet.model.training.weights import write_weights
-from pbrnet.pipeline.params import NoisyParams, ToneParams
+from pbrnet.pipeline.passes.settings import NoisyParams
+from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.scenes.checked import build, plain, shown
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import digest_file, read_json, regular_file, write_json

@@ -30,8 +30,9 @@ from pbrnet.model.training.backbone import Backbone, load_backbone
 from pbrnet.model.training.checkpoint import Checkpoint, CurvePoint
 from pbrnet.model.training.loop import Run, train_steps
 from pbrnet.model.training.loss import PerceptualLoss
+from pbrnet.model.training.settings import StageTrainParams, TrainParams
 from pbrnet.model.training.store import ModelCard, TrainingData, load_model, save_model
-from pbrnet.pipeline.params import Params, StageTrainParams, TrainParams
+from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file, write_json, write_text

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pbrnet.pipeline.params import CameraParams
+from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.views import Matrix, check_pose
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError

@@ -22,7 +22,7 @@ from pbrnet.pipeline.costs.forecast import (
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.frames import kinds_of
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.release.recipe import RECIPES, load_recipe
+from pbrnet.pipeline.release.recipe import load_recipe
 from pbrnet.scenes.errors import ParameterError
 
 
@@ -95,7 +95,7 @@ def cost(
     """
     ledger = joined([read_ledger(folder) for folder in (data, *also)])
     if recipe is not None:
-        params = load_recipe(RECIPES, recipe).parameters
+        params = load_recipe(recipe).parameters
     if size is not None:
         params = replace(params, image=replace(params.image, width=size[0], height=size[1]))
     costs, errors = fit_costs(ledger)

@@ -16,7 +16,6 @@ from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.release.recipe import (
-    RECIPES,
     Record,
     add_to_card,
     compare,
@@ -56,9 +55,8 @@ from the record, or some views failed."""
 @click.option(
     "--recipes",
     type=click.Path(path_type=Path, file_okay=False),
-    default=RECIPES,
-    show_default=True,
-    help="Folder with the recipes.",
+    default=None,
+    help="Folder with the recipes.  [default: recipes, then those of the package]",
 )
 @click.option(
     "--record", is_flag=True, help="Record checksums and cost beside the recipe, for later makings."
@@ -70,7 +68,7 @@ from the record, or some views failed."""
 def release(
     name: str | None,
     out: Path | None,
-    recipes: Path,
+    recipes: Path | None,
     record: bool,
     scheduler: str | None,
     workers: int | None,
@@ -84,8 +82,8 @@ def release(
         for label, title in recipe_names(recipes).items():
             click.echo(f"{label:12} {title}")
         return
-    recipe = load_recipe(recipes, name)
-    known = load_record(recipes, name)
+    recipe = load_recipe(name, recipes)
+    known = load_record(name, recipes)
     out = resolved(out or Path("data") / "releases" / name)
     options: dict[str, Any] = {"workers": workers, "transfer": transfer}
     given = {key: value for key, value in options.items() if value is not None}
@@ -110,8 +108,7 @@ def release(
         f"{made.core_hours:.2f} core-hours, in {dataset}"
     )
     if record:
-        save_record(recipes, name, replace(made, sums=sums))
-        click.echo(f"recorded in {recipes / name}.json")
+        click.echo(f"recorded in {save_record(name, replace(made, sums=sums), recipes)}")
     elif known is None:
         click.echo(f"nothing to compare with; record it with: pbrnet release {name} --record")
     else:

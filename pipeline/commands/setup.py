@@ -8,7 +8,7 @@ import os
 import platform
 import shutil
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
@@ -18,7 +18,9 @@ import drjit
 import psutil
 import torch
 
-from pbrnet.pipeline.params import Baseline, load_params
+from pbrnet.model.training.settings import Baseline
+from pbrnet.pipeline.release.parameter_text import parameter_text
+from pbrnet.pipeline.release.presets import find_preset, presets
 from pbrnet.pipeline.versions import PACKED
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import exists, regular_file, write_text
@@ -73,13 +75,6 @@ Examples:
 @click.argument("name", required=False)
 @click.option("--force", is_flag=True, help="Overwrite a parameter file that was edited.")
 @click.option(
-    "--presets",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("params"),
-    show_default=True,
-    help="Folder with the presets.",
-)
-@click.option(
     "--params",
     "target",
     type=click.Path(path_type=Path),
@@ -90,36 +85,31 @@ Examples:
 @click.option(
     "--seed", type=click.IntRange(0), default=None, help="Root seed to write into the file."
 )
-def preset(name: str | None, force: bool, presets: Path, target: Path, seed: int | None) -> None:
-    """Copy the parameter preset NAME to params.yaml; without NAME, list the presets."""
-    available = {path.stem: path for path in sorted(presets.glob("*.yaml"))}
-    if not available:
-        raise ParameterError(f"{presets}: no presets found; run this command in the project folder")
+def preset(name: str | None, force: bool, target: Path, seed: int | None) -> None:
+    """Write the parameter preset NAME to params.yaml; without NAME, list the presets.
+
+    The file has every key, with a comment where a value differs from the quick start's. Presets are
+    params/*.yaml, of the working folder and of the package.
+    """
     if name is None:
-        for label, path in available.items():
-            first = path.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
-            click.echo(f"{label:12} {first}")
+        for label, one in presets().items():
+            click.echo(f"{label:12} {one.title.split('. ')[0]}")
         return
-    if name not in available:
-        raise ParameterError(f"{name}: no such preset; available: {', '.join(available)}")
-    text = available[name].read_text(encoding="utf-8")
-    if seed is not None:
-        lines = text.splitlines(keepends=True)
-        text = "".join(f"seed: {seed}\n" if row.startswith("seed:") else row for row in lines)
-    known = [path.read_text(encoding="utf-8") for path in available.values()]
+    found = find_preset(name)
+    params = found.params()
+    text = parameter_text(params if seed is None else replace(params, seed=seed), found.title)
+    if target.is_dir():
+        raise ParameterError(f"{target}: a folder; expected a file")
     if exists(target) and not force:
         try:
             current = regular_file(target).read_text(encoding="utf-8", errors="replace")
         except InputError as error:
             raise ParameterError(str(error)) from None
-        if current != text and current not in known:
+        if current not in (text, *(one.text() for one in presets().values())):
             raise ParameterError(
                 f"{target}: was edited and is equal to no preset; keep a copy, then overwrite it "
                 "with --force"
             )
-    load_params(available[name])
-    if target.is_dir():
-        raise ParameterError(f"{target}: a folder; expected a file")
     write_text(target, text)
     click.echo(f"{target} now holds the preset {name!r}; next: dvc repro")
 

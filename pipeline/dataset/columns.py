@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from pbrnet.pipeline.cameras.settings import Projection
 from pbrnet.pipeline.channels import (
     RADIANCE,
     SETS,
@@ -26,7 +27,6 @@ from pbrnet.pipeline.channels import (
     kinds_of_sets,
 )
 from pbrnet.pipeline.dataset.label_tables import CLASSES, json_text
-from pbrnet.pipeline.params import Projection
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from pbrnet.pipeline.dataset.label_tables import json_text, room_layout
 from pbrnet.pipeline.dataset.light import in_row_unit, light_groups, remainders
 from pbrnet.pipeline.dataset.previews import preview_cells
 from pbrnet.pipeline.frames import Frame
-from pbrnet.pipeline.params import ToneParams
-from pbrnet.pipeline.tonemap import exposure_of
+from pbrnet.pipeline.tonemap import ToneParams, exposure_of
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.contract import Scene

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pbrnet.pipeline.dataset.held_out import kept_back
-from pbrnet.pipeline.params import GroundTruthParams, NoisyParams, Params, SplitParams
+from pbrnet.pipeline.dataset.settings import SplitParams, kept_back
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.settings import GroundTruthParams, NoisyParams
 from pbrnet.pipeline.views import CameraFile, View, load_cameras
 from pbrnet.scenes.contract import Scene, load_scene, scene_folders
 from pbrnet.scenes.errors import InputError

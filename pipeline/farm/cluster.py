@@ -44,9 +44,9 @@ from distributed.utils import get_mp_context, silence_logging_cmgr
 
 from pbrnet.pipeline.farm.dispatch import Dispatch
 from pbrnet.pipeline.farm.scheduling import Item
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.transfer import TransferServer, TransferService
 from pbrnet.pipeline.farm.worker import Outcome
-from pbrnet.pipeline.params import FarmParams
 from pbrnet.scenes.errors import MachineError, ParameterError
 
 CONNECT_PATIENCE = 15.0  # seconds to look for a scheduler

@@ -17,8 +17,8 @@ from distributed.comm import CommClosedError
 
 from pbrnet.pipeline.farm.liveness import GRACE, Liveness, restart_workers
 from pbrnet.pipeline.farm.scheduling import BatchQueue, Item
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.worker import Outcome, run_batch
-from pbrnet.pipeline.params import FarmParams
 from pbrnet.scenes.errors import MachineError
 
 WORKER_PATIENCE = 300.0  # seconds without a single worker before the run is given up

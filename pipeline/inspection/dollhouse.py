@@ -19,11 +19,13 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
+from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams
 from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.images import Picture
-from pbrnet.pipeline.params import CameraParams, GroundTruthParams, ImageParams, Params
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import denoise
 from pbrnet.pipeline.passes.registry import PASSES
+from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.stages.view_sampling import sample_cameras
@@ -84,7 +86,15 @@ def quick_renders(scene: Scene, views: Sequence[View], count: int = 2) -> list[t
     opened = open_scene(load_scene(scene.folder))
     params = Params(
         image=ImageParams(width=_QUICK_WIDTH, height=_QUICK_WIDTH * 3 // 4),
-        cameras=CameraParams(views_per_room=1, views_per_scene=8),
+        cameras=CameraParams(
+            views_per_room=1,
+            views_per_scene=8,
+            eye_height=1.55,
+            eye_jitter=0.05,
+            pitch=(),
+            roll=(),
+            framing="paper",
+        ),
         groundtruth=_QUICK,
     )
     found = views or sample_cameras(opened, opened.scene, params, 0).views

@@ -17,11 +17,11 @@ import numpy as np
 
 from pbrnet.pipeline.channels import NORMAL, RGB
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.params import EnvironmentParams, GroundTruthParams
 from pbrnet.pipeline.passes.denoise import SUBPIXELS, Image, denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import panorama_launch, render_blocks
 from pbrnet.pipeline.passes.illumination import Panorama
 from pbrnet.pipeline.passes.inputs import VisibleSurfaces, normal, reflectance
+from pbrnet.pipeline.passes.settings import EnvironmentParams, GroundTruthParams
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View

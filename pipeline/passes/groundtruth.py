@@ -19,7 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.params import GroundTruthParams
+from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.guiding import plan_guiding
 from pbrnet.pipeline.pathtrace.integrator import JointPath

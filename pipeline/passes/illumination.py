@@ -24,7 +24,7 @@ import numpy as np
 
 from pbrnet.pipeline.channels import TINT
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.params import IlluminationParams
+from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.lights import Lights
 from pbrnet.pipeline.render.scene import RenderScene

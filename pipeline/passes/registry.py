@@ -14,7 +14,7 @@ from typing import Any
 from pbrnet.pipeline.channels import DENOISED, DENOISED_SHADING, HALF, NOISY_SHADING, RGB, Kind
 from pbrnet.pipeline.frames import Channels, fingerprint
 from pbrnet.pipeline.keys import key
-from pbrnet.pipeline.params import GroundTruthParams, Params
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import (
     Guides,
     Quality,
@@ -31,6 +31,7 @@ from pbrnet.pipeline.passes.labels import labels_of, render_labels
 from pbrnet.pipeline.passes.light import light_of
 from pbrnet.pipeline.passes.materials import materials_of, render_materials
 from pbrnet.pipeline.passes.preparation import Preparation, sample_guides
+from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import render_transport
 from pbrnet.pipeline.passes.video import render_video, video_of
 from pbrnet.pipeline.passes.visibility import render_visibility

@@ -19,7 +19,6 @@ import numpy as np
 
 from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.params import USUAL_SURFELS, TransportParams
 from pbrnet.pipeline.passes.denoise import Quality, denoise
 from pbrnet.pipeline.passes.preparation import Preparation, prepare
 from pbrnet.pipeline.pathtrace import integrator
@@ -31,6 +30,7 @@ from pbrnet.pipeline.transport.cells import LightTable
 from pbrnet.pipeline.transport.launches import TransportLauncher
 from pbrnet.pipeline.transport.pixels import LOST, LightSamples, Samples
 from pbrnet.pipeline.transport.radiosity import Rays, Surfels, cells_of, grid_size, solve
+from pbrnet.pipeline.transport.settings import USUAL_SURFELS, TransportParams
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.errors import InputError

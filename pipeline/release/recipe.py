@@ -1,8 +1,8 @@
 """Recipes of datasets and their records.
 
-`recipes/NAME.yaml` says what a release is: version, title, parameters, or a `preset` of `params/`
-and what differs from it. `recipes/NAME.json`, written
-by `pbrnet release NAME --record`, says what came out: checksums, costs, machine.
+`recipes/NAME.yaml` says what a release is: version, title, and the `parameters` that differ from
+the quick start or from a `preset`. `recipes/NAME.json`, written by `pbrnet release NAME --record`,
+says what came out: checksums, costs, machine.
 """
 
 from __future__ import annotations
@@ -13,16 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import yaml
 
 from pbrnet.pipeline.dataset.checksums import SUMS, read_sums, write_sums
-from pbrnet.pipeline.params import Params, build_params
+from pbrnet.pipeline.params import Params, build_params, read_yaml
+from pbrnet.pipeline.release.presets import files_of, find_preset
 from pbrnet.scenes.checked import build, check_name, plain
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import exists, read_json, regular_file, write_json, write_text
-
-RECIPES = Path("recipes")
-_MAX_BYTES = 2**20
+from pbrnet.scenes.files import read_json, write_json, write_text
 
 
 @dataclass(frozen=True)
@@ -79,40 +76,41 @@ class Difference:
         return "; ".join(f"{what}: {', '.join(names)}" for what, names in parts.items() if names)
 
 
-def recipe_names(folder: Path) -> dict[str, str]:
-    """Return the title of each recipe in a folder, by name."""
-    names = [path.stem for path in sorted(folder.glob("*.yaml"))]
+def recipe_names(folder: Path | None = None) -> dict[str, str]:
+    """Return the title of each recipe by name: of a folder, or of project and package."""
+    names = list(_files(folder))
     if not names:
-        raise ParameterError(f"{folder}: no recipes found; run this command in the project folder")
-    return {name: load_recipe(folder, name).title for name in names}
+        raise ParameterError(f"{folder}: no recipes found")
+    return {name: load_recipe(name, folder).title for name in names}
 
 
-def load_recipe(folder: Path, name: str) -> Recipe:
-    """Read and check a recipe; `ParameterError` names the fault."""
+def load_recipe(name: str, folder: Path | None = None) -> Recipe:
+    """Read and check a recipe of a folder, or of project or package.
+
+    `ParameterError` names the fault.
+    """
     check_name(name, "a recipe's name")
-    path = folder / f"{name}.yaml"
-    if not exists(path):
-        known = ", ".join(sorted(path.stem for path in folder.glob("*.yaml"))) or "none"
-        raise ParameterError(f"{name}: no such recipe in {folder}; available: {known}")
+    files = _files(folder)
+    if name not in files:
+        known = ", ".join(files) or "none"
+        raise ParameterError(f"{name}: no such recipe; available: {known}")
     try:
-        content = _read_yaml(path)
+        content = read_yaml(files[name])
         if not isinstance(content, dict):
             raise ParameterError("expected title, version and parameters")
         changes = content.pop("parameters", None) or {}
         if "preset" in content:
-            preset = check_name(str(content.pop("preset")), "a preset's name")
-            base = _read_yaml(folder.parent / "params" / f"{preset}.yaml")
-            changes = _merged(base, changes)
+            changes = _merged(find_preset(str(content.pop("preset"))).content(), changes)
         head = build(RecipeHead, content)
         return Recipe(head.title, head.version, build_params(changes))
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
-        raise ParameterError(f"{path}: not valid YAML ({error})") from None
-    except (ParameterError, InputError) as error:
-        raise ParameterError(f"{path}: {error}") from None
+    except ParameterError as error:
+        raise ParameterError(f"{files[name]}: {error}") from None
 
 
-def _read_yaml(path: Path) -> Any:
-    return yaml.safe_load(regular_file(path, _MAX_BYTES).read_text(encoding="utf-8"))
+def _files(folder: Path | None, suffix: str = ".yaml") -> dict[str, Path]:
+    if folder is None:
+        return files_of("recipes", suffix)
+    return {file.stem: file for file in sorted(folder.glob(f"*{suffix}"))}
 
 
 def _merged(base: Any, changes: Any) -> Any:
@@ -122,15 +120,17 @@ def _merged(base: Any, changes: Any) -> Any:
     return base | {key: _merged(base.get(key), value) for key, value in changes.items()}
 
 
-def load_record(folder: Path, name: str) -> Record | None:
+def load_record(name: str, folder: Path | None = None) -> Record | None:
     """Return the record of a recipe, or None if it was never recorded."""
-    path = folder / f"{name}.json"
-    return build(Record, read_json(path), str(path), InputError) if exists(path) else None
+    file = _files(folder, ".json").get(name)
+    return build(Record, read_json(file), str(file), InputError) if file else None
 
 
-def save_record(folder: Path, name: str, record: Record) -> None:
-    """Write the record of a recipe by rename."""
-    write_json(folder / f"{name}.json", plain(record))
+def save_record(name: str, record: Record, folder: Path | None = None) -> Path:
+    """Write the record of a recipe by rename, into its folder or the project's; return the file."""
+    file = (folder or Path("recipes")) / f"{name}.json"
+    write_json(file, plain(record))
+    return file
 
 
 def core_seconds(ledger: pa.Table) -> dict[str, float]:

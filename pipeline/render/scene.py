@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import psutil
 
+from pbrnet.pipeline.farm.settings import Variant
 from pbrnet.pipeline.keys import key
-from pbrnet.pipeline.params import Variant
 from pbrnet.pipeline.render import meshes, raycast
 from pbrnet.pipeline.render.boxes import ObjectBoxes
 from pbrnet.pipeline.render.dispatch import level_ids

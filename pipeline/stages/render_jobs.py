@@ -18,6 +18,7 @@ import drjit as dr
 from pbrnet.pipeline.cameras.trajectory_files import Trajectory
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.costs.memory import memory_columns
+from pbrnet.pipeline.farm.settings import Variant
 from pbrnet.pipeline.farm.workspace import (
     SentFile,
     Workspace,
@@ -27,7 +28,7 @@ from pbrnet.pipeline.farm.workspace import (
     writing,
 )
 from pbrnet.pipeline.frames import Channels, frame_path, write_frame
-from pbrnet.pipeline.params import Params, Variant
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import (
     PASSES,
     SURFACES,

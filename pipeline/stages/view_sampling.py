@@ -35,7 +35,8 @@ import shapely
 from shapely.geometry import Polygon
 
 from pbrnet.pipeline.cameras.framing import THINGS, THIRDS, Framing, framing_of, is_framed
-from pbrnet.pipeline.params import CameraParams, ImageParams, Params
+from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene, cast, render_ids
 from pbrnet.pipeline.views import (
     CameraFile,

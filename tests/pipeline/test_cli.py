@@ -16,10 +16,11 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from pbrnet.model.training.settings import Baseline
 from pbrnet.pipeline.cli import COMMANDS, cli, main
 from pbrnet.pipeline.commands import setup
 from pbrnet.pipeline.commands.setup import examine
-from pbrnet.pipeline.params import Baseline
+from pbrnet.pipeline.release.presets import find_preset
 from tests.fixtures.paths import ROOT
 
 
@@ -116,21 +117,22 @@ def test_presets_replace_each_other_but_not_own_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    presets = ("--presets", str(ROOT / "params"))
     target = tmp_path / "params.yaml"
     for name in ("quick", "paper"):
-        assert exit_code("preset", name, *presets) == 0
-        assert target.read_text() == (ROOT / "params" / f"{name}.yaml").read_text()
+        assert exit_code("preset", name) == 0
+        assert target.read_text() == find_preset(name).text()
     target.write_text(target.read_text().replace("seed: 0", "seed: 5"))
-    assert exit_code("preset", "quick", *presets) == 2
+    assert exit_code("preset", "quick") == 2
     assert "--force" in capsys.readouterr().err
     assert "seed: 5" in target.read_text()
-    assert exit_code("preset", "quick", "--force", *presets) == 0
-    assert exit_code("preset", "slow", *presets) == 2
+    assert exit_code("preset", "quick", "--force") == 0
+    assert exit_code("preset", "slow") == 2
 
 
-def test_params_yaml_is_the_quick_preset() -> None:
-    assert (ROOT / "params.yaml").read_text() == (ROOT / "params" / "quick.yaml").read_text()
+def test_params_yaml_is_written_from_the_defaults() -> None:
+    assert (ROOT / "params.yaml").read_text() == find_preset("quick").text(), (
+        "write it with: pbrnet preset quick --force"
+    )
 
 
 def test_doctor_reports(
@@ -169,9 +171,7 @@ def test_strange_places_and_numbers_end_in_one_line(
     Path("folder").mkdir()
     Path("loop").symlink_to("loop")
     Path("hex.yaml").write_text("seed: 0x" + "f" * 6000)
-    for name in ("params.yaml", "params/quick.yaml"):
-        Path(name).parent.mkdir(exist_ok=True)
-        Path(name).write_text("seed: 0\n")
+    Path("params.yaml").write_text("seed: 0\n")
     assert exit_code(*arguments) == code
     said = capsys.readouterr().err
     assert words in said and said.count("Error: ") == 1

@@ -11,7 +11,7 @@ import OpenEXR
 import pytest
 
 from pbrnet.pipeline import frames
-from pbrnet.pipeline.params import ImageParams
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.radiance import HALF_MAX, radiance_halves, scale_for
 from pbrnet.pipeline.views import (
     CameraFile,

@@ -12,7 +12,8 @@ from pathlib import Path
 import psutil
 import pytest
 
-from pbrnet.pipeline.params import FarmParams, Params
+from pbrnet.pipeline.farm.settings import FarmParams
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.scenes.import_options import ImportEntry

@@ -51,8 +51,6 @@ def scene_folder(name: str) -> list[str]:
 
 
 def preset(name: str) -> list[str]:
-    Path("params").mkdir()
-    Path("params/quick.yaml").write_text("seed: 0\n")
     return ["preset", "--", name]
 
 

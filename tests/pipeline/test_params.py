@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.params import Params, build_params, load_params
+from pbrnet.pipeline.release.parameter_text import parameters
+from pbrnet.pipeline.release.presets import find_preset
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import ParameterError
 from tests.fixtures.paths import ROOT
@@ -74,16 +76,41 @@ def test_seed_zero_is_a_seed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", PRESETS, ids=lambda path: path.stem)
-def test_presets_are_valid_and_complete(path: Path) -> None:
-    """DVC tracks parameters by key, so every preset names every key."""
-    written = yaml.safe_load(path.read_text())
-    assert _keys(written) == _keys(plain(load_params(path)))
+def test_presets_hold_what_differs_and_are_written_whole(path: Path) -> None:
+    """DVC tracks parameters by key, so the file that is put in place names every key."""
+    assert len(path.read_text().splitlines()) <= 40
+    usual, given = flat(plain(Params())), flat(yaml.safe_load(path.read_text()))
+    assert [key for key, value in given.items() if usual[key] == value] == []
+    whole = find_preset(path.stem).text()
+    assert flat(yaml.safe_load(whole)).keys() == usual.keys()
+    assert build_params(yaml.safe_load(whole)) == load_params(path)
+    line = next(line for line in whole.splitlines() if "eye_height" in line)
+    assert line.split("#")[0].strip() == "eye_height: 1.55" and line.endswith("quick start: 1.45")
+    assert max(len(line) for line in whole.splitlines()) <= 100
 
 
-def _keys(tree: object, prefix: str = "") -> set[str]:
+def flat(tree: object, prefix: str = "") -> dict[str, object]:
+    """Values of nested mappings by dotted key."""
     if not isinstance(tree, dict):
-        return {prefix}
-    return {key for name, item in tree.items() for key in _keys(item, f"{prefix}.{name}")}
+        return {prefix: tree}
+    return {
+        key: value
+        for name, item in tree.items()
+        for key, value in flat(item, f"{prefix}.{name}".lstrip(".")).items()
+    }
+
+
+def test_a_key_that_is_left_out_has_the_value_of_params_yaml(tmp_path: Path) -> None:
+    path = tmp_path / "params.yaml"
+    for text in ("", "train: {composition: {width: 32}}", "scenes: {homes: 12}", "cameras: {}"):
+        path.write_text(text)
+        assert load_params(path) == Params() == load_params(ROOT / "params.yaml")
+
+
+def test_every_parameter_says_what_it_means() -> None:
+    said = {one.key: one.meaning for one in parameters(Params()) if not one.is_section}
+    shares = {"dataset.splits.validation", "dataset.splits.test"}
+    assert {key for key, text in said.items() if not text and "train." not in key} == shares
 
 
 def test_plain_and_build_are_inverse() -> None:

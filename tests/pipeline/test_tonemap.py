@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.params import ToneParams
-from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap, untonemap
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap, untonemap
 from pbrnet.scenes.color import decode_srgb, luminance
 
 TONE = ToneParams()

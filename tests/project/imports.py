@@ -57,11 +57,14 @@ def import_closure(
 
 @lru_cache(maxsize=1024)
 def _imports(source: bytes) -> list[tuple[str, tuple[str, ...]]]:
-    """Return the modules that a source text imports, each with the names taken from it."""
+    """Return the modules that a source text imports when it runs, each with the names taken."""
     found: list[tuple[str, tuple[str, ...]]] = []
     pending: list[ast.AST] = [ast.parse(source)]
     while pending:  # statements only: most nodes are expressions, which import nothing
         node = pending.pop()
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            pending += node.orelse
+            continue
         for block in ("body", "orelse", "finalbody", "handlers", "cases"):
             pending += getattr(node, block, ())
         if isinstance(node, ast.Import):

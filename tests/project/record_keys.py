@@ -23,8 +23,8 @@ from typing import Any
 import yaml
 
 from pbrnet.model.studies.registry import STUDIES
+from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.keys import table
-from pbrnet.pipeline.params import CameraParams
 from pbrnet.pipeline.passes.registry import PASSES
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.stages.camera_files import make_cameras

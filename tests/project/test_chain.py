@@ -74,7 +74,7 @@ def _project(folder: Path) -> Path:
         shutil.copytree(ROOT / package, folder / package, ignore=ignore)
     for name in ("dvc.yaml", "keys.yaml"):
         shutil.copy(ROOT / name, folder)
-    shutil.copy(ROOT / "params" / "quick.yaml", folder / "params.yaml")
+    shutil.copy(ROOT / "params.yaml", folder / "params.yaml")
     _change(folder, CHANGES)
     _output(_dvc(folder, "init", "--no-scm", "--quiet"))
     _output(_dvc(folder, "config", "core.analytics", "false"))

@@ -31,7 +31,7 @@ from pbrnet.model.studies.trials.plan import (
     seed_of,
 )
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.dataset.held_out import kept_back
+from pbrnet.pipeline.dataset.settings import kept_back
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes

@@ -9,8 +9,8 @@ import numpy as np
 from pbrnet.model.data.encoding import solid_angles
 from pbrnet.model.studies.illumination.lamp_position import RADIUS, left_rear_position
 from pbrnet.model.studies.illumination.relight import AddedLamp, LightChange, reason_impossible
-from pbrnet.pipeline.params import IlluminationParams
 from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render.lights import Lights
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View

@@ -23,8 +23,7 @@ from pbrnet.model.evaluation.product import linear_product
 from pbrnet.model.studies.illumination.agreement import agreement, block_means, log_change, sums
 from pbrnet.model.studies.illumination.results import Change
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.params import ToneParams
-from pbrnet.pipeline.tonemap import Exposure, exposure_of, untonemap
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, untonemap
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.color import luminance
 from pbrnet.scenes.seeds import derive

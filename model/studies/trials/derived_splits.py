@@ -19,9 +19,8 @@ import pyarrow.parquet as pq
 from pbrnet.model.data.reader import IMAGES, SCALARS, Dataset, Split
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.dataset.parquet import image_cell
-from pbrnet.pipeline.params import ToneParams
 from pbrnet.pipeline.radiance import HALF_MAX, RADIANCE_SCALE
-from pbrnet.pipeline.tonemap import exposure_of
+from pbrnet.pipeline.tonemap import ToneParams, exposure_of
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.files import atomic_directory, sweep, write_text
 

@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from pbrnet.model.data.reader import Dataset
+from pbrnet.model.training.settings import StageTrainParams
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.params import Params, StageTrainParams
+from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.seeds import derive32, generator

@@ -27,9 +27,10 @@ from pbrnet.model.studies.trials.scores import (
     score_views,
 )
 from pbrnet.model.training.backbone import BackboneCard
+from pbrnet.model.training.settings import StageTrainParams
 from pbrnet.model.training.store import ModelCard, load_model
 from pbrnet.model.training.train import Folders, train_network
-from pbrnet.pipeline.params import Params, StageTrainParams
+from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, read_json, sweep, write_json

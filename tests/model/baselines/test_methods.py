@@ -28,7 +28,7 @@ from pbrnet.model.methods import BASELINES, METHODS, extras_of, is_current
 from pbrnet.model.networks.objective import Batch, Objective, Setting
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.titles import METHOD_TITLES, NETWORK_TITLES
-from pbrnet.pipeline.params import Baseline, TrainParams
+from pbrnet.model.training.settings import Baseline, TrainParams
 
 
 def inputs(height: int, width: int) -> dict[str, torch.Tensor]:

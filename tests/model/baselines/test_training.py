@@ -21,9 +21,10 @@ from pbrnet.model.methods import BASELINES, METHODS, Adam
 from pbrnet.model.networks.objective import Batch, Objective
 from pbrnet.model.training import train as training
 from pbrnet.model.training.loop import TrainingError
+from pbrnet.model.training.settings import StageTrainParams, TrainParams
 from pbrnet.model.training.store import load_model
 from pbrnet.model.training.train import Folders, train_network
-from pbrnet.pipeline.params import Params, StageTrainParams, TrainParams
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.tonemap import tonemap
 from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset

@@ -11,9 +11,10 @@ from PIL import Image
 
 from pbrnet.model.evaluation.evaluate import evaluate
 from pbrnet.model.evaluation.reference import SHOWN
+from pbrnet.model.training.settings import EvaluateParams, TrainParams
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.cli import cli
-from pbrnet.pipeline.params import EvaluateParams, Params, TrainParams
+from pbrnet.pipeline.params import Params
 from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
 

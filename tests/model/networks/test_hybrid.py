@@ -32,13 +32,15 @@ from pbrnet.model.networks.hybrid import (
 from pbrnet.model.networks.objective import Batch, ExposedLoss, Setting
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.training import train
+from pbrnet.model.training.settings import StageTrainParams, TrainParams
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.frames import read_frame, write_frame
-from pbrnet.pipeline.params import NoisyParams, Params, StageTrainParams, TrainParams
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import PASSES
+from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.tonemap import Exposure, tonemap
 from pbrnet.pipeline.views import CameraFile, View, as_matrix, intrinsics_of, look, save_cameras

@@ -22,8 +22,7 @@ from pbrnet.model.release.onnx_export import (
     exported_inputs,
     on_grid,
 )
-from pbrnet.pipeline.params import ToneParams
-from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.errors import MachineError
 from tests.fixtures.paths import ROOT

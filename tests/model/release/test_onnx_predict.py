@@ -14,8 +14,7 @@ from PIL import Image
 from pbrnet.model.data.encoding import DEFAULT_WHITE
 from pbrnet.model.evaluation.predict import from_frames
 from pbrnet.pipeline.images import read_picture
-from pbrnet.pipeline.params import ToneParams
-from pbrnet.pipeline.tonemap import Exposure, exposure_of, tonemap
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
 from tests.fixtures.model import box_dataset
 from tests.fixtures.paths import ROOT
 from tests.fixtures.predict import box_frames

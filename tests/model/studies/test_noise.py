@@ -20,10 +20,9 @@ from pbrnet.model.studies.trials.results import TrialsResult
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.frames import read_frame
-from pbrnet.pipeline.params import ToneParams
 from pbrnet.pipeline.passes.denoise import denoise, guides
 from pbrnet.pipeline.render.scene import open_scene, set_variant
-from pbrnet.pipeline.tonemap import exposure_of
+from pbrnet.pipeline.tonemap import ToneParams, exposure_of
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.contract import load_scene

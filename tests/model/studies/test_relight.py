@@ -19,10 +19,10 @@ from pbrnet.model.studies.illumination.relight import (
     LightChange,
     open_relit,
 )
-from pbrnet.pipeline.params import IlluminationParams
 from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.contract import Light, Scene

@@ -19,7 +19,7 @@ from pbrnet.model.training.backbone import (
     make_backbone,
 )
 from pbrnet.model.training.loss import PerceptualLoss, layer_weights
-from pbrnet.pipeline.params import BackboneParams, LossParams
+from pbrnet.model.training.settings import BackboneParams, LossParams
 from pbrnet.scenes.errors import InputError, MachineError
 
 

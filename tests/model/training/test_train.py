@@ -20,9 +20,10 @@ from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.metrics import ssim
 from pbrnet.model.methods import learning_rate
 from pbrnet.model.training.loop import TrainingError, batches_from
+from pbrnet.model.training.settings import LossParams, StageTrainParams, TrainParams
 from pbrnet.model.training.store import load_model
 from pbrnet.model.training.train import Folders, choose_precision, train_network
-from pbrnet.pipeline.params import LossParams, Params, StageTrainParams, TrainParams
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.tonemap import tonemap
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone

@@ -11,16 +11,17 @@ import pytest
 
 from pbrnet.pipeline.cameras.overlap import outlook, overlap
 from pbrnet.pipeline.cameras.reprojection import reproject
-from pbrnet.pipeline.params import CameraParams, ImageParams, Params
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.stages.camera_files import NO_SET, make_cameras
 from pbrnet.pipeline.views import View, look
 from pbrnet.scenes.contract import load_scene
+from tests.fixtures.params import pbrs_cameras, pbrs_params
 from tests.fixtures.render import diffuse, quad, write_scene
 from tests.fixtures.stages import write_room
 
-OPTIONS = CameraParams(overlap_views=4, overlap=0.5)
+OPTIONS = pbrs_cameras(overlap_views=4, overlap=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,7 @@ def visible_share(rs: RenderScene, one: View, other: View) -> float:
 
 
 def test_a_set_overlaps_by_its_median(room: RenderScene) -> None:
-    params = Params(cameras=OPTIONS, image=ImageParams(96, 72))
+    params = pbrs_params(cameras=OPTIONS, image=ImageParams(96, 72))
     file = make_cameras(room, room.scene, params, 0)
     members = [view for view in file.views if view.view_set]
     assert len(members) == 4 and {view.view_set for view in members} == {"set-living"}
@@ -82,11 +83,11 @@ def test_a_set_overlaps_by_its_median(room: RenderScene) -> None:
 
 
 def test_sets_change_no_sampled_view_and_are_left_out_if_impossible(room: RenderScene) -> None:
-    plain = make_cameras(room, room.scene, Params(), 0)
-    file = make_cameras(room, room.scene, Params(cameras=OPTIONS), 0)
+    plain = make_cameras(room, room.scene, pbrs_params(), 0)
+    file = make_cameras(room, room.scene, pbrs_params(cameras=OPTIONS), 0)
     kept = [view for view in file.views if not view.view_id.startswith("set-")]
     assert [replace(view, view_set="", set_overlap=0.0) for view in kept] == list(plain.views)
     assert sum(bool(view.view_set) for view in kept) == 1
     impossible = replace(OPTIONS, overlap=0.95, overlap_views=16)
-    file = make_cameras(room, room.scene, Params(cameras=impossible), 0)
+    file = make_cameras(room, room.scene, pbrs_params(cameras=impossible), 0)
     assert file.views == plain.views and file.stored_left_out == {"set-living": NO_SET}

@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.cameras.trajectory_files import Trajectory, read_trajectory
-from pbrnet.pipeline.params import CameraParams, ImageParams, Params
 from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.pipeline.stages.camera_files import THROUGH, make_cameras
 from pbrnet.pipeline.stages.view_sampling import INSIDE, TOO_CLOSE
 from pbrnet.pipeline.views import as_matrix, look
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.params import pbrs_cameras, pbrs_params
 from tests.fixtures.stages import write_room
 
 
@@ -77,8 +78,8 @@ def test_frames_that_collide_are_named_or_their_path_is_left_out(tmp_path: Path)
     given = (path("path-00", 0.25), path("path-01", 1.0))
     files = {}
     for way in ("warn", "reject", "accept"):
-        options = CameraParams(views_per_room=1, collisions=way)  # type: ignore[arg-type]
-        params = Params(image=ImageParams(32, 24), cameras=options)
+        options = pbrs_cameras(views_per_room=1, collisions=way)  # type: ignore[arg-type]
+        params = pbrs_params(image=ImageParams(32, 24), cameras=options)
         files[way] = make_cameras(scene, scene.scene, params, 0, given)
     frames = {way: Counter(v.trajectory for v in file.views) for way, file in files.items()}
     assert frames["warn"]["path-00"] == frames["accept"]["path-00"] == 20

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, joined, samples_of
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
-from pbrnet.pipeline.params import GroundTruthParams, ImageParams, NoisyParams, Params
+from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.params import pbrs_params, plain_truth
 
 OPEN, FIXED, RATE = 4.0, 0.6, 2e-6  # seconds a scene, a view, a sample
 
@@ -67,7 +69,7 @@ def test_known_costs_are_found_again_and_scale(tmp_path: Path) -> None:
     assert all(error.worst < 1e-9 and error.scene < 1e-9 for error in errors.values())
     assert (truth.scene, truth.view, truth.sample) == pytest.approx((OPEN, FIXED, RATE))
     assert costs["scenes"].total(10, 80, 0) == pytest.approx(30)
-    params = Params(image=ImageParams(480, 360), groundtruth=GroundTruthParams(spp=256))
+    params = pbrs_params(image=ImageParams(480, 360), groundtruth=plain_truth(spp=256))
     samples = samples_of("truth", params)
     assert truth.total(5, 40, samples) == pytest.approx(
         5 * OPEN + 40 * (FIXED + RATE * 480 * 360 * 256)
@@ -81,7 +83,7 @@ def test_a_second_folder_of_another_size_keeps_fixed_costs_apart(tmp_path: Path)
         measured(tmp_path / name, 6, (size,))
     words = ["--json", "--scenes", "5", "--views", "40", "--size", "480x360"]
     both = asked(tmp_path / "small", "--also", str(tmp_path / "large"), *words)
-    spp = Params().groundtruth.spp
+    spp = pbrs_params().groundtruth.spp
     true = 5 * OPEN + 40 * (FIXED + RATE * 480 * 360 * spp)
     assert 3600 * json.loads(both)["stages"]["truth"] == pytest.approx(true)
     alone = json.loads(asked(tmp_path / "small", *words))
@@ -190,15 +192,15 @@ def test_noisy_frames_count_where_they_are_asked_for(tmp_path: Path) -> None:
 
 def test_samples_of_a_plan_are_the_mean_over_its_splits() -> None:
     """A fifth is tested with 64 and 4 samples; training views have 16, and 1 or 2 drawn."""
-    params = Params(
+    params = pbrs_params(
         image=ImageParams(20, 20),
-        groundtruth=GroundTruthParams(spp=64, train_spp=16),
+        groundtruth=plain_truth(spp=64, train_spp=16),
         noisy=NoisyParams(spp=4, train=(1, 2)),
     )
     assert samples_of("truth", params) == pytest.approx(400 * (0.2 * 64 + 0.8 * 16))
     drawn = (np.log(2) + 2 * np.log(1.5)) / np.log(3)
     assert samples_of("noisy", params) == pytest.approx(400 * (0.2 * 4 + 0.8 * drawn))
-    assert samples_of("truth", Params(image=params.image)) == 400 * GroundTruthParams().spp
+    assert samples_of("truth", pbrs_params(image=params.image)) == 400 * plain_truth().spp
 
 
 def test_a_view_whose_other_half_is_not_done_yet_does_not_count(tmp_path: Path) -> None:

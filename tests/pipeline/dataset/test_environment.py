@@ -12,9 +12,10 @@ import pytest
 
 from pbrnet.pipeline.dataset.checks import check_frames
 from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import Channels, Frame, frame_path
 from pbrnet.pipeline.inspection.describe import inspect_path
-from pbrnet.pipeline.params import CheckParams, Params
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.views import View, load_cameras
 from tests.fixtures.dataset import (
     box_environment,

@@ -15,8 +15,9 @@ from pbrnet.pipeline.channels import ALBEDO, RGB, light_bands
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.frames import Channels, frame_path, read_frame
 from pbrnet.pipeline.inspection.describe import inspect_path
-from pbrnet.pipeline.params import LightParams, Params
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.light import adding_up
+from pbrnet.pipeline.passes.settings import LightParams
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.dataset import images_of, make_data, small_params, write_view

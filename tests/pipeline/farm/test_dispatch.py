@@ -9,7 +9,7 @@ import pytest
 
 from pbrnet.pipeline.farm import dispatch as module
 from pbrnet.pipeline.farm.dispatch import FIRST_PATIENCE, WORKER_PATIENCE, Dispatch
-from pbrnet.pipeline.params import FarmParams
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.scenes.errors import MachineError
 
 

@@ -16,16 +16,17 @@ import pytest
 from pbrnet.pipeline.channels import RGB, SETS
 from pbrnet.pipeline.dataset.environment_checks import disagreement
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.params import EnvironmentParams, GroundTruthParams, Params
 from pbrnet.pipeline.passes.denoise import denoise
 from pbrnet.pipeline.passes.environment import render_environment, rounded
 from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.registry import PASSES, frame_fingerprint
+from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.geometry.directions import equirectangular_directions
 from tests.fixtures.light import SKY, room
+from tests.fixtures.params import pbrs_params, plain_truth
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import ball, diffuse, glow, make_view, write_scene
 
@@ -37,7 +38,7 @@ TILTED = make_view((0.3, -0.4, 1.4), (1, 0.6, -0.5), up=(0.3, 0, 1))
 
 
 def panorama(scene: RenderScene, view: View, width: int = WIDTH, **truth: object) -> Channels:
-    settings = GroundTruthParams(**{"max_depth": 6, **truth})  # type: ignore[arg-type]
+    settings = plain_truth(**{"max_depth": 6, **truth})  # type: ignore[arg-type]
     sampling = EnvironmentParams(width, settings.spp)
     return render_environment(scene, view, sampling, settings, 1)[0]
 
@@ -137,7 +138,7 @@ def seen_through(view: View, picture: np.ndarray, width: int) -> tuple[np.ndarra
 
 def test_it_agrees_with_the_image_of_the_view(home: RenderScene) -> None:
     fine = replace(IN_ROOM, width=96, height=80, K=((76.8, 0, 48), (0, 76.8, 40), (0, 0, 1)))
-    truth, _ = render_truth(home, fine, GroundTruthParams(spp=64, max_depth=6), 3)
+    truth, _ = render_truth(home, fine, plain_truth(spp=64, max_depth=6), 3)
     got = image(panorama(home, fine, spp=64))
 
     expected, inside = seen_through(fine, image(truth), WIDTH)
@@ -263,7 +264,8 @@ def test_rounding_keeps_range_and_precision() -> None:
 
 
 def test_no_other_frame_depends_on_the_set() -> None:
-    paper, wanted = Params(), Params(channels=("environment",), environment=EnvironmentParams(64))
+    paper = pbrs_params()
+    wanted = pbrs_params(channels=("environment",), environment=EnvironmentParams(64))
     for kind in PASSES:
         digests = [frame_fingerprint(kind, IN_ROOM, params, "s", "r") for params in (paper, wanted)]
         assert (digests[0] == digests[1]) == (kind not in SETS["environment"]), kind

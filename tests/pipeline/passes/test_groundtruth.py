@@ -15,12 +15,12 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes import groundtruth
 from pbrnet.pipeline.passes.groundtruth import block_sizes, blocks_per_launch, render_truth
 from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.params import plain_truth
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
 
@@ -38,7 +38,7 @@ def truth(
 ) -> np.ndarray:
     """The image, float64 (H, W, 3)."""
     scene = write_scene(folder / f"scene{len(list(folder.iterdir()))}", body, files=files)
-    settings = GroundTruthParams(**{"spp": 64, **params})
+    settings = plain_truth(**{"spp": 64, **params})
     channels, _ = render_truth(open_scene(scene, neutral), view, settings, seed)
     return np.stack([channels[band] for band in "RGB"], -1).astype(np.float64)
 
@@ -171,7 +171,7 @@ def test_a_twin_that_shares_geometry_equals_one_loaded_alone(tmp_path: Path) -> 
         tmp_path / "s",
         coloured_room('<rgb name="reflectance" value=".2,.7,.4"/>', "1,.1,.1", "Au", "1"),
     )
-    view, params = make_view((0, -1.5, 1.5), size=(32, 24)), GroundTruthParams(spp=16)
+    view, params = make_view((0, -1.5, 1.5), size=(32, 24)), plain_truth(spp=16)
     opened = open_scene(scene)
     twin = opened.neutral(0.5)
     for shared, alone in (
@@ -217,7 +217,7 @@ def test_seeds_matter_and_repeat(tmp_path: Path) -> None:
 
 def test_samples_are_split_into_blocks() -> None:
     def sizes(spp: int, block: int) -> tuple[int, int]:
-        return block_sizes(GroundTruthParams(spp=spp, block_spp=block))
+        return block_sizes(plain_truth(spp=spp, block_spp=block))
 
     assert sizes(64, 16) == (16, 4)
     assert sizes(16, 16) == (8, 2)
@@ -251,7 +251,7 @@ def test_broken_samples_are_counted_and_replaced(
 
     scene = open_scene(write_scene(tmp_path / "s", ball("s", (0, 2, 1), 0.5, diffuse())))
     monkeypatch.setattr(groundtruth, "mi", Fake())
-    channels, stats = render_truth(scene, make_view(), GroundTruthParams(spp=16, block_spp=4), 0)
+    channels, stats = render_truth(scene, make_view(), plain_truth(spp=16, block_spp=4), 0)
     assert stats["nan_pixels"] == 2 and stats["lost_pixels"] == 1
     assert stats["negative_pixels"] == 1
     assert channels["R"][3, 4] == 2 and channels["R"][0, 0] == 0 and channels["R"][5, 6] == 0
@@ -271,7 +271,7 @@ from pathlib import Path
 from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.params import GroundTruthParams, IlluminationParams
+from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
 from pbrnet.pipeline.render.scene import open_scene, render_ids, set_variant
 from pbrnet.scenes.contract import load_scene
 from tests.fixtures.render import make_view
@@ -282,7 +282,7 @@ if int(threads):
 set_variant(variant)
 rs = open_scene(load_scene(Path(folder)))
 view = make_view((0, -1.5, 1.5), size=(48, 36))
-params = GroundTruthParams(spp=int(spp))
+params = plain_truth(spp=int(spp))
 frames = {
     "inputs": render_inputs(rs, view),
     "illumination": render_illumination(rs, view, IlluminationParams(width=80)),

@@ -11,13 +11,14 @@ import pytest
 
 from pbrnet.pipeline.channels import TINT
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.params import GroundTruthParams, IlluminationParams
 from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.illumination import Panorama, render_illumination
+from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.color import REC709
 from pbrnet.scenes.contract import Portal
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import (
     WINDOW,
     ball,
@@ -244,7 +245,7 @@ def test_the_sun_keeps_its_energy_through_a_window(tmp_path: Path) -> None:
     image, _ = render_truth(
         open_scene(scene),
         make_view(tuple((0, 0, 1.2) + direction * 0.5), tuple(-direction), (16, 16), 800.0),
-        GroundTruthParams(spp=64, max_depth=2),
+        plain_truth(spp=64, max_depth=2),
         1,
     )
     radiance = 0.2126 * image["R"] + 0.7152 * image["G"] + 0.0722 * image["B"]
@@ -274,7 +275,7 @@ def test_an_environment_map_lies_where_the_render_shows_it(tmp_path: Path, turn:
         files = {"textures/env.exr": environment(tmp_path, 29, column)}
         scene = open_scene(write_scene(tmp_path / str(column), body, portals=[WINDOW], files=files))
         view = make_view((0.1, 0.4, 1.4), (0.05, 1, 0.05), (48, 48), 40.0)
-        image, _ = render_truth(scene, view, GroundTruthParams(spp=16, max_depth=1), 3)
+        image, _ = render_truth(scene, view, plain_truth(spp=16, max_depth=1), 3)
         if image["G"].max() < 20:
             continue
         got = render_illumination(scene, view, IlluminationParams(width=WIDTH))

@@ -13,19 +13,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.parquet import images_of
 from pbrnet.pipeline.dataset.splits import split_sampling
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import Channels, Frame, frame_path, read_frame
-from pbrnet.pipeline.params import (
-    CameraParams,
-    FarmParams,
-    GroundTruthParams,
-    ImageParams,
-    NoisyParams,
-    Params,
-)
 from pbrnet.pipeline.passes import registry
 from pbrnet.pipeline.passes.denoise import denoiser_version
 from pbrnet.pipeline.passes.registry import (
@@ -36,6 +30,7 @@ from pbrnet.pipeline.passes.registry import (
     render_samples,
     render_truths,
 )
+from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.groundtruth import run_groundtruth
@@ -44,15 +39,16 @@ from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.files import digest_folder
 from pbrnet.scenes.seeds import derive
 from tests.fixtures.dataset import box_frames, make_data, make_view, small_params, write_view
+from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import write_room
 
 pytestmark = pytest.mark.slow
 
-PARAMS = Params(
+PARAMS = pbrs_params(
     image=ImageParams(32, 24),
     farm=FarmParams(workers=2, batch=2, retries=1),
-    cameras=CameraParams(views_per_room=2),
-    groundtruth=GroundTruthParams(spp=4, block_spp=2, max_depth=3),
+    cameras=pbrs_cameras(views_per_room=2),
+    groundtruth=plain_truth(spp=4, block_spp=2, max_depth=3),
     noisy=NoisyParams(spp=2),
 )
 WITHOUT = replace(PARAMS, noisy=NoisyParams())

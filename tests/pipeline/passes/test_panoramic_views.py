@@ -11,20 +11,16 @@ import pyarrow.parquet as pq
 import pytest
 
 from pbrnet.model.data.reader import Dataset
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import BUMPED, DIRECT, NORMAL, RGB
 from pbrnet.pipeline.dataset.label_checks import label_fault, material_fault, world_points
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.frames import Frame
-from pbrnet.pipeline.params import (
-    CameraParams,
-    EnvironmentParams,
-    GroundTruthParams,
-    ImageParams,
-    Params,
-)
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.environment import render_environment
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.registry import render_surfaces, render_truths
+from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.stages.view_sampling import sample_cameras
@@ -34,6 +30,7 @@ from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError, ParameterError
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.light import room
+from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.render import make_view
 from tests.fixtures.stages import write_room
 
@@ -42,8 +39,8 @@ IMAGE = ImageParams(WIDTH, HEIGHT, projection="equirectangular")
 # Tilted and rolled: a transposed rotation, or a mirrored axis, is another one.
 FLAT = make_view((0.3, -0.4, 1.4), (1, 0.6, -0.5), (WIDTH, HEIGHT), up=(0.3, 0, 1))
 VIEW = replace(FLAT, K=(), projection="equirectangular")
-TRUTH = GroundTruthParams(spp=4, block_spp=2, max_depth=4, rr_depth=100)
-PARAMS = Params(image=IMAGE, channels=("light",), groundtruth=TRUTH)
+TRUTH = plain_truth(spp=4, block_spp=2, max_depth=4, rr_depth=100)
+PARAMS = pbrs_params(image=IMAGE, channels=("light",), groundtruth=TRUTH)
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +106,7 @@ def test_traced_and_stored_surfaces_see_the_same_lights(home: RenderScene) -> No
 def test_sampled_panoramas_stand_level_and_differ(tmp_path: Path, wavefront: str) -> None:
     write_room(tmp_path / "living")
     scene = open_scene(load_scene(tmp_path / "living"))
-    params = replace(PARAMS, cameras=CameraParams(views_per_room=6))
+    params = replace(PARAMS, cameras=pbrs_cameras(views_per_room=6))
     views = sample_cameras(scene, scene.scene, params, 0).views
     assert views and all(view.K == () and view.pose[2, 2] == 0 for view in views)
     assert [view.width for view in views] == [WIDTH] * len(views)

@@ -8,21 +8,23 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.params import GroundTruthParams, NoisyParams, Params, TransportParams
 from pbrnet.pipeline.passes import groundtruth
 from pbrnet.pipeline.passes.preparation import prepare
 from pbrnet.pipeline.passes.registry import render_samples
+from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.transport import render_transport
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.transport.settings import TransportParams
 from pbrnet.pipeline.views import View
+from tests.fixtures.params import pbrs_params, plain_truth
 from tests.fixtures.render import WINDOW, diffuse, glow, make_view, quad, room_walls, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")
 
-PARAMS = Params(
-    groundtruth=GroundTruthParams(max_depth=3),
+PARAMS = pbrs_params(
+    groundtruth=plain_truth(max_depth=3),
     noisy=NoisyParams(spp=2),
     transport=TransportParams(samples=4, surfels=2000),
 )
@@ -55,8 +57,8 @@ def test_pictures_of_a_prepared_view_are_the_same(
 
 def test_samples_of_uniform_lights_take_the_guides_alone(tmp_path: Path) -> None:
     room = opened(tmp_path / "a", LAMP)
-    uniform = Params(
-        groundtruth=GroundTruthParams(max_depth=3, lights="uniform"), noisy=NoisyParams(spp=2)
+    uniform = pbrs_params(
+        groundtruth=plain_truth(max_depth=3, lights="uniform"), noisy=NoisyParams(spp=2)
     )
     known = render_samples(*room, uniform, 3)
     assert equal(render_samples(*room, uniform, 3, prepare(*room, 4)), known)

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.channels import RGB, channels_of
-from pbrnet.pipeline.params import GroundTruthParams, TransportParams
 from pbrnet.pipeline.passes.denoise import guides
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.passes.transport import (
@@ -31,9 +30,11 @@ from pbrnet.pipeline.transport import pixels
 from pbrnet.pipeline.transport.guides import fast_guides
 from pbrnet.pipeline.transport.pixels import means
 from pbrnet.pipeline.transport.radiosity import RAYS, Rays, Surfels, cells_of, solve
+from pbrnet.pipeline.transport.settings import TransportParams
 from pbrnet.pipeline.transport.smoothing import smooth, spread_fireflies
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.params import plain_truth
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import (
     WINDOW,
@@ -272,7 +273,7 @@ def test_walls_colour_each_other_as_in_the_path_tracer(tmp_path: Path) -> None:
     scene = open_scene(write_scene(tmp_path / "a", walls + lamp + box))
     view = make_view((0, -1.7, 1.5), (0, 1, -0.1), size=(48, 36), focal=26)
     found = transport_of(scene, view, PARAMS, 1)
-    truth = GroundTruthParams(spp=256, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
+    truth = plain_truth(spp=256, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
     traced = render_both(scene, view, truth, 0.5, 1, light=True)
     true = {name: stacked(traced.parts[name][0]) for name in ("direct", "irradiance")}
     color, lit = stacked(traced.color[0]), found.emitted.max(axis=-1) == 0
@@ -327,7 +328,7 @@ def test_cloth_shows_the_light_of_both_sides(tmp_path: Path, through: float) -> 
     scene = open_scene(write_scene(tmp_path / "a", body))
     assert scene.geometry.transmitted[0] == pytest.approx(through / 2)
     found = transport_of(scene, view, PARAMS, 1)
-    truth = GroundTruthParams(spp=256, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
+    truth = plain_truth(spp=256, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
     traced = stacked(render_both(scene, view, truth, 0.5, 1).color[0])
     assert found.color[4:-4, 4:-4].mean() == pytest.approx(traced[4:-4, 4:-4].mean(), rel=0.04)
     # Rough surfaces of this material reflect a little more than their base colour.
@@ -368,7 +369,7 @@ def test_light_through_a_curtain_reaches_the_room(tmp_path: Path) -> None:
     scene = open_scene(write_scene(tmp_path / "a", body))
     view = make_view((0, 0.8, 1.5), (0, -1, -0.2), size=(32, 24), focal=16)
     found = transport_of(scene, view, PARAMS, 1)
-    truth = GroundTruthParams(spp=256, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
+    truth = plain_truth(spp=256, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
     traced = stacked(render_both(scene, view, truth, 0.5, 1).color[0])
     assert found.direct.max() == 0
     assert found.color.mean() == pytest.approx(traced.mean(), rel=0.06)
@@ -384,7 +385,7 @@ def test_a_pane_shows_the_room_behind_the_camera_before_the_dark(
     scene = open_scene(write_scene(tmp_path / "a", body, portals=[glazed]))
     view = make_view((0, 0, 1.5), (0, 1, 0), size=(32, 24), focal=40)
     found = transport_of(scene, view, PARAMS, 1)
-    truth = GroundTruthParams(spp=512, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
+    truth = plain_truth(spp=512, block_spp=64, max_depth=11, rr_depth=11, denoise="none")
     traced = stacked(render_both(scene, view, truth, 0.5, 1).color[0])
     inside = np.s_[4:20, 8:24]
     assert found.albedo[inside].max() == 0  # what is behind the pane is dark
@@ -501,7 +502,7 @@ import sys
 from pathlib import Path
 import drjit as dr
 from pbrnet.pipeline.render.scene import open_scene, set_variant
-from pbrnet.pipeline.params import TransportParams
+from pbrnet.pipeline.transport.settings import TransportParams
 from pbrnet.pipeline.passes.transport import render_transport
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.files import digest_bytes

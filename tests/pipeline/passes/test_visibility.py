@@ -12,16 +12,17 @@ import pytest
 from pbrnet.model.data.direct_light import direct_light
 from pbrnet.model.evaluation.predict import Rendered, example_of
 from pbrnet.pipeline.frames import Channels, kinds_of
-from pbrnet.pipeline.params import IlluminationParams, Params
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.registry import frame_fingerprint
+from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.passes.visibility import choose_sources, render_visibility, surface_mean
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Portal
 from pbrnet.scenes.geometry.directions import pixel_directions
+from tests.fixtures.params import pbrs_params
 from tests.fixtures.render import (
     WINDOW,
     ball,
@@ -214,11 +215,13 @@ def test_panoramas_do_not_depend_on_the_shadows_asked_for(tmp_path: Path) -> Non
             kind: frame_fingerprint(kind, view, params, "digest", "renderer")
             for kind in ("illumination", "visibility")
         }
-        for params in (Params(illumination=IlluminationParams(shadow_rays=rays)) for rays in (4, 8))
+        for params in (
+            pbrs_params(illumination=IlluminationParams(shadow_rays=rays)) for rays in (4, 8)
+        )
     ]
     assert marks[0]["illumination"] == marks[1]["illumination"]
     assert marks[0]["visibility"] != marks[1]["visibility"]
-    assert "visibility" not in kinds_of(Params(illumination=IlluminationParams(shadow_rays=0)))
+    assert "visibility" not in kinds_of(pbrs_params(illumination=IlluminationParams(shadow_rays=0)))
 
 
 def test_shadows_repeat_bit_for_bit(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes.groundtruth import render_both, render_truth
 from pbrnet.pipeline.pathtrace.integrator import JointPath
 from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering
@@ -28,6 +27,7 @@ from tests.fixtures.joint import (
     region_means,
     shelf,
 )
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import ball, diffuse, make_view, room_walls, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")
@@ -240,7 +240,7 @@ def test_bounces_in_a_closed_room_are_the_geometric_series(tmp_path: Path) -> No
     scene = open_scene(write_scene(tmp_path / "closed", walls))
     view = make_view(size=(32, 24))
     for depth in (1, 2, 6):
-        params = GroundTruthParams(spp=64, max_depth=depth, rr_depth=2)
+        params = plain_truth(spp=64, max_depth=depth, rr_depth=2)
         both = render_both(scene, view, params, 0.7, 3)
         for truth, reflectances in ((both.color, (0.2, 0.5, 0.9)), (both.shading, (0.7,) * 3)):
             means = stacked(truth).mean(axis=(0, 1))
@@ -252,7 +252,7 @@ def test_a_white_furnace_is_white_in_both(tmp_path: Path) -> None:
     sky = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
     body = ball("s", (0, 2, 1.5), 1.0, diffuse(1.0)) + sky
     scene = open_scene(write_scene(tmp_path / "furnace", body))
-    both = render_both(scene, make_view(size=(16, 16)), GroundTruthParams(spp=256), 1.0, 3)
+    both = render_both(scene, make_view(size=(16, 16)), plain_truth(spp=256), 1.0, 3)
     for truth in (both.color, both.shading):
         assert stacked(truth).mean() == pytest.approx(1, rel=2e-3)
 
@@ -261,7 +261,7 @@ def test_black_things_have_shading(tmp_path: Path) -> None:
     walls, _ = room_walls(diffuse(0))
     lamp = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
     scene = open_scene(write_scene(tmp_path / "black", walls.replace('z="3"', 'z="4"') + lamp))
-    params = GroundTruthParams(spp=64, max_depth=6, rr_depth=1)
+    params = plain_truth(spp=64, max_depth=6, rr_depth=1)
     view = make_view(size=(16, 12))
     both = render_both(scene, view, params, 0.5, 0)
     alone = stacked(render_truth(scene.neutral(0.5), view, params, 1))
@@ -271,7 +271,7 @@ def test_black_things_have_shading(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_equal_seeds_repeat_and_others_do_not(tmp_path: Path) -> None:
     scene, view, _ = shelf(tmp_path, {"plastic": PARTING["plastic"]})
-    params = GroundTruthParams(spp=8, block_spp=4)
+    params = plain_truth(spp=8, block_spp=4)
     first, again, other = (render_both(scene, view, params, 0.5, seed) for seed in (1, 1, 2))
     for image in ("color", "shading"):
         one, two, three = (stacked(getattr(each, image)) for each in (first, again, other))
@@ -283,4 +283,4 @@ def test_materials_without_a_twin_are_named(tmp_path: Path) -> None:
     body = ball("s", (0, 2, 1.5), 0.5, '<bsdf type="hair"/>')
     scene = open_scene(write_scene(tmp_path / "hair", body))
     with pytest.raises(InputError, match="hair"):
-        render_both(scene, make_view(), GroundTruthParams(spp=1), 0.5, 0)
+        render_both(scene, make_view(), plain_truth(spp=1), 0.5, 0)

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes.groundtruth import render_both, render_truth, tracer_of
 from pbrnet.pipeline.pathtrace import launches
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene
 from pbrnet.pipeline.views import View
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import (
     WINDOW,
     ball,
@@ -28,7 +28,7 @@ from tests.fixtures.render import (
 
 pytestmark = pytest.mark.usefixtures("wavefront")
 
-PARAMS = GroundTruthParams(spp=8, block_spp=4)
+PARAMS = plain_truth(spp=8, block_spp=4)
 SIZE = (24, 18)
 VIEWS = [
     make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=SIZE),

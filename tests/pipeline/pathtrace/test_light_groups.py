@@ -10,7 +10,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.pathtrace.guiding import plan_guiding
 from pbrnet.pipeline.pathtrace.light_groups import GroupTable, LightGroups, group_lights
@@ -20,6 +19,7 @@ from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.scenes.contract import Light
 from tests.fixtures.joint import bsdf, deviations, in_parts, number, plain, region_means, rgb
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import (
     WINDOW,
     ball,
@@ -136,7 +136,7 @@ def test_each_group_is_a_render_in_which_only_it_shines(room: RenderScene, tmp_p
 @pytest.mark.check
 def test_groups_change_no_bit_of_colour(room: RenderScene) -> None:
     """With planned lights, and as many channels as need padding."""
-    params = GroundTruthParams(spp=8, block_spp=4, max_depth=4)
+    params = plain_truth(spp=8, block_spp=4, max_depth=4)
     bare = render_both(room, VIEW, params, 0.5, 3).color[0]
     full = render_both(room, VIEW, params, 0.5, 3, True, groups_of(room, 13))
     for band in "RGB":

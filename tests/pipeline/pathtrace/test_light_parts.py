@@ -10,7 +10,6 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes.groundtruth import path_integrator, render_both
 from pbrnet.pipeline.pathtrace.light_parts import LightParts, PathParts
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
@@ -30,6 +29,7 @@ from tests.fixtures.joint import (
     rgb,
     shelf,
 )
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import diffuse, glow, make_view, quad, room_walls, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")
@@ -55,7 +55,7 @@ def stacked(channels: dict[str, np.ndarray]) -> np.ndarray:
 
 def parts_of(scene: RenderScene, view: View, **settings: Any) -> dict[str, np.ndarray]:
     """Colour and its parts by the pass, (H, W, 3) each."""
-    truths = render_both(scene, view, GroundTruthParams(**settings), 0.5, 3, light=True)
+    truths = render_both(scene, view, plain_truth(**settings), 0.5, 3, light=True)
     return {
         "color": stacked(truths.color[0]),
         **{name: stacked(part[0]) for name, part in truths.parts.items()},
@@ -243,7 +243,7 @@ def test_the_comparison_finds_what_is_wrong(balls: Any, kind: type[LightParts], 
 def test_parts_change_no_bit_of_colour_and_shading(tmp_path: Path) -> None:
     chosen = {name: {**FAITHFUL, **PARTING}[name] for name in ("principled", "glass", "plastic")}
     scene, view, _ = shelf(tmp_path, chosen)
-    params = GroundTruthParams(spp=16, block_spp=8)
+    params = plain_truth(spp=16, block_spp=8)
     bare, full = (render_both(scene, view, params, 0.5, 3, light) for light in (False, True))
     for kind in ("color", "shading"):
         one, other = (stacked(getattr(truths, kind)[0]) for truths in (bare, full))

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.pathtrace.emitter_sampling import MAX_WEIGHTED
 from pbrnet.pipeline.pathtrace.guiding import plan_guiding
@@ -34,6 +33,7 @@ from tests.fixtures.joint import (
     region_means,
     shelf,
 )
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import (
     WINDOW,
     ball,
@@ -356,7 +356,7 @@ def test_more_lamps_than_are_weighted_follow_the_views_probabilities(tmp_path: P
 
 def test_the_parameter_switches_it_and_both_agree(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, SUN)
-    params = GroundTruthParams(spp=256, block_spp=32)
+    params = plain_truth(spp=256, block_spp=32)
     images = []
     for lights in ("planned", "uniform"):
         truths = render_both(scene, VIEW, replace(params, lights=lights), 0.5, 1)  # type: ignore[arg-type]
@@ -368,14 +368,14 @@ def test_the_parameter_switches_it_and_both_agree(tmp_path: Path) -> None:
 def test_a_scene_without_rooms_is_lit_all_the_same(tmp_path: Path) -> None:
     scene = room(tmp_path, LAMP, SUN)
     bare = replace(scene, scene=replace(scene.scene, rooms=()))
-    truths = render_both(bare, VIEW, GroundTruthParams(spp=4, block_spp=2), 0.5, 1)
+    truths = render_both(bare, VIEW, plain_truth(spp=4, block_spp=2), 0.5, 1)
     assert truths.color[1]["black"] < 1
 
 
 def test_a_scene_without_lights_is_black(tmp_path: Path) -> None:
     """Even if another open scene has emitters."""
     lit = room(tmp_path / "lit", LAMP)
-    params = GroundTruthParams(spp=4, block_spp=2)
+    params = plain_truth(spp=4, block_spp=2)
     assert render_both(lit, VIEW, params, 0.5, 1).color[1]["black"] < 1
     truths = render_both(room(tmp_path), VIEW, params, 0.5, 1)
     assert truths.color[1]["black"] == 1
@@ -496,7 +496,7 @@ def test_shading_depends_on_no_colour_when_paths_are_guided(tmp_path: Path) -> N
     images = []
     for number, wall in enumerate(("0.6,0.5,0.4", "0.1,0.3,0.9")):
         scene = room(tmp_path / str(number), SUN, GROUND, wall=wall)
-        truths = render_both(scene, VIEW, GroundTruthParams(spp=8, block_spp=4), 0.5, 1)
+        truths = render_both(scene, VIEW, plain_truth(spp=8, block_spp=4), 0.5, 1)
         images.append(np.stack([truths.shading[0][band] for band in "RGB"]))
     np.testing.assert_array_equal(images[0], images[1])
 

@@ -10,11 +10,12 @@ import pytest
 from scipy.ndimage import uniform_filter
 
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.params import GroundTruthParams, load_params
+from pbrnet.pipeline.params import load_params
 from pbrnet.pipeline.passes.groundtruth import render_blocks, render_both, render_truth
 from pbrnet.pipeline.pathtrace.noise import BlockStatistics, firefly_light, residual_noise
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.scenes.errors import ParameterError
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -35,7 +36,7 @@ def room(folder: Path, body: str) -> RenderScene:
 
 
 def rendered(scene: RenderScene, seed: int, **params: Any) -> tuple[dict[str, Any], np.ndarray]:
-    settings = GroundTruthParams(**{"block_spp": 4, **params})
+    settings = plain_truth(**{"block_spp": 4, **params})
     channels, stats = render_truth(scene, VIEW, settings, seed)
     return stats, channels["G"].astype(np.float64)  # the rooms are grey
 
@@ -105,7 +106,7 @@ def test_a_view_that_never_reaches_its_target_takes_all_samples(
         sizes.append(copies)
         return random.random((120, copies * 160, 3), dtype=np.float32)
 
-    params = GroundTruthParams(spp=spp, block_spp=16, noise=1e-6, min_spp=least)
+    params = plain_truth(spp=spp, block_spp=16, noise=1e-6, min_spp=least)
     ((_, statistics),) = render_blocks(launch, view, params, 0, 1)
     assert statistics["spp"] == spp and statistics["blocks"] == spp // 16
     assert sizes == launches
@@ -115,7 +116,7 @@ def test_both_truths_of_a_view_reach_the_target(tmp_path: Path) -> None:
     if set_variant() == "scalar_rgb":
         pytest.skip("this variant does not trace both at once")
     scene = room(tmp_path, ROOMS["lit"])
-    params = GroundTruthParams(spp=512, block_spp=8, noise=0.1, min_spp=16)
+    params = plain_truth(spp=512, block_spp=8, noise=0.1, min_spp=16)
     truths = render_both(scene, VIEW, params, 0.9, 0)
     color, shading = truths.color[1], truths.shading[1]
     assert max(color["noise"], shading["noise"]) <= 0.1

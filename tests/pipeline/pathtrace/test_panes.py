@@ -9,18 +9,18 @@ import mitsuba as mi
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes.groundtruth import Truth, render_both, render_truth
 from pbrnet.pipeline.pathtrace.panes import GLASS
 from pbrnet.pipeline.pathtrace.panes import reflectance as reflectance_of
 from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.scenes.contract import Portal
 from pbrnet.scenes.geometry.directions import pixel_directions
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import WINDOW, diffuse, glow, make_view, quad, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")
 
-PARAMS = GroundTruthParams(spp=64, block_spp=64)
+PARAMS = plain_truth(spp=64, block_spp=64)
 SKY = '<emitter type="constant"><rgb name="radiance" value="{0},{0},{0}"/></emitter>'
 IN_PANE = np.s_[9:15, 11:21]  # pixels of a 32x24 view
 

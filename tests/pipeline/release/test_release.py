@@ -95,22 +95,21 @@ def test_recipes_are_listed_and_faults_named(recipes: Path) -> None:
     done = CliRunner().invoke(command.release, ["--recipes", str(recipes)])
     assert done.output.split() == ["rooms", "Two", "rooms"]
     with pytest.raises(ParameterError, match=r"no such recipe in .*available: rooms"):
-        load_recipe(recipes, "castle")
+        load_recipe("castle", recipes)
     with pytest.raises(ParameterError, match="a recipe's name"):
-        load_recipe(recipes, "../rooms")
+        load_recipe("../rooms", recipes)
     (recipes / "wrong.yaml").write_text(RECIPE.replace("width: 32}", "widht: 32}"))
     with pytest.raises(ParameterError, match=r"wrong\.yaml: illumination\.widht"):
-        load_recipe(recipes, "wrong")
+        load_recipe("wrong", recipes)
 
 
 def test_the_project_s_recipes_are_sound() -> None:
     names = recipe_names(ROOT / "recipes")
     assert {"tiny", "quick", "indoor-75k"} <= set(names)
     for name in names:
-        recipe, record = load_recipe(ROOT / "recipes", name), load_record(ROOT / "recipes", name)
+        recipe, record = load_recipe(name, ROOT / "recipes"), load_record(name, ROOT / "recipes")
         assert record is None or record.version == recipe.version, name
-    quick = load_recipe(ROOT / "recipes", "quick").parameters
-    assert quick == load_params(ROOT / "params" / "quick.yaml")
+    assert load_recipe("quick").parameters == load_params(ROOT / "params.yaml") == Params()
 
 
 def test_a_recipe_changes_a_preset(recipes: Path) -> None:
@@ -121,12 +120,12 @@ def test_a_recipe_changes_a_preset(recipes: Path) -> None:
     (recipes / "larger.yaml").write_text(
         "title: Larger\nversion: 2.0.0\npreset: small\nparameters: {image: {width: 80}}\n"
     )
-    found = load_recipe(recipes, "larger").parameters
+    found = load_recipe("larger", recipes).parameters
     assert (found.seed, found.image.width, found.image.height) == (3, 80, 48)
     assert found.groundtruth.spp == 16
     (recipes / "lost.yaml").write_text("title: Lost\nversion: 1.0.0\npreset: none\n")
     with pytest.raises(ParameterError, match=r"lost\.yaml: .*none\.yaml"):
-        load_recipe(recipes, "lost")
+        load_recipe("lost", recipes)
 
 
 @pytest.mark.check

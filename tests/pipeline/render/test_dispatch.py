@@ -8,17 +8,17 @@ import drjit as dr
 import mitsuba as mi
 import pytest
 
-from pbrnet.pipeline.params import GroundTruthParams
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.render import dispatch
 from pbrnet.pipeline.render.drjit_arrays import registry_id
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import ball, glow, make_view, room_walls, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")
 
 VIEW = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(12, 9))
-PARAMS = GroundTruthParams(spp=4, block_spp=2, denoise="none")
+PARAMS = plain_truth(spp=4, block_spp=2, denoise="none")
 
 
 def lacquer(color: float, roughness: float) -> str:

@@ -7,24 +7,26 @@ from pathlib import Path
 
 import pytest
 
+from pbrnet.pipeline.cameras.settings import ImageParams, TrajectoryFile
 from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path
-from pbrnet.pipeline.params import CameraParams, FarmParams, ImageParams, Params, TrajectoryFile
 from pbrnet.pipeline.passes.registry import frame_fingerprint
 from pbrnet.pipeline.stages.cameras import camera_fingerprint, run_cameras
 from pbrnet.pipeline.stages.inputs import run_inputs
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.params import SceneParams
+from tests.fixtures.params import pbrs_cameras, pbrs_params
 from tests.fixtures.stages import write_room
 
 pytestmark = pytest.mark.slow
 
-PAPER = Params(
+PAPER = pbrs_params(
     image=ImageParams(48, 36),
     farm=FarmParams(workers=2, batch=2),
     scenes=SceneParams(homes=0, imports=("nothing",)),
-    cameras=CameraParams(views_per_room=2),
+    cameras=pbrs_cameras(views_per_room=2),
 )
 ALL = replace(PAPER, channels=("materials", "labels"))
 

@@ -7,28 +7,24 @@ from pathlib import Path
 
 import pytest
 
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, read_meta
-from pbrnet.pipeline.params import (
-    CameraParams,
-    EnvironmentParams,
-    FarmParams,
-    GroundTruthParams,
-    ImageParams,
-    Params,
-)
+from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.groundtruth import run_groundtruth
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.params import SceneParams
+from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import write_room
 
-PAPER = Params(
+PAPER = pbrs_params(
     image=ImageParams(32, 24),
     farm=FarmParams(workers=2, batch=1),
     scenes=SceneParams(homes=0, imports=("nothing",)),
-    cameras=CameraParams(views_per_room=2),
-    groundtruth=GroundTruthParams(spp=4, block_spp=2, max_depth=3, denoise="oidn"),
+    cameras=pbrs_cameras(views_per_room=2),
+    groundtruth=plain_truth(spp=4, block_spp=2, max_depth=3, denoise="oidn"),
 )
 MORE = replace(PAPER, channels=("environment",), environment=EnvironmentParams(32, 4))
 

@@ -10,33 +10,30 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import DIFFUSE, DIRECT, light_bands
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, read_frame
-from pbrnet.pipeline.params import (
-    CameraParams,
-    FarmParams,
-    GroundTruthParams,
-    ImageParams,
-    LightParams,
-    Params,
-)
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes import registry
 from pbrnet.pipeline.passes.registry import frame_fingerprint, render_truths
+from pbrnet.pipeline.passes.settings import LightParams
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.groundtruth import run_groundtruth
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.params import SceneParams
+from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.render import make_view
 from tests.fixtures.stages import write_room
 
-PAPER = Params(
+PAPER = pbrs_params(
     image=ImageParams(32, 24),
     farm=FarmParams(workers=1),
     scenes=SceneParams(homes=0, imports=("nothing",)),
-    cameras=CameraParams(views_per_room=1),
-    groundtruth=GroundTruthParams(spp=4, block_spp=2, max_depth=4, denoise="oidn"),
+    cameras=pbrs_cameras(views_per_room=1),
+    groundtruth=plain_truth(spp=4, block_spp=2, max_depth=4, denoise="oidn"),
 )
 LIGHT = replace(PAPER, channels=("light",))
 

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from pbrnet.pipeline.params import CameraParams, FarmParams, ImageParams, Params, TrajectoryFile
+from pbrnet.pipeline.cameras.settings import ImageParams, TrajectoryFile
+from pbrnet.pipeline.farm.settings import FarmParams
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.stages.camera_files import make_cameras
 from pbrnet.pipeline.stages.cameras import camera_fingerprints, run_cameras
@@ -17,9 +19,10 @@ from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.contract import load_scene, save_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.params import SceneParams
+from tests.fixtures.params import pbrs_cameras, pbrs_params
 from tests.fixtures.stages import LIVING, Block, write_room
 
-EVERYTHING = CameraParams(
+EVERYTHING = pbrs_cameras(
     views_per_room=4, walks=1, stereo_baseline=0.05, clearance=0.06, overlap_views=3, overlap=0.4
 )
 
@@ -31,7 +34,7 @@ def room(folder: Path, *more: Block) -> RenderScene:
 
 
 def test_a_scene_of_the_same_shape_has_the_same_cameras(tmp_path: Path) -> None:
-    params = Params(cameras=EVERYTHING)
+    params = pbrs_params(cameras=EVERYTHING)
     one, other = (room(tmp_path / name) for name in ("one", "other"))
     own = make_cameras(one, one.scene, params, 0)
     taken = take_cameras(other, other.scene, params, own.views)
@@ -41,7 +44,7 @@ def test_a_scene_of_the_same_shape_has_the_same_cameras(tmp_path: Path) -> None:
 
 
 def test_a_camera_without_room_is_left_out(tmp_path: Path) -> None:
-    params = Params(cameras=replace(EVERYTHING, stereo_baseline=0.0, overlap_views=0))
+    params = pbrs_params(cameras=replace(EVERYTHING, stereo_baseline=0.0, overlap_views=0))
     one = room(tmp_path / "one")
     own = make_cameras(one, one.scene, params, 0)
     single = next(view for view in own.views if not view.trajectory)
@@ -68,11 +71,11 @@ def test_the_stage_shares_within_a_plan_alone(tmp_path: Path) -> None:
         chair = replace(LIVING[3], color=(0.9, 0.1, 0.1 * len(name)))
         write_room(folder, (*LIVING[:3], chair))
         save_scene(folder, replace(load_scene(folder), plan=plan))
-    params = Params(
+    params = pbrs_params(
         image=ImageParams(48, 36),
         farm=FarmParams(workers=1),
         scenes=SceneParams(homes=0, imports=("nothing",)),
-        cameras=CameraParams(share_cameras=True),
+        cameras=pbrs_cameras(share_cameras=True),
     )
     assert run_cameras(data, params).made == 3
     files = {
@@ -99,7 +102,7 @@ def test_a_change_of_the_first_scene_concerns_those_that_share(tmp_path: Path) -
     for name in names:
         write_room(tmp_path / name)
         scenes[name] = replace(load_scene(tmp_path / name), plan="" if name == "gamma" else "villa")
-    sharing = Params(cameras=CameraParams(share_cameras=True))
+    sharing = pbrs_params(cameras=pbrs_cameras(share_cameras=True))
     digests = dict.fromkeys(names, "1")
 
     def changed(params: Params, scene: str) -> set[str]:
@@ -111,4 +114,4 @@ def test_a_change_of_the_first_scene_concerns_those_that_share(tmp_path: Path) -
 
     assert changed(sharing, "alpha") == {"alpha", "beta"}
     assert changed(sharing, "beta") == {"beta"}
-    assert changed(Params(), "alpha") == {"alpha"}
+    assert changed(pbrs_params(), "alpha") == {"alpha"}

@@ -14,20 +14,15 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.commands import stages
 from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, holds, read_frame, read_meta
-from pbrnet.pipeline.params import (
-    CameraParams,
-    FarmParams,
-    GroundTruthParams,
-    IlluminationParams,
-    ImageParams,
-    Params,
-    load_params,
-)
+from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.passes.registry import frame_fingerprint
+from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.groundtruth import run_groundtruth
@@ -39,17 +34,18 @@ from pbrnet.pipeline.views import View, load_cameras, save_cameras
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError, PbrnetError
 from pbrnet.scenes.params import SceneParams
+from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import write_room
 
 pytestmark = pytest.mark.slow
 
-PARAMS = Params(
+PARAMS = pbrs_params(
     image=ImageParams(48, 36),
     farm=FarmParams(workers=2, batch=2, retries=1),
     scenes=SceneParams(homes=0, imports=("nothing",)),
-    cameras=CameraParams(views_per_room=2),
+    cameras=pbrs_cameras(views_per_room=2),
     illumination=IlluminationParams(width=32),
-    groundtruth=GroundTruthParams(spp=4, block_spp=2, max_depth=3),
+    groundtruth=plain_truth(spp=4, block_spp=2, max_depth=3),
 )
 KINDS: tuple[Kind, ...] = ("inputs", "illumination", "visibility", "shading", "color")
 STAGES: dict[str, Callable[..., Any]] = {

@@ -11,15 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.params import CameraParams, ImageParams, Params, RoomShare
+from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams, RoomShare
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.stages import view_sampling
 from pbrnet.pipeline.stages.view_sampling import sample_cameras, score_ids
 from pbrnet.pipeline.views import CameraFile, look
 from pbrnet.scenes.contract import Room, load_scene
+from tests.fixtures.params import pbrs_cameras, pbrs_params
 from tests.fixtures.stages import LIVING, Block, write_room
 
-PARAMS = Params(cameras=CameraParams(views_per_room=6))
+PARAMS = pbrs_params(cameras=pbrs_cameras(views_per_room=6))
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +76,7 @@ def test_an_empty_room_is_seen_by_its_building(living: RenderScene, tmp_path: Pa
         assert view.score > sum(math.log(n / 48) for n in counted)  # and how far the view reaches
     furnished = _sample(living)
     assert furnished.views and not furnished.unfurnished
-    assert not _sample(living, Params(cameras=CameraParams(min_objects=50))).unfurnished
+    assert not _sample(living, pbrs_params(cameras=pbrs_cameras(min_objects=50))).unfurnished
 
 
 def test_an_empty_corridor_is_seen_along_its_length(tmp_path: Path) -> None:
@@ -89,7 +91,7 @@ def test_an_empty_corridor_is_seen_along_its_length(tmp_path: Path) -> None:
 def test_a_candidate_outdoors_is_no_view(living: RenderScene) -> None:
     (room,) = living.scene.rooms
     garden = replace(room, floor=((10, 0), (14, 0), (14, 3), (10, 3)))
-    file = _sample(_with_rooms(living, garden), Params(cameras=CameraParams(min_objects=0)))
+    file = _sample(_with_rooms(living, garden), pbrs_params(cameras=pbrs_cameras(min_objects=0)))
     assert file.views == () and file.rejected[view_sampling.OUTDOORS] > 0
 
 
@@ -111,8 +113,8 @@ def test_views_obey_the_rules_of_pbrs(living: RenderScene) -> None:
 
 def test_ranges_are_kept_and_filled(living: RenderScene) -> None:
     ranges = {"half_fov_x": (0.4, 0.7), "pitch": (-0.5, 0.1), "roll": (-0.2, 0.05)}
-    every = CameraParams(views_per_room=36, views_per_scene=36, sectors=36, max_alike=1.0)
-    views = _sample(living, Params(cameras=replace(every, min_objects=0, **ranges))).views
+    every = pbrs_cameras(views_per_room=36, views_per_scene=36, sectors=36, max_alike=1.0)
+    views = _sample(living, pbrs_params(cameras=replace(every, min_objects=0, **ranges))).views
     assert len(views) > 20
     drawn = {
         "half_fov_x": [math.atan(0.5 * view.width / view.intrinsics[0, 0]) for view in views],
@@ -146,7 +148,7 @@ def test_a_range_of_one_value_is_that_value(living: RenderScene) -> None:
     pitch = math.atan(PARAMS.cameras.tilt)
     fov = PARAMS.image.half_fov_x
     options = replace(PARAMS.cameras, half_fov_x=(fov, fov), pitch=(pitch, pitch), roll=(0.0, 0.0))
-    same = _sample(living, Params(cameras=options))
+    same = _sample(living, pbrs_params(cameras=options))
     assert [view.view_id for view in same.views] == [view.view_id for view in usual.views]
     for one, other in zip(same.views, usual.views, strict=True):
         assert np.allclose(one.pose, other.pose, atol=1e-12) and one.K == other.K
@@ -155,7 +157,7 @@ def test_a_range_of_one_value_is_that_value(living: RenderScene) -> None:
 @pytest.mark.parametrize("bounds", [(0.3,), (0.5, 0.4), (0.1, 0.2, 0.3)])
 def test_a_range_is_two_ascending_numbers(bounds: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match="a range is"):
-        CameraParams(roll=bounds).verify("cameras")
+        pbrs_cameras(roll=bounds).verify("cameras")
 
 
 def test_score_follows_from_the_objects_seen(living: RenderScene) -> None:
@@ -168,7 +170,7 @@ def test_score_follows_from_the_objects_seen(living: RenderScene) -> None:
 
 def test_no_surface_within_clearance(living: RenderScene) -> None:
     clearance = 0.3
-    file = _sample(living, Params(cameras=CameraParams(clearance=clearance, views_per_room=6)))
+    file = _sample(living, pbrs_params(cameras=pbrs_cameras(clearance=clearance, views_per_room=6)))
     assert file.views
     for view in file.views:
         x, y, z = view.eye
@@ -182,8 +184,8 @@ def test_no_surface_within_clearance(living: RenderScene) -> None:
 def test_no_eye_inside_furniture(tmp_path: Path) -> None:
     closet = Block("closet", (0.2, 0.2, 0.0), (2.2, 2.8, 2.5))
     rs = _opened(tmp_path / "closet", blocks=[closet])
-    no_limits = CameraParams(clearance=0.0, min_objects=0, views_per_room=36, max_near=1.0)
-    file = _sample(rs, Params(cameras=replace(no_limits, candidates=4096)))
+    no_limits = pbrs_cameras(clearance=0.0, min_objects=0, views_per_room=36, max_near=1.0)
+    file = _sample(rs, pbrs_params(cameras=replace(no_limits, candidates=4096)))
     area = 2.0 * 2.6 / (4 * 3)
     share = file.rejected[view_sampling.INSIDE] / file.candidates
     assert share == pytest.approx(area, abs=0.05)
@@ -192,13 +194,13 @@ def test_no_eye_inside_furniture(tmp_path: Path) -> None:
 
 def test_every_candidate_is_accounted_for(living: RenderScene) -> None:
     for options in (
-        CameraParams(),
-        CameraParams(views_per_room=1, views_per_scene=1, candidates=3),
-        CameraParams(min_score=9.0),
-        CameraParams(min_objects=50),
-        CameraParams(eye_height=2.59, eye_jitter=0.0),
+        pbrs_cameras(),
+        pbrs_cameras(views_per_room=1, views_per_scene=1, candidates=3),
+        pbrs_cameras(min_score=9.0),
+        pbrs_cameras(min_objects=50),
+        pbrs_cameras(eye_height=2.59, eye_jitter=0.0),
     ):
-        file = _sample(living, Params(cameras=options))
+        file = _sample(living, pbrs_params(cameras=options))
         assert len(file.views) + sum(file.rejected.values()) == file.candidates == 12 * 16 * 6
         assert all(count > 0 for count in file.rejected.values())
         assert len(file.views) <= min(options.views_per_room, options.views_per_scene)
@@ -207,16 +209,16 @@ def test_every_candidate_is_accounted_for(living: RenderScene) -> None:
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (CameraParams(min_objects=50), view_sampling.FEW_OBJECTS),
-        (CameraParams(min_score=99.0), view_sampling.LOW_SCORE),
-        (CameraParams(eye_height=2.59, eye_jitter=0.0), view_sampling.ABOVE),
-        (CameraParams(near=9.0, max_near=0.0), view_sampling.BLOCKED),
+        (pbrs_cameras(min_objects=50), view_sampling.FEW_OBJECTS),
+        (pbrs_cameras(min_score=99.0), view_sampling.LOW_SCORE),
+        (pbrs_cameras(eye_height=2.59, eye_jitter=0.0), view_sampling.ABOVE),
+        (pbrs_cameras(near=9.0, max_near=0.0), view_sampling.BLOCKED),
     ],
 )
 def test_a_scene_without_a_view_says_why(
     living: RenderScene, options: CameraParams, reason: str
 ) -> None:
-    file = _sample(living, Params(cameras=options))
+    file = _sample(living, pbrs_params(cameras=options))
     assert file.views == ()
     assert file.rejected[reason] > 0
 
@@ -228,17 +230,17 @@ def test_room_without_light_is_dropped(tmp_path: Path) -> None:
 
 
 def test_best_of_every_sector_then_of_the_room(living: RenderScene) -> None:
-    everything = _sample(living, Params(cameras=CameraParams(views_per_room=36)))
+    everything = _sample(living, pbrs_params(cameras=pbrs_cameras(views_per_room=36)))
     sectors = [view.sector for view in everything.views]
     assert len(set(sectors)) == len(sectors)
     best = sorted(everything.views, key=lambda view: (-view.score, view.sector))[:2]
-    chosen = _sample(living, Params(cameras=CameraParams(views_per_room=2))).views
+    chosen = _sample(living, pbrs_params(cameras=pbrs_cameras(views_per_room=2))).views
     assert [v.view_id for v in chosen] == sorted(v.view_id for v in best)
 
 
 def test_no_two_views_of_a_room_show_the_same(living: RenderScene) -> None:
-    freely = Params(cameras=CameraParams(views_per_room=36, max_alike=1.0))
-    strictly = Params(cameras=CameraParams(views_per_room=36, max_alike=0.3))
+    freely = pbrs_params(cameras=pbrs_cameras(views_per_room=36, max_alike=1.0))
+    strictly = pbrs_params(cameras=pbrs_cameras(views_per_room=36, max_alike=0.3))
     assert view_sampling.ALIKE not in _sample(living, freely).rejected
     file = _sample(living, strictly)
     assert file.rejected[view_sampling.ALIKE] > 0
@@ -253,7 +255,7 @@ def test_a_view_shows_its_own_room(living: RenderScene) -> None:
     narrow = replace(room, id="hall")  # the furniture belongs to "living"
     assert _sample(_with_rooms(living, narrow)).rejected[view_sampling.ELSEWHERE] > 0
     assert _sample(_with_rooms(living, narrow)).views == ()
-    anyhow = Params(cameras=CameraParams(min_own=0.0))
+    anyhow = pbrs_params(cameras=pbrs_cameras(min_own=0.0))
     assert _sample(_with_rooms(living, narrow), anyhow).views
 
 
@@ -265,7 +267,7 @@ def test_each_room_gets_its_best_view_before_any_gets_a_second(living: RenderSce
     ]
     file = _sample(
         _with_rooms(living, *halves),
-        Params(cameras=CameraParams(views_per_room=4, views_per_scene=2, min_own=0)),
+        pbrs_params(cameras=pbrs_cameras(views_per_room=4, views_per_scene=2, min_own=0)),
     )
     assert sorted(view.room or "" for view in file.views) == ["east", "west"]
 
@@ -295,7 +297,7 @@ def test_equal_arguments_give_equal_views_and_another_seed_others(living: Render
 def test_room_names_become_safe_and_stay_apart(living: RenderScene) -> None:
     (room,) = living.scene.rooms
     rooms = [replace(room, id="Küche/1"), replace(room, id="K?che 1"), replace(room, id="../..")]
-    views = _sample(_with_rooms(living, *rooms), Params(cameras=CameraParams(min_own=0))).views
+    views = _sample(_with_rooms(living, *rooms), pbrs_params(cameras=pbrs_cameras(min_own=0))).views
     assert len({view.view_id for view in views}) == len(views)
     assert all(re.fullmatch(r"[A-Za-z0-9_-]+", view.view_id) for view in views)
     assert [view.view_id for view in views] == sorted(view.view_id for view in views)
@@ -311,7 +313,7 @@ def test_stored_views_are_kept_beside_the_sampled_ones(tmp_path: Path) -> None:
     assert view.intrinsics[0, 0] == pytest.approx(0.5 * view.width / math.tan(0.4))
     assert view.room == "living"
     assert len(file.views) - 1 + sum(file.rejected.values()) == file.candidates
-    without = _sample(rs, Params(cameras=CameraParams(stored_views=False)))
+    without = _sample(rs, pbrs_params(cameras=pbrs_cameras(stored_views=False)))
     assert all(not view.view_id.startswith("stored") for view in without.views)
 
 
@@ -354,15 +356,15 @@ def test_stored_views_outside_every_room_are_views_only_where_asked_for(
     rs = _opened(tmp_path / "stored", source={"views": [stored]})
 
     def rooms(options: CameraParams) -> list[str | None]:
-        views = _sample(rs, Params(cameras=options)).views
+        views = _sample(rs, pbrs_params(cameras=options)).views
         return [view.room for view in views if view.view_id == "stored-own"]
 
-    assert rooms(CameraParams()) == (["living"] if is_inside else [])
-    assert rooms(CameraParams(outside_views=True)) == ["living" if is_inside else None]
+    assert rooms(pbrs_cameras()) == (["living"] if is_inside else [])
+    assert rooms(pbrs_cameras(outside_views=True)) == ["living" if is_inside else None]
 
 
 def test_a_bigger_image_changes_no_choice(living: RenderScene) -> None:
-    small = _sample(living, Params(image=ImageParams(160, 120)))
-    large = _sample(living, Params(image=ImageParams(640, 480)))
+    small = _sample(living, pbrs_params(image=ImageParams(160, 120)))
+    large = _sample(living, pbrs_params(image=ImageParams(640, 480)))
     assert [v.camera_to_world for v in small.views] == [v.camera_to_world for v in large.views]
     assert large.views[0].intrinsics[0, 0] == pytest.approx(4 * small.views[0].intrinsics[0, 0])

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 from shapely.geometry import Point, Polygon
 
-from pbrnet.pipeline.params import ImageParams
+from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.render.scene import open_scene, render_ids, set_variant
 from pbrnet.pipeline.stages.view_sampling import score_ids
 from pbrnet.pipeline.views import intrinsics_of

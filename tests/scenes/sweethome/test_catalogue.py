@@ -16,8 +16,9 @@ from click.testing import CliRunner
 from PIL import Image
 
 from pbrnet.pipeline.commands import stages
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.inspection.describe import inspect_path
-from pbrnet.pipeline.params import FarmParams, Params
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages import assets as stage
 from pbrnet.pipeline.stages.assets import INSTALLED, run_assets
 from pbrnet.pipeline.stages.scenes import run_scenes

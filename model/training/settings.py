@@ -1,0 +1,121 @@
+"""Parameters of networks: pretrained features, training and evaluation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from pbrnet.scenes.checked import INLINE, param, within
+
+# Baselines of the comparison; `_own`: trained with the loss of its own paper.
+Baseline = Literal[
+    "plus",
+    "hybrid",
+    "unet",
+    "end_to_end",
+    "can",
+    "can_own",
+    "pix2pix",
+    "pix2pix_own",
+    "cyclegan",
+    "cyclegan_own",
+]
+
+
+@dataclass(frozen=True)
+class BackboneParams:
+    """Pretrained features of the perceptual loss."""
+
+    network: Literal["auto", "vgg19", "efficientnet_lite0"] = param(
+        "auto", "vgg19 if its weights are found or allowed to load, else efficientnet_lite0"
+    )
+    weights: str = param("", "file with VGG-19 weights under torchvision's names")
+    download: bool = param(False, "allow to load VGG-19")
+
+
+@dataclass(frozen=True)
+class LossParams:
+    """Part-perceptual loss (paper, equations 1 and 2): input, then conv1_2 ... conv5_2."""
+
+    kind: Literal["part", "full", "fifth", "l1"] = param("part", "or full, fifth, l1")
+    part: tuple[float, ...] = param((1.0, 1.5, 1.5, 0.5, 0.0, 0.0), "weights of input and layers")
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError unless there are six weights."""
+        if len(self.part) != 6:
+            raise ValueError(f"{where}.part: {len(self.part)} weights; six are needed")
+
+
+@dataclass(frozen=True)
+class StageTrainParams:
+    """One network's training."""
+
+    epochs: int = param(10, "passes over the steps below", within(1, 100_000))
+    steps_per_epoch: int = param(0, "0: every view once", within(0, 10_000_000))
+    width: int = param(32, "channels of the first level", within(1, 1024))
+    levels: int = param(
+        5,
+        "resolutions of a U-Net, layers of CAN, halvings of pix2pix, blocks of CycleGAN",
+        within(1, 16),
+    )
+
+
+_USUAL = StageTrainParams()
+_CAN = replace(_USUAL, levels=10)
+_PIX2PIX = replace(_USUAL, width=64, levels=7)
+_CYCLEGAN = replace(_USUAL, width=64, levels=6)
+
+
+@dataclass(frozen=True)
+class TrainParams:
+    """Two-stage training: the shading network, then fixed, the composition network."""
+
+    learning_rate: float = param(
+        0.0006, "the paper: 0.0001, constant, for 280,000 steps", within(above=0)
+    )
+    batch: int = param(1, "views per step", within(1, 256))
+    precision: Literal["auto", "float32", "bfloat16"] = param("auto", "or float32, bfloat16")
+    device: Literal["auto", "cpu", "cuda"] = param("auto", "or cpu, cuda")
+    decay: Literal["constant", "cosine"] = param("cosine", "to 0 by the last step; or constant")
+    exposure: Literal["own", "shared"] = param("shared", "or own, as in the paper")
+    flips: bool = param(True, "mirror views at random with probability 1/2")
+    panorama: Literal["resize", "normal"] = param("normal", "or resize; see docs/networks.md")
+    checkpoint_steps: int = param(500, "steps between checkpoints", within(1))
+    loss: LossParams = param(LossParams(), "part-perceptual")
+    shading: StageTrainParams = param(_USUAL)
+    composition: StageTrainParams = param(replace(_USUAL, epochs=6, levels=3))
+    baselines: tuple[Baseline, ...] = param(
+        ("unet",), "that are trained and measured; hybrid needs noisy.spp"
+    )
+    plus: StageTrainParams = param(_USUAL, "direct light as a further input", INLINE)
+    hybrid: StageTrainParams = param(
+        replace(_USUAL, width=16), "noisy samples as a further input", INLINE
+    )
+    unet: StageTrainParams = param(_USUAL, "one U-Net from inputs to colour", INLINE)
+    end_to_end: StageTrainParams = param(
+        _USUAL, "both networks trained together, on colour alone", INLINE
+    )
+    can: StageTrainParams = param(_CAN, "", INLINE)
+    can_own: StageTrainParams = param(_CAN, "NAME_own: with its own loss", INLINE)
+    pix2pix: StageTrainParams = param(_PIX2PIX, "", INLINE)
+    pix2pix_own: StageTrainParams = param(_PIX2PIX, "", INLINE)
+    cyclegan: StageTrainParams = param(_CYCLEGAN, "", INLINE)
+    cyclegan_own: StageTrainParams = param(_CYCLEGAN, "", INLINE)
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError for a repeated baseline or for too few levels."""
+        if len(set(self.baselines)) < len(self.baselines):
+            raise ValueError(f"{where}.baselines: {list(self.baselines)} names a baseline twice")
+        for name, least in (("can", 3), ("pix2pix", 2)):
+            for section in (name, f"{name}_own"):
+                levels = getattr(self, section).levels
+                if levels < least:
+                    raise ValueError(f"{where}.{section}.levels: {levels}; at least {least}")
+
+
+@dataclass(frozen=True)
+class EvaluateParams:
+    """Evaluation on the test split."""
+
+    split: Literal["test", "validation", "train"] = param("test", "or validation, train")
+    timing_views: int = param(4, "views whose time is measured", within(1, 1000))

@@ -1,0 +1,162 @@
+"""Parameters of images and of view sampling."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from pbrnet.scenes.checked import OPTIONAL, param, within
+
+Projection = Literal["perspective", "equirectangular"]
+
+
+@dataclass(frozen=True)
+class ImageParams:
+    """Projection and size of every frame.
+
+    The field of view follows PBRS at 4:3 (half-angle in x is fixed); an equirectangular image shows
+    all directions, and `half_fov_x` is not used.
+    """
+
+    width: int = param(160, "pixels", within(16, 8192))
+    height: int = param(120, "pixels", within(16, 8192))
+    half_fov_x: float = param(0.5534, "radians, PBRS", within(0.05, 1.4))
+    projection: Projection = param(
+        "perspective", "or equirectangular, see docs/cameras.md", OPTIONAL
+    )
+
+    @property
+    def is_panorama(self) -> bool:
+        """True if images show all directions."""
+        return self.projection == "equirectangular"
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError for an equirectangular image that is not twice as wide as high."""
+        if self.is_panorama and self.width != 2 * self.height:
+            raise ValueError(
+                f"{where}: {self.width} x {self.height} pixels; with projection: equirectangular "
+                "the width is twice the height"
+            )
+
+
+@dataclass(frozen=True)
+class TrajectoryFile:
+    """A file of camera poses, see `cameras.trajectory_files`, and the scene's id."""
+
+    scene: str
+    file: str
+
+
+@dataclass(frozen=True)
+class RoomShare:
+    """Share of the rooms of a type that get views, drawn for each room by itself."""
+
+    type: str
+    share: float = param(1.0, "", within(0, 1))
+
+
+@dataclass(frozen=True)
+class CameraParams:
+    """View sampling after PBRS (Zhang et al. 2017), with a clearance test.
+
+    `half_fov_x`, `pitch` and `roll` are ranges, [least, most], from which values are drawn evenly.
+    """
+
+    views_per_room: int = param(2, "most views of a room", within(1, 64))
+    views_per_scene: int = param(5, "most views of a scene", within(1, 1024))
+    grid: float = param(0.25, "metres between candidates, jittered in the cell", within(0.05, 5))
+    eye_height: float = param(1.45, "metres above the floor (PBRS: 1.55)", within(0.2, 3))
+    eye_jitter: float = param(0.2, "metres up and down (PBRS: 0.05)", within(0, 1.5))
+    tilt: float = param(-0.2, "z of the view direction before normalising, as PBRS", within(-2, 2))
+    half_fov_x: tuple[float, ...] = param(
+        (), "radians, [least, most] per room and sector; []: that of image", within(0.05, 1.4)
+    )
+    pitch: tuple[float, ...] = param(
+        (-0.3, 0.08),
+        "radians above the horizon, [least, most] per candidate; []: tilt",
+        within(-1.4, 1.4),
+    )
+    roll: tuple[float, ...] = param(
+        (-0.03, 0.03),
+        "radians clockwise, [least, most] per candidate; []: none",
+        within(-math.pi, math.pi),
+    )
+    sectors: int = param(6, "of directions: at most one view per room and sector", within(1, 36))
+    min_objects: int = param(3, "least number of counted objects in a view", within(0, 100))
+    min_coverage: float = param(0.01, "share of the pixels for an object to count", within(0, 1))
+    min_score: float = param(0.0, "least score of a view", within(0))
+    clearance: float = param(0.1, "metres around the eye without any surface", within(0, 2))
+    near: float = param(
+        0.8, "metres; a view is blocked if more than max_near of it is nearer", within(0, 10)
+    )
+    max_near: float = param(0.2, "share of the pixels", within(0, 1))
+    min_own: float = param(
+        0.5, "least share of the counted objects in the camera's own room", within(0, 1)
+    )
+    max_alike: float = param(
+        0.6, "largest share of furniture pixels that two views of a room share", within(0, 1)
+    )
+    stored_views: bool = param(True, "keep the cameras of imported scenes")
+    outside_views: bool = param(False, "also those that are outside every room")
+    # Not optional: fingerprints of before it existed stood for `paper`.
+    framing: Literal["paper", "photograph"] = param(
+        "photograph", "no blank wall or lamp that fills the view, thirds; or paper"
+    )
+    room_shares: tuple[RoomShare, ...] = param(
+        (), "{type: kitchen, share: 0.5}: that share of the kitchens gets views", OPTIONAL
+    )
+    id_width: int = param(80, "pixels, width of the candidates' id images", within(16, 640))
+    candidates: int = param(12, "per room and sector", within(1, 4096))
+    walks: int = param(0, "camera walks per scene, each a video; 0: none", within(0, 64), OPTIONAL)
+    walk_frames: int = param(24, "frames of a walk", within(24, 240), OPTIONAL)
+    walk_step: float = param(0.06, "metres, most from frame to frame", within(0.005, 0.5), OPTIONAL)
+    walk_turn: float = param(
+        0.05, "radians, most from frame to frame", within(0.005, 0.5), OPTIONAL
+    )
+    stereo_baseline: float = param(
+        0.0, "metres to a right partner of each view; 0: none", within(0, 2), OPTIONAL
+    )
+    overlap_views: int = param(
+        0, "views of an overlapping set of each room; 0: none", within(0, 16), OPTIONAL
+    )
+    overlap: float = param(0.5, "least median overlap of its pairs", within(0.05, 0.95), OPTIONAL)
+    share_cameras: bool = param(
+        False, "the same cameras in all scenes of a plan, where they have room", OPTIONAL
+    )
+    trajectories: tuple[TrajectoryFile, ...] = param(
+        (), "{scene: ID, file: PATH}; JSON or TUM format, see docs/cameras.md", OPTIONAL
+    )
+    collisions: Literal["reject", "warn", "accept"] = param(
+        "warn", "or reject, accept: trajectories from files that touch or pass surfaces", OPTIONAL
+    )
+
+    def share_of(self, room_type: str) -> float:
+        """Return the share of the rooms of a type that get views."""
+        return next((each.share for each in self.room_shares if each.type == room_type), 1.0)
+
+    @property
+    def most_views(self) -> int:
+        """Most views of a scene, without overlapping sets, trajectories and stored cameras."""
+        views = self.views_per_scene + self.walks * self.walk_frames
+        return 2 * views if self.stereo_baseline else views
+
+    @property
+    def has_links(self) -> bool:
+        """True if some views belong together: in trajectories, pairs, sets, or across a plan."""
+        return bool(
+            self.walks
+            or self.trajectories
+            or self.stereo_baseline
+            or self.overlap_views
+            or self.share_cameras
+        )
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError for a set of one view, or a range that is not two ascending numbers."""
+        if self.overlap_views == 1:
+            raise ValueError(f"{where}.overlap_views: 1; a set has at least 2 views, or 0: none")
+        for name in ("half_fov_x", "pitch", "roll"):
+            bounds = getattr(self, name)
+            if bounds and (len(bounds) != 2 or bounds[0] > bounds[1]):
+                raise ValueError(f"{where}.{name}: {list(bounds)}; a range is [least, most], or []")

@@ -1,0 +1,32 @@
+"""Parameters of the farm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pbrnet.scenes.checked import param, within
+
+Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
+
+
+@dataclass(frozen=True)
+class FarmParams:
+    """Distribution of the work over dask workers; never changes a pixel."""
+
+    workers: int = param(0, "0: one per allowed CPU", within(0, 4096))
+    batch: int = param(8, "views of one scene per task", within(1, 1024))
+    window: int = param(2, "tasks in flight per worker", within(1, 64))
+    retries: int = param(2, "further attempts for a view that fails", within(0, 10))
+    time_limit: int = param(3600, "seconds per view; 0: no limit", within(0, 1_000_000))
+    recycle: int = param(
+        100, "scenes after which a worker process is replaced; 0: never", within(0, 1_000_000)
+    )
+    checksums: bool = param(
+        True, "compare kept frames with their checksums; false saves reading them"
+    )
+    transfer: Literal["auto", "shared", "send"] = param(
+        "auto", "shared: data folder; send: through dask; auto: per worker"
+    )
+    cache_mb: int = param(4096, "received scenes that a worker's machine keeps", within(1, 1 << 30))
+    variant: Variant = param("auto", "or llvm_ad_rgb, cuda_ad_rgb, scalar_rgb")
