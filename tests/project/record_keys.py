@@ -23,7 +23,6 @@ from typing import Any
 import yaml
 
 from pbrnet.model.studies.registry import STUDIES
-from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.keys import table
 from pbrnet.pipeline.passes.registry import PASSES
 from pbrnet.pipeline.render.scene import set_variant
@@ -35,19 +34,24 @@ from pbrnet.scenes.models.options import READERS
 from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.procedural.home import make_home
 from tests.fixtures import recorded
+from tests.fixtures.params import pbrs_cameras
 from tests.fixtures.paths import ROOT
 from tests.project.imports import import_closure
 
 FILE = Path(__file__).with_name("keys.json")
 # Code that decides no byte of what is made, or only through parameters.
 PLUMBING = (
+    "model/training/settings.py",
+    "pipeline/cameras/settings.py",
     "pipeline/costs",
     "pipeline/farm",
     "pipeline/keys.py",
     "pipeline/limits.py",
     "pipeline/params.py",
+    "pipeline/passes/settings.py",
     "pipeline/progress.py",
     "pipeline/records.py",
+    "pipeline/transport/settings.py",
     "pipeline/versions.py",
     "scenes/arrays.py",
     "scenes/errors.py",
@@ -172,7 +176,7 @@ def cameras() -> str:
     """Return a digest of the cameras sampled in the recorded room."""
     with tempfile.TemporaryDirectory() as folder:
         opened, _ = recorded.recorded_room(Path(folder) / "living")
-        params = replace(recorded.PARAMS, cameras=CameraParams(min_objects=1, grid=0.5))
+        params = replace(recorded.PARAMS, cameras=pbrs_cameras(min_objects=1, grid=0.5))
         found = make_cameras(opened, opened.scene, params, 7)
     return digest_bytes(json.dumps(plain(found), sort_keys=True).encode())[:16]
 
