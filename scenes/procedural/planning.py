@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -19,8 +19,10 @@ from shapely import transform
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon, box
 from shapely.geometry.polygon import orient
 
+from pbrnet.scenes.checked import build
 from pbrnet.scenes.contract import Point2
 from pbrnet.scenes.errors import PbrnetError
+from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.geometry.regions import (
     buffered,
     difference,
@@ -49,78 +51,23 @@ from pbrnet.scenes.seeds import Draw
 GRID = 0.05  # metres; cell boundaries lie on this grid
 MAX_DRAWS = 600  # an accepted plan needs a few dozen draws at most
 
-# Range of gross floor area in square metres, and least clear width in metres.
-SIZES: dict[RoomType, tuple[float, float, float]] = {
-    "living": (18.0, 32.0, 3.4),
-    "bedroom": (11.0, 18.0, 2.7),
-    "kitchen": (9.0, 15.0, 2.4),
-    "bathroom": (5.0, 8.5, 1.8),
-    "study": (8.5, 13.0, 2.4),
-    "dining": (11.0, 17.0, 2.8),
-    "hall": (3.6, 16.0, 1.05),
-}
-_LONGEST: dict[str, float] = {"hall": 9.0}  # greatest ratio of a room's sides; 3 for others
-PROGRAMMES: dict[int, tuple[tuple[float, tuple[RoomType, ...]], ...]] = {
-    1: (
-        (0.35, ("living",)),
-        (0.2, ("bedroom",)),
-        (0.15, ("kitchen",)),
-        (0.1, ("bathroom",)),
-        (0.1, ("study",)),
-        (0.1, ("dining",)),
-    ),
-    2: (
-        (0.3, ("living", "kitchen")),
-        (0.2, ("living", "bedroom")),
-        (0.15, ("bedroom", "bathroom")),
-        (0.15, ("living", "study")),
-        (0.2, ("dining", "kitchen")),
-    ),
-    3: (
-        (0.35, ("living", "bedroom", "bathroom")),
-        (0.3, ("living", "kitchen", "bedroom")),
-        (0.2, ("living", "kitchen", "bathroom")),
-        (0.15, ("living", "dining", "kitchen")),
-    ),
-    4: (
-        (0.6, ("living", "kitchen", "bedroom", "bathroom")),
-        (0.2, ("living", "kitchen", "study", "bathroom")),
-        (0.2, ("living", "dining", "kitchen", "bedroom")),
-        (0.3, ("hall", "living", "bedroom", "bathroom")),
-    ),
-    5: (
-        (0.4, ("living", "kitchen", "bedroom", "bathroom", "study")),
-        (0.35, ("living", "kitchen", "bedroom", "bathroom", "dining")),
-        (0.25, ("living", "kitchen", "bedroom", "bathroom", "bedroom")),
-        (0.6, ("hall", "living", "kitchen", "bedroom", "bathroom")),
-    ),
-    6: (
-        (0.6, ("living", "kitchen", "bedroom", "bathroom", "dining", "study")),
-        (0.4, ("living", "kitchen", "bedroom", "bathroom", "bedroom", "dining")),
-        (0.5, ("hall", "living", "kitchen", "bedroom", "bathroom", "study")),
-        (0.5, ("hall", "living", "kitchen", "bedroom", "bathroom", "bedroom")),
-    ),
-}
-# Cost of a door between two room types; doors form a tree of low cost that joins all rooms.
-_DOOR_COST: dict[frozenset[str], float] = {
-    frozenset({"dining", "kitchen"}): 0.4,
-    frozenset({"dining", "living"}): 0.5,
-    frozenset({"kitchen", "living"}): 0.7,
-    frozenset({"living", "study"}): 1.0,
-    frozenset({"living", "bedroom"}): 1.1,
-    frozenset({"bedroom", "bathroom"}): 1.4,
-    frozenset({"living", "bathroom"}): 1.6,
-    frozenset({"dining", "study"}): 1.7,
-    frozenset({"bedroom", "study"}): 2.0,
-    frozenset({"dining", "bedroom"}): 2.2,
-    frozenset({"dining", "bathroom"}): 2.5,
-    frozenset({"kitchen", "bathroom"}): 3.0,
-}
-_HALL_COST = 0.6  # to any room
-_THROUGH_COST: dict[str, float] = {"bathroom": 50.0, "bedroom": 3.0, "study": 2.0}
-_HUBS = ("hall", "living", "dining", "kitchen", "study", "bedroom", "bathroom")
+
+@dataclass(frozen=True)
+class _Rules:
+    """The tables of `planning.yaml`."""
+
+    sizes: dict[RoomType, tuple[float, float, float]]
+    longest: dict[RoomType, float]
+    programmes: dict[str, tuple[tuple[float, tuple[RoomType, ...]], ...]]
+    door_cost: dict[str, float]
+    hall_cost: float
+    through_cost: dict[RoomType, float]
+    hubs: tuple[RoomType, ...]
 
 
+_RULES = build(_Rules, data_beside(__file__))
+SIZES = _RULES.sizes
+_DOOR_COST = {frozenset(pair.split()): cost for pair, cost in _RULES.door_cost.items()}
 _Stretch = tuple[WallEdge, float, float]  # of a wall, from one place along it to another
 
 
@@ -134,8 +81,9 @@ def make_plan(rng: Draw, rooms_min: int, rooms_max: int) -> Plan:
     Raises `PlanError` if every draw is rejected.
     """
     count = rng.whole(rooms_min, rooms_max + 1)
-    weights = np.array([weight for weight, _ in PROGRAMMES[count]])
-    programme = PROGRAMMES[count][int(rng.choice(len(weights), p=weights / weights.sum()))][1]
+    programmes = _RULES.programmes[str(count)]
+    weights = np.array([weight for weight, _ in programmes])
+    programme = rng.weighted(programmes, weights / weights.sum())[1]
     partition = rng.pick([0.12, 0.14])
     outer = rng.pick([0.26, 0.30, 0.36, 0.40])
     height = rng.pick([2.4, 2.5, 2.55, 2.6, 2.7, 2.85])
@@ -460,7 +408,7 @@ def _habitable(room: PlanRoom) -> bool:
     x0, y0, x1, y1 = shape.bounds
     if min(x1 - x0, y1 - y0) < narrow:
         return False
-    if max(x1 - x0, y1 - y0) > _LONGEST.get(room.type, 3.0) * min(x1 - x0, y1 - y0):
+    if max(x1 - x0, y1 - y0) > _RULES.longest.get(room.type, 3.0) * min(x1 - x0, y1 - y0):
         return False
     if any(edge.length < 0.25 for edge in room.edges):
         return False
@@ -565,7 +513,7 @@ def _door_tree(rooms: list[PlanRoom], walls: list[tuple[int, int]]) -> list[tupl
 
     Each door is (room reached before, new room). None if a room needs a bathroom passage.
     """
-    hub = min(range(len(rooms)), key=lambda index: _HUBS.index(rooms[index].type))
+    hub = min(range(len(rooms)), key=lambda index: _RULES.hubs.index(rooms[index].type))
     reached, pairs = [hub], []
     while len(reached) < len(rooms):
         best: tuple[float, int, int] | None = None
@@ -574,9 +522,9 @@ def _door_tree(rooms: list[PlanRoom], walls: list[tuple[int, int]]) -> list[tupl
                 continue
             known, fresh = (i, j) if i in reached else (j, i)
             kinds = frozenset({rooms[known].type, rooms[fresh].type})
-            cost = _HALL_COST if "hall" in kinds else _DOOR_COST.get(kinds, 4.0)
+            cost = _RULES.hall_cost if "hall" in kinds else _DOOR_COST.get(kinds, 4.0)
             if known != hub:
-                cost += _THROUGH_COST.get(rooms[known].type, 0.0)
+                cost += _RULES.through_cost.get(rooms[known].type, 0.0)
             if best is None or cost < best[0]:
                 best = (cost, known, fresh)
         if best is None or best[0] >= 50:
@@ -664,7 +612,7 @@ def _draw_entrance(
     outer: float,
     taken: list[Polygon],
 ) -> Opening | None:
-    order = sorted(rooms, key=lambda room: _HUBS.index(room.type))
+    order = sorted(rooms, key=lambda room: _RULES.hubs.index(room.type))
     for room in order:
         least = 1.3 if room.type == "hall" else 1.5
         edges = [edge for edge in room.edges if edge.outer and edge.length > least]

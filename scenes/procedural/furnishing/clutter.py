@@ -6,6 +6,10 @@ fittings. Valid poses are decided by `RoomSpace`, so nothing floats, meets or bl
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.furnishing.cables import run_cables
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
 from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
@@ -13,58 +17,18 @@ from pbrnet.scenes.procedural.furniture.things.kinds import BY_PLACE
 from pbrnet.scenes.procedural.plan import Opening
 from pbrnet.scenes.procedural.scene_item import Pose
 
-# Kind of furniture -> place, mean number of things there in a home of middling disorder.
-_ON: dict[str, tuple[str, float]] = {
-    "base_cupboard": ("worktop", 3.6),
-    "drawer_unit": ("worktop", 3.6),
-    "sink_unit": ("sink", 3.2),
-    "dining_table": ("dining", 4.5),
-    "round_table": ("dining", 4.0),
-    "coffee_table": ("coffee", 4.5),
-    "side_table": ("coffee", 2.2),
-    "desk": ("desk", 6.5),
-    "night_table": ("bedside", 3.8),
-    "bookshelf": ("shelf", 7.0),
-    "wall_shelf": ("shelf", 3.5),
-    "wall_board": ("shelf", 4.5),
-    "rack": ("shelf", 7.0),
-    "niche": ("shelf", 9.0),
-    "shower": ("tub", 2.5),
-    "sideboard": ("shelf", 4.5),
-    "chest_of_drawers": ("dresser", 5.5),
-    "console_table": ("hall_top", 4.6),
-    "tv_stand": ("tv", 3.2),
-    "wash_basin": ("bath", 5.0),
-    "washing_machine": ("laundry", 3.0),
-    "bath_tub": ("tub", 3.0),
-    "toilet": ("toilet_top", 1.4),
-    "wardrobe": ("top", 2.2),
-    "fridge": ("top", 1.2),
-    "bench": ("seat", 1.8),
-    "storage_box": ("seat", 0.4),
-}
-# Type of room -> place whose things its shelves hold instead
-_SHELF = {"bathroom": "bath", "kitchen": "worktop", "bedroom": "dresser"}
-# Type of room -> places on its floor, mean number of things there.
-_FLOOR: dict[str, tuple[tuple[str, float], ...]] = {
-    "living": (("play", 1.0), ("floor", 1.6), ("tv_floor", 0.3)),
-    "bedroom": (("bed_floor", 2.2), ("floor", 1.6), ("gym", 0.4)),
-    "study": (("study_floor", 0.8), ("floor", 1.4), ("gym", 0.4)),
-    "kitchen": (("kitchen_floor", 1.6),),
-    "bathroom": (("bath_floor", 3.2),),
-    "dining": (("play", 0.5), ("floor", 0.8)),
-    "hall": (("floor", 1.4), ("hall", 2.6)),
-}
-# Type of room -> place on its walls, mean number of things there.
-_WALLS: dict[str, tuple[str, float]] = {
-    "living": ("dry_wall", 2.0),
-    "bedroom": ("bed_wall", 3.8),
-    "study": ("desk_wall", 3.0),
-    "kitchen": ("kitchen_wall", 3.2),
-    "bathroom": ("bath_wall", 4.4),
-    "dining": ("dry_wall", 2.4),
-    "hall": ("hall_wall", 3.6),
-}
+
+@dataclass(frozen=True)
+class _Places:
+    """The tables of `clutter.yaml`: names of places, and mean numbers of things there."""
+
+    on_furniture: dict[str, tuple[str, float]]
+    shelves: dict[str, str]
+    floors: dict[str, tuple[tuple[str, float], ...]]
+    walls: dict[str, tuple[str, float]]
+
+
+_PLACES = build(_Places, data_beside(__file__))
 _HALL = 2.0  # mean number of things in the room behind the entrance
 _SOCKETS = (1, 4)  # least and greatest number in a room
 _BESIDE_DOOR = 0.17  # metres from the opening to the centre of a switch
@@ -75,13 +39,13 @@ def leave_things(furnisher: Furnisher) -> None:
     rng, space = furnisher.rng, furnisher.space
     run_cables(furnisher)
     for carrier in [*space.items, *space.niches]:
-        if carrier.kind in _ON and carrier.piece.surfaces:
-            place, mean = _ON[carrier.kind]
+        if carrier.kind in _PLACES.on_furniture and carrier.piece.surfaces:
+            place, mean = _PLACES.on_furniture[carrier.kind]
             if place == "shelf" and carrier.kind != "bookshelf":
-                place = _SHELF.get(furnisher.room.type, place)
+                place = _PLACES.shelves.get(furnisher.room.type, place)
             for _ in range(_count(furnisher, mean)):
                 _leave_on(furnisher, place, carrier)
-    for place, mean in _FLOOR.get(furnisher.room.type, ()):
+    for place, mean in _PLACES.floors.get(furnisher.room.type, ()):
         for _ in range(_count(furnisher, mean)):
             _leave_on_floor(furnisher, place)
     doors = [one for one in space.plan.openings if furnisher.room.id in one.rooms]
@@ -92,7 +56,7 @@ def leave_things(furnisher: Furnisher) -> None:
             _mount_beside(furnisher, "entrance", opening, 1.0)
         if opening.kind in ("door", "entrance"):
             _mount_beside(furnisher, "door", opening, 0.0)
-    place, mean = _WALLS[furnisher.room.type]
+    place, mean = _PLACES.walls[furnisher.room.type]
     for _ in range(_count(furnisher, mean)):
         kind = _choose(furnisher, place)
         if kind is not None and furnisher.space.on_wall(rng, kind, furnisher.make(kind), tries=10):

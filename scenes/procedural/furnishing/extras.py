@@ -5,45 +5,31 @@ They are placed last and by the same spatial rules, so they never displace other
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
 from pbrnet.scenes.procedural.furnishing.space import PlacedPiece, RoomSpace
 from pbrnet.scenes.procedural.plan import Opening
 
-# Kind of furniture -> kinds of objects placed on it, and their greatest number.
-_ON_FURNITURE: dict[str, tuple[tuple[str, ...], int]] = {
-    "desk": (("desk_thing", "desk_thing", "books_stack", "crockery"), 4),
-    "coffee_table": (("living_thing", "crockery", "books_stack", "living_thing"), 3),
-    "side_table": (("living_thing", "crockery"), 1),
-    "tv_stand": (("living_thing",), 2),
-    "sideboard": (("living_thing", "vase", "crockery"), 3),
-    "console_table": (("living_thing", "vase"), 2),
-    "bookshelf": (("living_thing", "books_stack", "vase", "bedroom_thing"), 4),
-    "wall_shelf": (("living_thing", "vase"), 1),
-    "night_table": (("bedroom_thing", "desk_thing"), 1),
-    "chest_of_drawers": (("bedroom_thing", "living_thing"), 3),
-    "dining_table": (("crockery", "crockery", "bottle"), 3),
-    "base_cupboard": (("kitchen_thing",), 2),
-    "drawer_unit": (("kitchen_thing", "crockery"), 2),
-    "wash_basin": (("toiletries",), 2),
-    "washing_machine": (("toiletries",), 2),
-    "bath_tub": (("toiletries",), 1),
-}
-# Room type -> (kind, position, probability).
-_ON_FLOOR: dict[str, tuple[tuple[str, str, float], ...]] = {
-    "living": (("living_wall", "wall", 0.5), ("living_floor", "corner", 0.7)),
-    "bedroom": (("bedroom_floor", "corner", 0.7), ("bedroom_floor", "anywhere", 0.6)),
-    "study": (("study_floor", "corner", 0.8),),
-    "kitchen": (("kitchen_floor", "corner", 0.7),),
-    "bathroom": (("bathroom_floor", "corner", 0.8),),
-    "dining": (("living_floor", "corner", 0.4),),
-}
+
+@dataclass(frozen=True)
+class _Extras:
+    """The tables of `extras.yaml`."""
+
+    on_furniture: dict[str, tuple[tuple[str, ...], int]]
+    on_floor: dict[str, tuple[tuple[str, str, float], ...]]
+
+
+_EXTRAS = build(_Extras, data_beside(__file__))
 _SOCKETS = 2  # greatest number of sockets in a room
 _BESIDE_DOOR = 0.16  # metres from the opening to the centre of a switch
 
 
 def add_catalogue_extras(space: RoomSpace, sampler: AssetSampler) -> None:
     """Add items of kinds that only catalogues have to a furnished room."""
-    for kind, where, probability in _ON_FLOOR.get(space.room.type, ()):
+    for kind, where, probability in _EXTRAS.on_floor.get(space.room.type, ()):
         if sampler.chance(probability):
             _place_on_floor(space, sampler, kind, where)
     for opening in space.plan.openings:
@@ -55,7 +41,7 @@ def add_catalogue_extras(space: RoomSpace, sampler: AssetSampler) -> None:
     if space.room.type == "bathroom" and sampler.chance(0.8):
         _hang(space, sampler, "paper_holder")
     for carrier in list(space.items):
-        if carrier.kind in _ON_FURNITURE and carrier.piece.surfaces:
+        if carrier.kind in _EXTRAS.on_furniture and carrier.piece.surfaces:
             _place_on_furniture(space, sampler, carrier)
 
 
@@ -98,7 +84,7 @@ def _hang(space: RoomSpace, sampler: AssetSampler, kind: str) -> None:
 
 
 def _place_on_furniture(space: RoomSpace, sampler: AssetSampler, carrier: PlacedPiece) -> None:
-    kinds, most = _ON_FURNITURE[carrier.kind]
+    kinds, most = _EXTRAS.on_furniture[carrier.kind]
     for _ in range(most):
         if not sampler.chance(0.75):
             continue

@@ -1,7 +1,8 @@
 """Families of surfaces for each kind of material, and the surfaces of a family.
 
 A family has `SEEDS` surfaces at each of `WEARS` states of wear. A material shows one of them at an
-offset, scale, contrast and colour of its own, so that none is met twice.
+offset, scale, contrast and colour of its own, so that none is met twice. The families are in
+`families.yaml`.
 """
 
 from __future__ import annotations
@@ -9,10 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from inspect import signature
+from typing import Any
 
 import numpy as np
 
 from pbrnet.scenes.arrays import Float32Array, UInt8Array
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.procedural.textures import cloth, goods, masonry, woods
 from pbrnet.scenes.procedural.textures.fields import Surface
@@ -38,191 +43,31 @@ class Family:
     wears: float = 1.0
 
 
-def _soft(
-    make: Callable[..., Surface], detail: int = 2, sheen: float = 0.15, **options: object
-) -> Family:
-    return Family(partial(make, **options), detail, hard=False, sheen=sheen, wears=0.7)
+def _family(row: dict[str, Any], grains: dict[str, woods.Grain]) -> Family:
+    """Read a row of `families.yaml`; keys that are none of `Family`'s are options of `make`."""
+    options = dict(row)
+    module, _, function = options.pop("make").partition(".")
+    how = {key: options.pop(key) for key in ("detail", "hard", "sheen", "wears") if key in options}
+    if isinstance(options.get("grain"), str):
+        options["grain"] = grains[options["grain"]]
+    make = partial(getattr(_MODULES[module], function), **options)
+    signature(make).bind(None, 64)  # TypeError for an unknown option
+    return Family(make, **{"wears": 1.0 if how.get("hard", True) else 0.7} | how)
 
 
-def _hard(
-    make: Callable[..., Surface], detail: int = 2, wears: float = 1.0, **options: object
-) -> Family:
-    return Family(partial(make, **options), detail, wears=wears)
+def _read() -> tuple[dict[str, dict[str, Family]], dict[str, tuple[str, ...]]]:
+    """Families by kind of material, and those of each kind that are drawn where none is named."""
+    tables = data_beside(__file__)
+    grains = {name: build(woods.Grain, row, name) for name, row in tables["grains"].items()}
+    families = {
+        kind: {name: _family(row, grains) for name, row in rows.items()}
+        for kind, rows in tables["families"].items()
+    }
+    return families, {kind: tuple(names) for kind, names in tables["common"].items()}
 
 
-# Kind of material -> family -> how it is made. The first family is that of `variant` 0.
-FAMILIES: dict[str, dict[str, Family]] = {
-    "wood": {
-        "oak": _hard(woods.solid, grain=woods.OAK),
-        "ash": _hard(woods.solid, grain=woods.ASH),
-        "walnut": _hard(woods.solid, grain=woods.WALNUT),
-        "beech": _hard(woods.solid, grain=woods.BEECH),
-        "pine": _hard(woods.solid, grain=woods.PINE),
-        "birch": _hard(woods.solid, grain=woods.BIRCH),
-        "teak": _hard(woods.solid, grain=woods.TEAK),
-        "cherry": _hard(woods.solid, grain=woods.CHERRY),
-        "wenge": _hard(woods.solid, grain=woods.WENGE),
-        "bamboo": _hard(woods.solid, grain=woods.BAMBOO),
-        "butcher": _hard(woods.end_grain),
-        "plywood": _hard(woods.plywood),
-        "chipboard": _hard(woods.chipboard),
-        "cork": _hard(woods.cork),
-        "wicker": _hard(woods.wicker),
-    },
-    "planks": {
-        "oak": _hard(woods.floor, 1, grain=woods.OAK, width=0.16),
-        "ash": _hard(woods.floor, 1, grain=woods.ASH, width=0.14),
-        "walnut": _hard(woods.floor, 1, grain=woods.WALNUT, width=0.12),
-        "pine": _hard(woods.floor, 1, grain=woods.PINE, width=0.13, bevel=0.0025),
-        "laminate": _hard(woods.floor, 1, grain=woods.BEECH, width=0.19, bevel=0.0008, gloss=0.015),
-        "strips": _hard(woods.floor, 1, grain=woods.BEECH, width=0.07, layout="strips"),
-        "herringbone": _hard(woods.floor, 1, grain=woods.OAK, width=0.08, layout="herringbone"),
-        "basket": _hard(woods.floor, 1, grain=woods.TEAK, width=0.05, layout="basket"),
-    },
-    "tiles": {
-        "square": _hard(masonry.tiled, 1),
-        "stoneware": _hard(masonry.tiled, 1, body="matt", columns=2, rows=4, joint=0.003),
-        "subway": _hard(masonry.tiled, 1, columns=4, rows=8, shift=0.5, joint=0.003),
-        "stacked": _hard(masonry.tiled, 1, columns=3, rows=12, joint=0.003),
-        "third": _hard(masonry.tiled, 1, columns=2, rows=6, shift=1 / 3, body="matt"),
-        "hexagon": _hard(masonry.tiled, 1, columns=7, hexagon=True, body="matt"),
-        "mosaic": _hard(masonry.tiled, 2, columns=24, rows=24, metres=0.6, joint=0.003),
-        "penny": _hard(masonry.tiled, 2, columns=20, metres=0.6, hexagon=True, joint=0.004),
-        "handmade": _hard(masonry.tiled, 1, columns=10, rows=10, body="handmade", joint=0.003),
-        "terracotta": _hard(masonry.tiled, 1, body="handmade", joint=0.009),
-        "marble": _hard(masonry.tiled, 1, columns=2, rows=2, body="stone", joint=0.002),
-        "flagstone": _hard(masonry.tiled, 1, columns=3, rows=3, body="stone", joint=0.008),
-        "cement": _hard(masonry.tiled, 1, columns=6, rows=6, body="inlaid", joint=0.002),
-    },
-    "brick": {
-        "running": _hard(masonry.brickwork),
-        "third": _hard(masonry.brickwork, bond="third", worn=1.6),
-        "stack": _hard(masonry.brickwork, bond="stack", worn=0.5),
-    },
-    "fabric": {
-        "plain": _soft(cloth.woven),
-        "linen": _soft(cloth.woven, pitch=0.003, slub=2.2, threads="melange", sheen=0.1),
-        "basket": _soft(cloth.woven, draft="basket", pitch=0.005),
-        "twill": _soft(cloth.woven, draft="twill", pitch=0.003),
-        "herringbone": _soft(cloth.woven, draft="herringbone", pitch=0.004),
-        "birdseye": _soft(cloth.woven, draft="birdseye", pitch=0.004),
-        "melange": _soft(cloth.woven, pitch=0.004, threads="melange"),
-        "boucle": _soft(cloth.looped, sheen=0.2),
-        "velvet": _soft(cloth.pile, sheen=0.45),
-        "chenille": _soft(cloth.pile, nap=2.0, sheen=0.35),
-        "corduroy": _soft(cloth.corduroy, sheen=0.3),
-        "felt": _soft(cloth.felt),
-        "striped": _soft(cloth.woven, pitch=0.0025, threads="striped"),
-        "checked": _soft(cloth.woven, draft="twill", pitch=0.003, threads="checked"),
-        "denim": _soft(cloth.woven, draft="denim", pitch=0.002, slub=1.4, sheen=0.05),
-        "satin": _soft(cloth.woven, draft="satin", pitch=0.002, slub=0.3, threads="one", sheen=0.1),
-        "cotton": _soft(cloth.woven, pitch=0.0016, slub=0.5, threads="one", sheen=0.1),
-        "knit": _soft(cloth.knitted, sheen=0.2),
-        "cable": _soft(cloth.cabled, sheen=0.2),
-        "terry": _soft(cloth.looped, across=72, sheen=0.25),
-    },
-    "carpet": {
-        "cut": _soft(cloth.carpet, sheen=0.2),
-        "shag": _soft(cloth.carpet, tuft=2.4, sheen=0.25),
-        "loop": _soft(cloth.looped, across=64, curl=1.2, metres=0.6),
-        "sisal": _soft(cloth.sisal, sheen=0.05),
-        "rag": _soft(cloth.rag),
-        "kilim": _soft(cloth.kilim, 1),
-    },
-    "leather": {
-        "full": _soft(cloth.leather, sheen=0.0),
-        "nappa": _soft(cloth.leather, grain=0.5, count=90, sheen=0.0),
-        "pebbled": _soft(cloth.leather, grain=1.6, count=44, sheen=0.0),
-        "suede": _soft(cloth.suede, sheen=0.3),
-    },
-    "plaster": {
-        "rolled": _hard(masonry.painted, 1, wears=0.6),
-        "smooth": _hard(masonry.painted, 1, wears=0.6, nap=0.35),
-        "coarse": _hard(masonry.painted, 1, wears=0.6, nap=1.8),
-        "trowelled": _hard(masonry.trowelled, wears=0.6),
-        "woodchip": _hard(masonry.woodchip, 1, wears=0.6),
-        "brushed": _hard(masonry.brushed, wears=0.6),
-        "render": _hard(masonry.rendered, 2),
-        "roughcast": _hard(masonry.rendered, 2, grain=2.2),
-    },
-    "wallpaper": {
-        name: Family(partial(masonry.papered, print_of=name), 1, hard=False)
-        for name in (
-            "stripes", "diamonds", "hexagons", "scales", "sprigs", "damask", "grasscloth",
-        )
-    },
-    "stone": {
-        "granite": _hard(goods.granite, wears=0.5),
-        "marble": _hard(goods.marble, wears=0.5),
-        "composite": _hard(goods.composite, wears=0.5),
-        "travertine": _hard(goods.travertine),
-        "slate": _hard(goods.slate),
-        "terrazzo": _hard(goods.terrazzo, wears=0.5),
-        "concrete": _hard(masonry.concrete),
-    },
-    "paint": {
-        "lacquer": _hard(goods.lacquer, 4, wears=0.3),
-        "satin": _hard(goods.lacquer, 4, wears=0.3, peel=2.0),
-        "brushed": _hard(masonry.brushed, 2),
-        "powder": _hard(goods.lacquer, 4, wears=0.3, peel=4.0),
-        "panelled": _hard(masonry.planked, 2),
-        "roof": _hard(masonry.roof_tiles, 2),
-    },
-    "plastic": {
-        "smooth": _hard(goods.plastic, 8, wears=0.3),
-        "spark": _hard(goods.plastic, 4, wears=0.3, spark=1.0),
-        "soft": _hard(goods.plastic, 4, wears=0.3, spark=0.4),
-    },
-    "metal": {
-        "brushed": _hard(goods.brushed, 4),
-        "polished": _hard(goods.polished, 8),
-        "cast": _hard(goods.cast, 4),
-        "hammered": _hard(goods.hammered, 4),
-        "patinated": _hard(goods.patinated, 4),
-    },
-    "ceramic": {
-        "glazed": _hard(goods.glazed, 8, wears=0.4),
-        "reactive": _hard(goods.glazed, 8, wears=0.4, wavy=2.5),
-        "crazed": _hard(masonry.crazed, 4, wears=0.4),
-        "speckled": _hard(goods.speckled, 4, wears=0.4),
-        "earthenware": _hard(goods.earthenware, 4),
-    },
-    "paper": {
-        "card": _soft(goods.paper, 8, sheen=0.0),
-        "creased": _soft(goods.paper, 4, fold=3.0, sheen=0.0),
-        "corrugated": _soft(goods.corrugated, 4, sheen=0.0),
-    },
-    "picture": {"canvas": _soft(goods.canvas, 4, sheen=0.0)},
-    "leaf": {"leaf": _soft(goods.leaf, 4, sheen=0.0)},
-    "grass": {
-        "lawn": _soft(goods.lawn, sheen=0.0),
-        "meadow": _soft(goods.lawn, sheen=0.0, long=2.0),
-    },
-    "soil": {
-        "crumbs": _soft(goods.soil, 4, sheen=0.0),
-        "mulch": _soft(goods.soil, 4, sheen=0.0, crumbs=1.8),
-        "gravel": _soft(goods.gravel, 2, sheen=0.0),
-        "asphalt": _soft(goods.asphalt, sheen=0.0),
-        "bark": _soft(woods.bark, 4, sheen=0.0),
-    },
-}  # fmt: skip
-# Families that are drawn where a material names none; other families are named by their users.
-_COMMON: dict[str, tuple[str, ...]] = {
-    "wood": ("oak", "ash", "walnut", "beech", "birch", "teak", "cherry"),
-    "planks": ("oak", "ash", "walnut", "pine", "laminate", "strips", "herringbone", "basket"),
-    "tiles": ("square", "stoneware", "subway", "third", "hexagon", "handmade", "marble"),
-    "fabric": ("plain", "linen", "basket", "twill", "herringbone", "birdseye", "melange", "boucle",
-               "chenille", "felt"),
-    "carpet": ("cut", "shag", "loop"),
-    "plaster": ("rolled", "smooth", "coarse"),
-    "paint": ("lacquer", "satin"),
-    "stone": ("granite", "marble", "composite", "terrazzo"),
-    "leather": ("full", "nappa", "pebbled"),
-    "ceramic": ("glazed", "reactive"),
-    "paper": ("card",),
-    "grass": ("lawn",),
-    "soil": ("crumbs", "mulch"),
-}  # fmt: skip
+_MODULES = {"cloth": cloth, "goods": goods, "masonry": masonry, "woods": woods}
+FAMILIES, _COMMON = _read()
 
 
 def has_surface(kind: str) -> bool:

@@ -45,18 +45,6 @@ class Grain:
     knots: float = 0.0
 
 
-OAK = Grain(10, 0.9, 0.34, 1.0, flakes=0.5)
-ASH = Grain(7, 1.3, 0.45, 0.8)
-WALNUT = Grain(8, 1.5, 0.4, 0.5)
-BEECH = Grain(14, 0.3, 0.12, 0.35, flakes=0.9)
-PINE = Grain(9, 0.8, 0.5, 0.1, knots=1.0)
-BIRCH = Grain(6, 1.6, 0.14, 0.15, flakes=0.4)
-TEAK = Grain(12, 0.6, 0.3, 0.9)
-CHERRY = Grain(7, 1.1, 0.22, 0.2)
-WENGE = Grain(26, 0.25, 0.6, 0.8)
-BAMBOO = Grain(30, 0.02, 0.25, 0.3)
-
-
 def _figure(rng: Draw, size: int, grain: Grain) -> tuple[Float32Array, ...]:
     """Mixing weight and pores (0 to 1) of plain-sawn wood with its grain along u."""
     _, v = axes(size)
@@ -88,11 +76,11 @@ def solid(rng: Draw, size: int, grain: Grain) -> Surface:
     return Surface(np.clip(mix, 0, 1), shade, rough, height.astype(np.float32), 0.8)
 
 
-def end_grain(rng: Draw, size: int) -> Surface:
+def end_grain(rng: Draw, size: int, grain: Grain) -> Surface:
     """Butcher's block: staves of 4 cm, glued, each with rings of its own."""
     metres = 0.64
     at = courses(size, metres, 2, 16, (rng.integers(0, 8, 16) / 8).astype(np.float32))
-    board = replace(OAK, rings=8.0)
+    board = replace(grain, rings=8.0)
     mix, pores = _boarded(rng, size, board, at, metres)
     joint = 1 - smoothstep(0.0, 0.0012, at.edge)
     return Surface(
@@ -104,9 +92,9 @@ def end_grain(rng: Draw, size: int) -> Surface:
     )
 
 
-def plywood(rng: Draw, size: int) -> Surface:
+def plywood(rng: Draw, size: int, grain: Grain) -> Surface:
     """Birch veneer with the odd patch."""
-    base = solid(rng, size, BIRCH)
+    base = solid(rng, size, grain)
     return replace(base, shade=base.shade + 0.02 * noise(rng, size, FIBRE))
 
 
