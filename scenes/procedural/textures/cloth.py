@@ -16,10 +16,10 @@ from pbrnet.scenes.procedural.textures.fields import (
     Surface,
     axes,
     cells,
-    constant,
     drawn,
     noise,
     smoothstep,
+    tile,
     wave,
 )
 from pbrnet.scenes.seeds import Draw
@@ -85,13 +85,7 @@ def woven(
     shade = 1 + fine * (0.3 * crown - 0.2) + 0.04 * uneven + 0.02 * yarn
     shade = shade + 0.02 * noise(rng, size, CLOUD)
     height = 0.16 * pitch * crown * fine + 0.02 * pitch * uneven
-    return Surface(
-        np.clip(mix, 0, 1).astype(np.float32),
-        shade.astype(np.float32),
-        (0.02 * uneven - 0.05 * crown * (draft == "satin")).astype(np.float32),
-        height.astype(np.float32),
-        metres,
-    )
+    return tile(metres, mix, shade, 0.02 * uneven - 0.05 * crown * (draft == "satin"), height)
 
 
 def _stripes(rng: Draw, count: int) -> Float32Array:
@@ -117,12 +111,12 @@ def knitted(rng: Draw, size: int, pitch: float = 0.007) -> Surface:
     body = np.clip(body, 0, 1)
     fuzz = noise(rng, size, GRIT)
     yarn = drawn(rng, (count,))[(j.astype(np.int64)) % count]
-    return Surface(
-        np.clip(0.25 + 0.1 * fuzz + 0.1 * yarn, 0, 1).astype(np.float32),
-        (0.72 + 0.36 * body + 0.04 * fuzz).astype(np.float32),
-        0.02 * fuzz,
-        (0.2 * pitch * body + 0.0001 * fuzz).astype(np.float32),
+    return tile(
         metres,
+        0.25 + 0.1 * fuzz + 0.1 * yarn,
+        0.72 + 0.36 * body + 0.04 * fuzz,
+        0.02 * fuzz,
+        0.2 * pitch * body + 0.0001 * fuzz,
     )
 
 
@@ -138,12 +132,12 @@ def cabled(rng: Draw, size: int) -> Surface:
     two = np.clip(1 - ((x + 0.2 * twist) * 3.4) ** 2, 0, 1)
     rope = np.maximum(one, two)
     fuzz = noise(rng, size, GRIT)
-    return Surface(
-        np.clip(0.25 + 0.12 * fuzz, 0, 1),
-        (0.7 + 0.36 * rope + 0.05 * fuzz).astype(np.float32),
-        0.02 * fuzz,
-        (0.004 * rope + 0.0002 * fuzz).astype(np.float32),
+    return tile(
         metres,
+        0.25 + 0.12 * fuzz,
+        0.7 + 0.36 * rope + 0.05 * fuzz,
+        0.02 * fuzz,
+        0.004 * rope + 0.0002 * fuzz,
     )
 
 
@@ -153,12 +147,12 @@ def pile(rng: Draw, size: int, nap: float = 1.0, metres: float = 0.6) -> Surface
     strokes = noise(rng, size, BLOTCH._replace(along=2.0))
     fibre = noise(rng, size, GRIT)
     shade = 1 + 0.04 * lie * nap + 0.025 * strokes + 0.04 * fibre
-    return Surface(
-        np.clip(0.25 + 0.07 * strokes + 0.04 * lie, 0, 1).astype(np.float32),
-        shade.astype(np.float32),
-        0.02 * lie,
-        (0.0006 * nap * lie + 0.00025 * fibre * nap).astype(np.float32),
+    return tile(
         metres,
+        0.25 + 0.07 * strokes + 0.04 * lie,
+        shade,
+        0.02 * lie,
+        0.0006 * nap * lie + 0.00025 * fibre * nap,
     )
 
 
@@ -170,12 +164,12 @@ def corduroy(rng: Draw, size: int, wales: int = 64) -> Surface:
     body = 1 - (2 * (t - np.floor(t)) - 1) ** 2
     lie, fuzz = noise(rng, size, CLOUD), noise(rng, size, GRIT)
     fine = min(1.0, size / wales / 5)
-    return Surface(
-        np.clip(0.3 + 0.05 * lie, 0, 1),
-        (1 + fine * (0.4 * body - 0.26) + 0.05 * fuzz + 0.04 * lie).astype(np.float32),
-        0.02 * fuzz,
-        (fine * 0.0012 * body + 0.0001 * fuzz).astype(np.float32),
+    return tile(
         metres,
+        0.3 + 0.05 * lie,
+        1 + fine * (0.4 * body - 0.26) + 0.05 * fuzz + 0.04 * lie,
+        0.02 * fuzz,
+        fine * 0.0012 * body + 0.0001 * fuzz,
     )
 
 
@@ -189,12 +183,8 @@ def looped(
     pitch = metres / across
     fine = min(1.0, pitch / (metres / size) / 4)
     shade = 1 + fine * curl * (0.4 * bump - 0.24) + 0.03 * lie + 0.03 * fuzz
-    return Surface(
-        np.clip(0.2 + 0.3 * own + 0.05 * lie, 0, 1).astype(np.float32),
-        shade.astype(np.float32),
-        0.02 * fuzz,
-        (fine * 0.3 * pitch * curl * bump).astype(np.float32),
-        metres,
+    return tile(
+        metres, 0.2 + 0.3 * own + 0.05 * lie, shade, 0.02 * fuzz, fine * 0.3 * pitch * curl * bump
     )
 
 
@@ -203,12 +193,11 @@ def felt(rng: Draw, size: int) -> Surface:
     a = noise(rng, size, STREAK._replace(along=6.0))
     b = noise(rng, size, STREAK._replace(along=1.0, across=6.0))
     lie = noise(rng, size, CLOUD)
-    return Surface(
-        np.clip(0.3 + 0.14 * a + 0.14 * b, 0, 1),
-        1 + 0.03 * (a + b) + 0.03 * lie,
-        constant(size, 0.0),
-        (0.00008 * (a + b) + 0.0002 * lie).astype(np.float32),
+    return tile(
         0.5,
+        0.3 + 0.14 * a + 0.14 * b,
+        1 + 0.03 * (a + b) + 0.03 * lie,
+        height=0.00008 * (a + b) + 0.0002 * lie,
     )
 
 
@@ -217,13 +206,13 @@ def carpet(rng: Draw, size: int, tuft: float = 1.0, metres: float = 1.0) -> Surf
     tufts = noise(rng, size, GRIT)
     clump = noise(rng, size, Spectrum(0.5, 40))
     worn = noise(rng, size, CLOUD)
-    mix = np.clip(0.25 + 0.13 * tufts + 0.1 * worn, 0, 1)
-    return Surface(
-        mix.astype(np.float32),
-        (1 + 0.09 * tufts * tuft + 0.06 * clump * tuft + 0.05 * worn).astype(np.float32),
-        0.02 * tufts,
-        (tuft * (0.001 * tufts + 0.0014 * clump) + 0.0006 * worn).astype(np.float32),
+    mix = 0.25 + 0.13 * tufts + 0.1 * worn
+    return tile(
         metres,
+        mix,
+        1 + 0.09 * tufts * tuft + 0.06 * clump * tuft + 0.05 * worn,
+        0.02 * tufts,
+        tuft * (0.001 * tufts + 0.0014 * clump) + 0.0006 * worn,
     )
 
 
@@ -231,9 +220,7 @@ def sisal(rng: Draw, size: int) -> Surface:
     """Coarse natural fibre in ribs of 7 mm."""
     base = woven(rng, size, "rib", pitch=0.007, slub=1.8, threads="melange")
     dark = smoothstep(1.4, 2.2, noise(rng, size, STREAK))
-    return Surface(
-        np.clip(base.mix + 0.3 * dark, 0, 1), base.shade, base.rough, base.height, base.metres
-    )
+    return tile(base.metres, base.mix + 0.3 * dark, base.shade, base.rough, base.height)
 
 
 def rag(rng: Draw, size: int) -> Surface:
@@ -245,12 +232,11 @@ def rag(rng: Draw, size: int) -> Surface:
     body = 1 - (2 * (t - j) - 1) ** 2
     tone = (rng.integers(0, 256, rows) / 256).astype(np.float32)[j]
     crumple = noise(rng, size, CRUMB._replace(along=2.0))
-    return Surface(
-        np.clip(tone + 0.1 * crumple, 0, 1).astype(np.float32),
-        (0.78 + 0.26 * body + 0.06 * crumple).astype(np.float32),
-        constant(size, 0.0),
-        (0.0025 * body + 0.0006 * crumple).astype(np.float32),
+    return tile(
         metres,
+        tone + 0.1 * crumple,
+        0.78 + 0.26 * body + 0.06 * crumple,
+        height=0.0025 * body + 0.0006 * crumple,
     )
 
 
@@ -269,12 +255,12 @@ def kilim(rng: Draw, size: int) -> Surface:
     rib = 1 - (2 * (t - np.floor(t)) - 1) ** 2
     slub = noise(rng, size, SLUB)
     fine = min(1.0, size / 180 / 4)
-    return Surface(
-        np.clip(mix + 0.08 * slub, 0, 1).astype(np.float32),
-        (1 + fine * (0.22 * rib - 0.15) + 0.04 * slub).astype(np.float32),
-        0.02 * slub,
-        (fine * 0.0006 * rib + 0.00015 * slub).astype(np.float32),
+    return tile(
         metres,
+        mix + 0.08 * slub,
+        1 + fine * (0.22 * rib - 0.15) + 0.04 * slub,
+        0.02 * slub,
+        fine * 0.0006 * rib + 0.00015 * slub,
     )
 
 
@@ -284,12 +270,12 @@ def leather(rng: Draw, size: int, grain: float = 1.0, count: int = 60) -> Surfac
     crease = 1 - smoothstep(0.0, 0.3, second - near)
     folds = noise(rng, size, CLOUD)
     fine = min(1.0, size / count / 4)
-    return Surface(
-        np.clip(0.15 + 0.5 * fine * grain * crease - 0.06 * folds, 0, 1).astype(np.float32),
-        (1 + 0.03 * folds + 0.03 * own - 0.08 * fine * crease).astype(np.float32),
-        (0.15 * crease * fine * grain - 0.03 * folds).astype(np.float32),
-        (-0.0003 * grain * fine * crease + 0.0006 * folds).astype(np.float32),
+    return tile(
         0.32,
+        0.15 + 0.5 * fine * grain * crease - 0.06 * folds,
+        1 + 0.03 * folds + 0.03 * own - 0.08 * fine * crease,
+        0.15 * crease * fine * grain - 0.03 * folds,
+        -0.0003 * grain * fine * crease + 0.0006 * folds,
     )
 
 

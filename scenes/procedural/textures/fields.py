@@ -69,6 +69,22 @@ class Surface:
     modules: tuple[int, int] | None = None
 
 
+def tile(
+    metres: float,
+    mix: AnyArray | float = 0.0,
+    shade: AnyArray | float = 1.0,
+    rough: AnyArray | float = 0.0,
+    height: AnyArray | float = 0.0,
+    modules: tuple[int, int] | None = None,
+) -> Surface:
+    """Return a surface of `metres` from maps (size, size) or single numbers, not all of them.
+
+    `mix` is cut to [0, 1].
+    """
+    maps = np.broadcast_arrays(np.clip(mix, 0, 1), shade, rough, height)
+    return Surface(*(each.astype(np.float32) for each in maps), metres, modules)
+
+
 def noise(rng: Draw, size: int, spectrum: Spectrum = CLOUD) -> Float32Array:
     """Return noise of a spectrum with mean 0 and standard deviation 1, at a random shift."""
     field = _field(size, spectrum, rng.whole(DRAWS))

@@ -22,6 +22,7 @@ from pbrnet.scenes.procedural.textures.fields import (
     hexagons,
     noise,
     smoothstep,
+    tile,
     wave,
 )
 from pbrnet.scenes.seeds import Draw
@@ -36,7 +37,7 @@ def painted(rng: Draw, size: int, nap: float = 1.0) -> Surface:
     cloud = noise(rng, size, CLOUD)
     height = 0.00012 * nap * roller + 0.00015 * cloud
     shade = 1 + 0.008 * cloud + 0.004 * roller
-    return Surface(constant(size, 0), shade, 0.02 * cloud, height.astype(np.float32), 1.6)
+    return tile(1.6, shade=shade, rough=0.02 * cloud, height=height)
 
 
 def trowelled(rng: Draw, size: int) -> Surface:
@@ -45,13 +46,9 @@ def trowelled(rng: Draw, size: int) -> Surface:
     b = noise(rng, size, BLOTCH._replace(across=2.2))
     stroke = np.maximum(a, b)
     grit = noise(rng, size, GRIT)
-    mix = np.clip(0.2 + 0.14 * a - 0.1 * b, 0, 1)
-    return Surface(
-        mix.astype(np.float32),
-        1 + 0.02 * stroke + 0.006 * grit,
-        (-0.05 * stroke).astype(np.float32),
-        (0.0009 * stroke + 0.00005 * grit).astype(np.float32),
-        1.6,
+    mix = 0.2 + 0.14 * a - 0.1 * b
+    return tile(
+        1.6, mix, 1 + 0.02 * stroke + 0.006 * grit, -0.05 * stroke, 0.0009 * stroke + 0.00005 * grit
     )
 
 
@@ -62,25 +59,15 @@ def rendered(rng: Draw, size: int, grain: float = 1.0) -> Surface:
     holes = smoothstep(1.2, 2.2, noise(rng, size, GRIT))
     height = grain * (0.0006 * grit + 0.0004 * crumb - 0.001 * holes)
     shade = 1 + 0.03 * grit - 0.12 * holes + 0.02 * noise(rng, size, CLOUD)
-    return Surface(
-        constant(size, 0),
-        shade.astype(np.float32),
-        constant(size, 0.03),
-        height.astype(np.float32),
-        1.2,
-    )
+    return tile(1.2, shade=shade, rough=0.03, height=height)
 
 
 def woodchip(rng: Draw, size: int) -> Surface:
     """Woodchip paper, painted: scattered chips under the paint."""
     chips = smoothstep(0.9, 1.8, noise(rng, size, Spectrum(0.8, 60, 1.8)))
     soft = noise(rng, size, _ROLLER)
-    return Surface(
-        constant(size, 0),
-        (1 + 0.01 * chips).astype(np.float32),
-        0.015 * soft,
-        (0.0005 * chips + 0.00006 * soft).astype(np.float32),
-        0.8,
+    return tile(
+        0.8, shade=1 + 0.01 * chips, rough=0.015 * soft, height=0.0005 * chips + 0.00006 * soft
     )
 
 
@@ -88,12 +75,8 @@ def brushed(rng: Draw, size: int) -> Surface:
     """Paint laid on with a brush, strokes along u."""
     strokes = noise(rng, size, _COMB)
     cloud = noise(rng, size, CLOUD)
-    return Surface(
-        constant(size, 0),
-        1 + 0.012 * strokes + 0.012 * cloud,
-        0.03 * cloud,
-        (0.00004 * strokes).astype(np.float32),
-        0.6,
+    return tile(
+        0.6, shade=1 + 0.012 * strokes + 0.012 * cloud, rough=0.03 * cloud, height=0.00004 * strokes
     )
 
 
@@ -106,12 +89,8 @@ def concrete(rng: Draw, size: int) -> Surface:
     seam = 1 - smoothstep(0.001, 0.001 + 2 * metres / size, at.edge)
     shade = 1 + 0.07 * cloud + 0.02 * grit - 0.3 * pores - 0.06 * seam
     height = 0.00015 * grit - 0.0015 * pores + 0.0008 * seam
-    return Surface(
-        np.clip(0.3 + 0.2 * noise(rng, size, BLOTCH), 0, 1),
-        shade.astype(np.float32),
-        (0.05 * cloud + 0.1 * pores).astype(np.float32),
-        height.astype(np.float32),
-        metres,
+    return tile(
+        metres, 0.3 + 0.2 * noise(rng, size, BLOTCH), shade, 0.05 * cloud + 0.1 * pores, height
     )
 
 
@@ -181,13 +160,13 @@ def _joined(
         mix = np.maximum(grout, np.float32(0.8) * _inlay(rng, metres, at))
     body_height = plane + pillow * edge
     dirt = 1 + 0.07 * grit + 0.05 * cloud
-    return Surface(
-        np.clip(mix, 0, 1).astype(np.float32),
-        (shade * (1 - grout) + grout * dirt).astype(np.float32),
-        (rough * (1 - grout) + 0.5 * grout).astype(np.float32),
-        (body_height * (1 - grout) - depth * grout + 0.0001 * grit * grout).astype(np.float32),
+    return tile(
         metres,
-        modules,
+        mix,
+        shade * (1 - grout) + grout * dirt,
+        rough * (1 - grout) + 0.5 * grout,
+        body_height * (1 - grout) - depth * grout + 0.0001 * grit * grout,
+        modules=modules,
     )
 
 
@@ -228,13 +207,8 @@ def brickwork(rng: Draw, size: int, bond: str = "running", worn: float = 1.0) ->
     height = (plane + 0.0006 * crumb + 0.0004 * grit) * (1 - mortar) - mortar * (
         0.004 - 0.0004 * grit
     )
-    return Surface(
-        mortar,
-        np.clip(shade, 0.35, 1.7).astype(np.float32),
-        0.03 * grit,
-        height.astype(np.float32),
-        metres,
-        (columns, 1),
+    return tile(
+        metres, mortar, np.clip(shade, 0.35, 1.7), 0.03 * grit, height, modules=(columns, 1)
     )
 
 
@@ -246,13 +220,12 @@ def roof_tiles(rng: Draw, size: int) -> Surface:
     hump = wave(at.x * np.float32(columns / metres))
     lap = at.y * np.float32(rows / metres)
     shade = 0.85 + 0.12 * hump + 0.09 * tone + 0.05 * noise(rng, size, BLOTCH) - 0.25 * (lap > 0.42)
-    return Surface(
-        np.clip(0.25 + 0.15 * noise(rng, size, BLOTCH), 0, 1),
-        shade.astype(np.float32),
-        constant(size, 0.0),
-        (0.02 * hump - 0.03 * lap).astype(np.float32),
+    return tile(
         metres,
-        (columns, rows),
+        0.25 + 0.15 * noise(rng, size, BLOTCH),
+        shade,
+        height=0.02 * hump - 0.03 * lap,
+        modules=(columns, rows),
     )
 
 
@@ -293,16 +266,16 @@ def papered(rng: Draw, size: int, print_of: str) -> Surface:
         rough, relief = -0.2 * mix, 0.0002 * mix
     else:  # grasscloth
         threads = noise(rng, size, Spectrum(0.3, 8, 30.0))
-        mix = np.clip(0.4 + 0.18 * threads, 0, 1)
+        mix = 0.4 + 0.18 * threads
         rough, relief = 0.03 * threads, 0.0003 * threads
     seam = 1 - smoothstep(0.0, 0.0008 + 0.5 * metres / size, np.abs((u * 2) % 1 - 0.5))
     grain = noise(rng, size, GRIT)
-    return Surface(
-        np.asarray(mix, dtype=np.float32),
-        (1 + 0.01 * grain - 0.05 * seam * min(1.0, 0.002 * size)).astype(np.float32),
-        rough.astype(np.float32),
-        (relief + 0.00003 * grain - 0.0001 * seam).astype(np.float32),
+    return tile(
         metres,
+        mix,
+        1 + 0.01 * grain - 0.05 * seam * min(1.0, 0.002 * size),
+        rough,
+        relief + 0.00003 * grain - 0.0001 * seam,
     )
 
 
@@ -323,12 +296,12 @@ def crazed(rng: Draw, size: int) -> Surface:
     """Glaze with a net of fine cracks."""
     near, second, _ = cells(rng, size, 18)
     crack = 1 - smoothstep(0.0, 0.05, second - near)
-    return Surface(
+    return tile(
+        0.3,
         np.float32(0.5) * crack,
         1 + 0.015 * noise(rng, size, CLOUD),
-        (0.05 * crack).astype(np.float32),
-        (-0.00005 * crack + 0.0001 * noise(rng, size, CLOUD)).astype(np.float32),
-        0.3,
+        0.05 * crack,
+        -0.00005 * crack + 0.0001 * noise(rng, size, CLOUD),
     )
 
 
@@ -338,11 +311,10 @@ def planked(rng: Draw, size: int) -> Surface:
     at = courses(size, metres, 12, 1)
     groove = 1 - smoothstep(0.001, 0.0055, at.edge)
     strokes = noise(rng, size, _COMB._replace(along=1.0, across=40.0))
-    return Surface(
-        constant(size, 0),
-        (1 - 0.16 * groove + 0.01 * strokes).astype(np.float32),
-        0.02 * noise(rng, size, STREAK._replace(along=1.0, across=24.0)),
-        (-0.003 * groove + 0.00004 * strokes).astype(np.float32),
+    return tile(
         metres,
-        (12, 1),
+        shade=1 - 0.16 * groove + 0.01 * strokes,
+        rough=0.02 * noise(rng, size, STREAK._replace(along=1.0, across=24.0)),
+        height=-0.003 * groove + 0.00004 * strokes,
+        modules=(12, 1),
     )

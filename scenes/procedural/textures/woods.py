@@ -18,12 +18,12 @@ from pbrnet.scenes.procedural.textures.fields import (
     Surface,
     axes,
     basket,
-    constant,
     courses,
     drawn,
     herringbone,
     noise,
     smoothstep,
+    tile,
     wave,
 )
 from pbrnet.scenes.seeds import Draw
@@ -73,7 +73,7 @@ def solid(rng: Draw, size: int, grain: Grain) -> Surface:
     height = -0.00012 * pores + 0.00002 * noise(rng, size, CLOUD)
     rough = 0.16 * pores + 0.025 * noise(rng, size, CLOUD)
     shade = 1 - 0.1 * pores + 0.02 * noise(rng, size, CLOUD)
-    return Surface(np.clip(mix, 0, 1), shade, rough, height.astype(np.float32), 0.8)
+    return tile(0.8, mix, shade, rough, height)
 
 
 def end_grain(rng: Draw, size: int, grain: Grain) -> Surface:
@@ -83,12 +83,12 @@ def end_grain(rng: Draw, size: int, grain: Grain) -> Surface:
     board = replace(grain, rings=8.0)
     mix, pores = _boarded(rng, size, board, at, metres)
     joint = 1 - smoothstep(0.0, 0.0012, at.edge)
-    return Surface(
-        np.clip(mix, 0, 1),
-        1 - 0.25 * joint * min(1.0, 0.0012 * size / metres),
-        (0.14 * pores + 0.02 * noise(rng, size, CLOUD)).astype(np.float32),
-        (-0.0001 * pores - 0.00008 * joint).astype(np.float32),
+    return tile(
         metres,
+        mix,
+        1 - 0.25 * joint * min(1.0, 0.0012 * size / metres),
+        0.14 * pores + 0.02 * noise(rng, size, CLOUD),
+        -0.0001 * pores - 0.00008 * joint,
     )
 
 
@@ -102,28 +102,16 @@ def chipboard(rng: Draw, size: int) -> Surface:
     """Pressed chips, as of boards' backs and pin boards."""
     chips = noise(rng, size, CRUMB._replace(along=2.5))
     grit = noise(rng, size, GRIT)
-    mix = np.clip(0.35 + 0.2 * chips + 0.1 * grit, 0, 1)
-    return Surface(
-        mix.astype(np.float32),
-        1 + 0.06 * chips,
-        0.04 * grit,
-        (0.00008 * chips + 0.00004 * grit).astype(np.float32),
-        0.5,
-    )
+    mix = 0.35 + 0.2 * chips + 0.1 * grit
+    return tile(0.5, mix, 1 + 0.06 * chips, 0.04 * grit, 0.00008 * chips + 0.00004 * grit)
 
 
 def cork(rng: Draw, size: int) -> Surface:
     """Agglomerated cork granules."""
     crumbs = noise(rng, size, CRUMB)
     dark = smoothstep(1.1, 1.9, noise(rng, size, GRIT))
-    mix = np.clip(0.25 + 0.2 * crumbs + 0.6 * dark, 0, 1)
-    return Surface(
-        mix.astype(np.float32),
-        1 + 0.1 * crumbs,
-        0.05 * crumbs,
-        (0.0002 * crumbs - 0.0004 * dark).astype(np.float32),
-        0.4,
-    )
+    mix = 0.25 + 0.2 * crumbs + 0.6 * dark
+    return tile(0.4, mix, 1 + 0.1 * crumbs, 0.05 * crumbs, 0.0002 * crumbs - 0.0004 * dark)
 
 
 def _boarded(
@@ -180,14 +168,7 @@ def floor(
     shade = (1 + tone) * (1 - 0.55 * seen * seam)
     rough = 0.14 * pores + 0.2 * seam + gloss * cloud + 0.02 * tilt[2][at.number]
     height = lean - bevel * 0.4 * seam - 0.0001 * pores
-    return Surface(
-        np.clip(mix, 0, 1).astype(np.float32),
-        shade.astype(np.float32),
-        rough.astype(np.float32),
-        height.astype(np.float32),
-        metres,
-        modules,
-    )
+    return tile(metres, mix, shade, rough, height, modules=modules)
 
 
 def wicker(rng: Draw, size: int) -> Surface:
@@ -199,27 +180,15 @@ def wicker(rng: Draw, size: int) -> Surface:
     along = wave(u * (stakes / 2) + np.float32(0.5) * (row % 2))
     body = (1 - round_rod * round_rod).astype(np.float32)
     tone = drawn(rng, (rods,))[row]
-    mix = np.clip(0.35 + 0.18 * tone + 0.1 * noise(rng, size, STREAK), 0, 1)
+    mix = 0.35 + 0.18 * tone + 0.1 * noise(rng, size, STREAK)
     height = 0.0025 * body + 0.003 * along
     shade = 0.7 + 0.25 * body + 0.15 * along + 0.04 * tone
-    return Surface(
-        mix.astype(np.float32),
-        shade.astype(np.float32),
-        (0.05 * tone).astype(np.float32),
-        height.astype(np.float32),
-        metres,
-    )
+    return tile(metres, mix, shade, 0.05 * tone, height)
 
 
 def bark(rng: Draw, size: int) -> Surface:
     """Furrowed bark with its ridges along v."""
     ridges = noise(rng, size, CRUMB._replace(across=5.0))
     fine = noise(rng, size, GRIT)
-    mix = np.clip(0.4 - 0.25 * ridges, 0, 1)
-    return Surface(
-        mix.astype(np.float32),
-        (1 + 0.12 * ridges + 0.06 * fine).astype(np.float32),
-        constant(size, 0.0),
-        (0.004 * ridges + 0.0006 * fine).astype(np.float32),
-        0.6,
-    )
+    mix = 0.4 - 0.25 * ridges
+    return tile(0.6, mix, 1 + 0.12 * ridges + 0.06 * fine, height=0.004 * ridges + 0.0006 * fine)
