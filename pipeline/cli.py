@@ -18,6 +18,20 @@ UNEXPECTED = 70  # exit code of a fault of pbrnet, as in sysexits.h
 _LONG_LINE, _LONG_MESSAGE = 1000, 3500  # characters; a hostile file may put any number into one
 # Command: its definition and its line in `pbrnet --help`, which then imports no command.
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
+    "Project": {
+        "init": (
+            "pbrnet.pipeline.commands.project:init",
+            "Make a folder a project: parameters, stages, DVC.",
+        ),
+        "preset": (
+            "pbrnet.pipeline.commands.project:preset",
+            "Write a parameter preset to params.yaml.",
+        ),
+        "params": (
+            "pbrnet.pipeline.commands.project:params",
+            "Print the effective parameters and their meaning.",
+        ),
+    },
     "Stages, in the order of dvc.yaml": {
         "assets": (
             "pbrnet.pipeline.commands.stages:assets",
@@ -107,12 +121,8 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "Write the dataset in a format of other projects.",
         ),
         "cost": ("pbrnet.pipeline.commands.cost:cost", "Forecast the core-hours of a run."),
-        "preset": (
-            "pbrnet.pipeline.commands.setup:preset",
-            "Copy a parameter preset to params.yaml.",
-        ),
         "doctor": (
-            "pbrnet.pipeline.commands.setup:doctor",
+            "pbrnet.model.commands.doctor:doctor",
             "Report what this machine has and lacks.",
         ),
     },
@@ -147,7 +157,7 @@ class LazyGroup(click.Group):
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="""\b
 Examples:
-  pbrnet preset quick                     start from the quick-start parameters
+  pbrnet init rooms                       a new project, with the quick start's parameters
   dvc repro                               run the stages that are out of date
   pbrnet groundtruth --workers 8          run one stage
   pbrnet run --params P.yaml --data D     run all stages up to the dataset in another folder

@@ -7,10 +7,11 @@ has them as parameters of stages.
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
-import yaml
-
+from pbrnet.pipeline.params import read_yaml
+from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.installation import PACKAGE
 
 FILE = PACKAGE / "project" / "keys.yaml"
@@ -28,8 +29,16 @@ def keys(*names: str) -> dict[str, int]:
 
 @lru_cache(maxsize=1)
 def table() -> dict[str, int]:
-    """Return all keys by dotted name, in the order of the file."""
-    return dict(_flat(yaml.safe_load(FILE.read_text(encoding="utf-8")), ""))
+    """Return all keys of this version by dotted name, in the order of the file."""
+    return read_table(FILE)
+
+
+def read_table(file: Path) -> dict[str, int]:
+    """Return the keys of a file, of a project or of this version; raises `ParameterError`."""
+    try:
+        return dict(_flat(read_yaml(file) or {}, ""))
+    except (AttributeError, TypeError, ValueError):
+        raise ParameterError(f"{file}: not a table of numbers by name") from None
 
 
 def _flat(part: dict[str, Any], prefix: str) -> list[tuple[str, int]]:

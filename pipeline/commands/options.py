@@ -11,8 +11,9 @@ from typing import Any
 
 import click
 
+from pbrnet.pipeline.keys import read_table, table
 from pbrnet.pipeline.params import load_params
-from pbrnet.scenes.files import resolved
+from pbrnet.scenes.files import exists, resolved
 
 Command = Callable[..., Any]
 
@@ -62,11 +63,27 @@ def common_options(command: Command) -> Command:
         options = {name: others.pop(name, None) for name in ("workers", "transfer")}
         given = {name: value for name, value in options.items() if value is not None}
         params = load_params(params_file, seed)
+        warn_of_keys(Path("keys.yaml"))
         resolved(others["data"])  # refuses links in a circle
         params = replace(params, farm=replace(params.farm, **given))
         return command(params=params, **others)
 
     return wrapped
+
+
+def warn_of_keys(file: Path) -> None:
+    """Say on stderr that a project's keys are those of another version of pbrnet."""
+    if not exists(file):
+        return
+    known, here = table(), read_table(file)
+    for name in sorted(known.keys() | here.keys()):
+        if known.get(name) != here.get(name):
+            click.echo(
+                f"{file}: {name} is {here.get(name, 'missing')}, but {known.get(name, 'missing')} "
+                "in this version of pbrnet; renew the file with: pbrnet init --update",
+                err=True,
+            )
+            return
 
 
 def farm_options(command: Command) -> Command:

@@ -32,9 +32,12 @@ class Parameter:
         return bool(self.value != self.default)
 
 
-def parameters(params: Params) -> list[Parameter]:
-    """Return all sections and parameters, in the order of the file."""
-    found = list(_walk(params, Params(), ""))
+def parameters(params: Params, inline: bool = True) -> list[Parameter]:
+    """Return all sections and parameters, in the order of the file.
+
+    With `inline`, a section that the file has in one line counts as one parameter.
+    """
+    found = list(_walk(params, Params(), "", inline))
     if params.scenes.texture_size != texture_size_for(params.image.width):
         return found
     return [
@@ -43,15 +46,15 @@ def parameters(params: Params) -> list[Parameter]:
     ]
 
 
-def _walk(value: Any, default: Any, where: str) -> Iterator[Parameter]:
+def _walk(value: Any, default: Any, where: str, inline: bool) -> Iterator[Parameter]:
     for field in fields(value):
         mine, usual = getattr(value, field.name), getattr(default, field.name)
         key = f"{where}{field.name}"
-        inside = is_dataclass(mine) and "inline" not in field.metadata
+        inside = is_dataclass(mine) and not (inline and "inline" in field.metadata)
         meaning = field.metadata.get("meaning", "")
         yield Parameter(key, plain(mine), plain(usual), meaning, inside)
         if inside:
-            yield from _walk(mine, usual, f"{key}.")
+            yield from _walk(mine, usual, f"{key}.", inline)
 
 
 def parameter_text(params: Params, title: str = QUICK) -> str:

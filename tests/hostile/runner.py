@@ -35,7 +35,7 @@ _PRELOADED = (
     "pbrnet.pipeline.commands.data",
     "pbrnet.pipeline.commands.cost",
     "pbrnet.pipeline.commands.stages",
-    "pbrnet.pipeline.commands.setup",
+    "pbrnet.model.commands.doctor",
     "pbrnet.model.commands.predict",
     "pbrnet.model.commands.networks",
     "pbrnet.model.commands.report",

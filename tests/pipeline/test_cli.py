@@ -16,10 +16,10 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
+from pbrnet.model.commands import doctor
+from pbrnet.model.commands.doctor import examine
 from pbrnet.model.training.settings import Baseline
 from pbrnet.pipeline.cli import COMMANDS, cli, main
-from pbrnet.pipeline.commands import setup
-from pbrnet.pipeline.commands.setup import examine
 from pbrnet.pipeline.release.presets import find_preset
 from tests.fixtures.paths import ROOT
 
@@ -180,8 +180,8 @@ def test_strange_places_and_numbers_end_in_one_line(
 def test_doctor_lists_every_optional_extra_with_its_command(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pbrnet.pipeline.commands.setup.find_spec", lambda name: None)
-    monkeypatch.setattr("pbrnet.pipeline.commands.setup.shutil.which", lambda name: None)
+    monkeypatch.setattr("pbrnet.model.commands.doctor.find_spec", lambda name: None)
+    monkeypatch.setattr("pbrnet.model.commands.doctor.shutil.which", lambda name: None)
     assert exit_code("doctor", "--json") == 0
     found = {each["topic"]: each for each in json.loads(capsys.readouterr().out)}
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -195,7 +195,7 @@ def test_doctor_names_the_pretrained_networks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(setup, "PACKED", tmp_path / "weights")
+    monkeypatch.setattr(doctor, "PACKED", tmp_path / "weights")
 
     def said() -> str:
         return next(one.state for one in examine() if one.topic == "pretrained")

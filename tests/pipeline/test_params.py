@@ -128,7 +128,7 @@ def test_paper_preset_holds_the_papers_figures() -> None:
 
 def test_no_preset_claims_how_long_it_takes() -> None:
     """The README states the measured duration of the quick start; the other places do not."""
-    help_text = (ROOT / "pipeline" / "commands" / "setup.py").read_text()
+    help_text = (ROOT / "pipeline" / "commands" / "project.py").read_text()
     for text in [help_text, *(path.read_text() for path in (ROOT / "params.yaml", *PRESETS))]:
         assert not re.search(r"\bminutes?\b", text)
 

@@ -1,4 +1,4 @@
-"""`pbrnet preset` and `pbrnet doctor`: parameter presets and a check of the machine."""
+"""`pbrnet doctor`: what this machine has and lacks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import platform
 import shutil
 import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
@@ -19,11 +19,7 @@ import psutil
 import torch
 
 from pbrnet.model.training.settings import Baseline
-from pbrnet.pipeline.release.parameter_text import parameter_text
-from pbrnet.pipeline.release.presets import find_preset, presets
 from pbrnet.pipeline.versions import PACKED
-from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import exists, regular_file, write_text
 
 
 @dataclass(frozen=True)
@@ -63,55 +59,6 @@ EXTRAS = (
     Extra("ktx2", ("opengl_basisu",), "opengl_basisu", "glTF with KHR_texture_basisu"),
 )
 NETWORKS = ("shading", "composition", *get_args(Baseline))
-
-
-@click.command(
-    epilog="""\b
-Examples:
-  pbrnet preset                list the presets
-  pbrnet preset quick          the quick start, for a machine with two cores
-  pbrnet preset paper --force  480x360 at the paper's scale, for a cluster"""
-)
-@click.argument("name", required=False)
-@click.option("--force", is_flag=True, help="Overwrite a parameter file that was edited.")
-@click.option(
-    "--params",
-    "target",
-    type=click.Path(path_type=Path),
-    default=Path("params.yaml"),
-    show_default=True,
-    help="Parameter file to write.",
-)
-@click.option(
-    "--seed", type=click.IntRange(0), default=None, help="Root seed to write into the file."
-)
-def preset(name: str | None, force: bool, target: Path, seed: int | None) -> None:
-    """Write the parameter preset NAME to params.yaml; without NAME, list the presets.
-
-    The file has every key, with a comment where a value differs from the quick start's. Presets are
-    params/*.yaml, of the working folder and of the package.
-    """
-    if name is None:
-        for label, one in presets().items():
-            click.echo(f"{label:12} {one.title.split('. ')[0]}")
-        return
-    found = find_preset(name)
-    params = found.params()
-    text = parameter_text(params if seed is None else replace(params, seed=seed), found.title)
-    if target.is_dir():
-        raise ParameterError(f"{target}: a folder; expected a file")
-    if exists(target) and not force:
-        try:
-            current = regular_file(target).read_text(encoding="utf-8", errors="replace")
-        except InputError as error:
-            raise ParameterError(str(error)) from None
-        if current not in (text, *(one.text() for one in presets().values())):
-            raise ParameterError(
-                f"{target}: was edited and is equal to no preset; keep a copy, then overwrite it "
-                "with --force"
-            )
-    write_text(target, text)
-    click.echo(f"{target} now holds the preset {name!r}; next: dvc repro")
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,194 @@
+"""`pbrnet init`, `pbrnet preset` and `pbrnet params`: a project's folder and its parameters."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pbrnet.pipeline.commands.options import common_options, farm_options
+from pbrnet.pipeline.params import Params, read_yaml
+from pbrnet.pipeline.release.parameter_text import Parameter, flow, parameter_text, parameters
+from pbrnet.pipeline.release.presets import find_preset, presets
+from pbrnet.scenes.errors import InputError, MachineError, ParameterError
+from pbrnet.scenes.files import exists, regular_file, write_text
+from pbrnet.scenes.installation import PACKAGE
+
+_CODE = ("dvc.yaml", "keys.yaml")  # what a newer version of pbrnet renews
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet init                the working folder, which may hold other files
+  pbrnet init rooms          a new folder
+  pbrnet init --update       dvc.yaml and keys.yaml of this version, after an update of pbrnet"""
+)
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path())
+@click.option("--update", is_flag=True, help="Renew dvc.yaml and keys.yaml, and nothing else.")
+@click.option("--seed", type=int, default=None, hidden=True)
+def init(folder: Path, update: bool, seed: int | None) -> None:
+    """Make FOLDER a project: params.yaml, dvc.yaml, keys.yaml, .gitignore, and DVC's own files.
+
+    Overwrites nothing. `dvc repro` then runs the quick start.
+    """
+    texts = {name: _text(name) for name in _CODE}
+    if not update:
+        texts |= {"params.yaml": parameter_text(Params()), ".gitignore": _text("gitignore")}
+        there = [name for name in texts if exists(folder / name)]
+        if there:
+            raise ParameterError(f"{folder}: has {', '.join(there)} already; nothing was written")
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    click.echo(f"{folder}: wrote {', '.join(texts)}")
+    if not update:
+        _init_dvc(folder)
+
+
+def _text(name: str) -> str:
+    return (PACKAGE / "project" / name).read_text(encoding="utf-8")
+
+
+def _init_dvc(folder: Path) -> None:
+    """Initialise DVC in a folder, for its git repository if it is in one."""
+    if exists(folder / ".dvc"):
+        return
+    if find_spec("dvc") is None:
+        click.echo("DVC is missing; for dvc repro: pip install 'pbrnet[dvc]'. Next: pbrnet run")
+        return
+    try:
+        found = subprocess.run(
+            ["git", "rev-parse", "--show-toplevel"], cwd=folder, capture_output=True, text=True
+        )
+        top = found.stdout.strip() if found.returncode == 0 else ""
+    except FileNotFoundError:
+        top = ""
+    options = [] if top else ["--no-scm"]
+    if top and Path(top) != folder.resolve():
+        options = ["--subdir"]
+    done = subprocess.run(
+        [sys.executable, "-m", "dvc", "init", "--quiet", *options],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+    )
+    if done.returncode:
+        raise MachineError(f"dvc init failed: {done.stderr.strip() or done.stdout.strip()}")
+    click.echo("Next: dvc repro")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet preset                list the presets
+  pbrnet preset quick          the quick start, for a machine with two cores
+  pbrnet preset paper --force  480x360 at the paper's scale, for a cluster"""
+)
+@click.argument("name", required=False)
+@click.option("--force", is_flag=True, help="Overwrite a parameter file that was edited.")
+@click.option(
+    "--params",
+    "target",
+    type=click.Path(path_type=Path),
+    default=Path("params.yaml"),
+    show_default=True,
+    help="Parameter file to write.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=None, help="Root seed to write into the file."
+)
+def preset(name: str | None, force: bool, target: Path, seed: int | None) -> None:
+    """Write the parameter preset NAME to params.yaml; without NAME, list the presets.
+
+    The file has every key, with a comment where a value differs from the quick start's. Presets are
+    params/*.yaml, of the working folder and of the package.
+    """
+    if name is None:
+        for label, one in presets().items():
+            click.echo(f"{label:12} {one.title.split('. ')[0]}")
+        return
+    found = find_preset(name)
+    params = found.params()
+    text = parameter_text(params if seed is None else replace(params, seed=seed), found.title)
+    if target.is_dir():
+        raise ParameterError(f"{target}: a folder; expected a file")
+    if exists(target) and not force:
+        try:
+            current = regular_file(target).read_text(encoding="utf-8", errors="replace")
+        except InputError as error:
+            raise ParameterError(str(error)) from None
+        if current not in (text, *(one.text() for one in presets().values())):
+            raise ParameterError(
+                f"{target}: was edited and is equal to no preset; keep a copy, then overwrite it "
+                "with --force"
+            )
+    write_text(target, text)
+    click.echo(f"{target} now holds the preset {name!r}; next: dvc repro")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet params                       every value, where it comes from, and its meaning
+  pbrnet params groundtruth           of one section
+  pbrnet params --changed             those that are not the quick start's
+  pbrnet params --params params/paper.yaml --json"""
+)
+@click.argument("section", required=False)
+@click.option("--changed", is_flag=True, help="Only values that differ from the quick start's.")
+@click.option("--json", "as_json", is_flag=True, help="Print machine-readable JSON.")
+@farm_options
+@common_options
+@click.pass_context
+def params(
+    context: click.Context,
+    params: Params,
+    data: Path,
+    scheduler: str | None,
+    section: str | None,
+    changed: bool,
+    as_json: bool,
+) -> None:
+    """Print the effective parameters: value, where it comes from, one line of meaning."""
+    file = context.params["params_file"]
+    options = {"seed": "seed", "workers": "farm.workers", "transfer": "farm.transfer"}
+    given = {key for name, key in options.items() if context.params[name] is not None}
+    written = set(_keys(read_yaml(file) or {}))
+    rows = [
+        {"key": one.key, "value": one.value, "from": _origin(one, given, written, file),
+         "default": one.default, "meaning": one.meaning}
+        for one in parameters(params, inline=False)
+        if not one.is_section and _inside(one.key, section) and (one.differs or not changed)
+    ]  # fmt: skip
+    if section and not any(_inside(one.key, section) for one in parameters(params, inline=False)):
+        raise ParameterError(f"{section}: no such section or parameter")
+    if as_json:
+        click.echo(json.dumps(rows, indent=1))
+        return
+    for row in rows:
+        value = f"{row['key']} = {flow(row['value'])}"
+        click.echo(f"{value:44}  {row['from']:14}  {row['meaning']}".rstrip())
+
+
+def _inside(key: str, section: str | None) -> bool:
+    return section is None or f"{key}.".startswith(f"{section}.")
+
+
+def _origin(one: Parameter, given: set[str], written: set[str], file: Path) -> str:
+    if one.key in given:
+        return f"--{one.key.split('.')[-1]}"
+    return str(file) if one.key in written else "default"
+
+
+def _keys(content: Any, prefix: str = "") -> list[str]:
+    """Return the dotted keys of the values in nested mappings."""
+    if not isinstance(content, dict):
+        return [prefix]
+    parts = (_keys(item, f"{prefix}.{name}".lstrip(".")) for name, item in content.items())
+    return [key for part in parts for key in part]

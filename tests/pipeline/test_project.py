@@ -1,0 +1,69 @@
+"""`pbrnet init` and `pbrnet params`: a project's folder, and what its parameters are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from pbrnet.pipeline.cli import cli
+from pbrnet.scenes.errors import ParameterError
+from tests.fixtures.paths import ROOT
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def pbrnet(*words: str) -> Result:
+    """Run a command in this process."""
+    return CliRunner().invoke(cli, words, catch_exceptions=True)
+
+
+def test_init_writes_a_project_and_overwrites_nothing() -> None:
+    Path(".dvc").mkdir()  # as if DVC were there: starting it takes a second
+    Path("dvc.yaml").write_text("mine")
+    assert isinstance(pbrnet("init").exception, ParameterError)
+    assert [path.name for path in Path().iterdir() if path.is_file()] == ["dvc.yaml"]
+    Path("dvc.yaml").unlink()
+    assert pbrnet("init").exit_code == 0
+    for name in ("params.yaml", "dvc.yaml", "keys.yaml"):
+        assert Path(name).read_text() == (ROOT / name).read_text()
+    assert "/data/" in Path(".gitignore").read_text()
+
+
+def test_keys_of_another_version_are_noticed_and_renewed() -> None:
+    Path(".dvc").mkdir()
+    pbrnet("init")
+    assert pbrnet("params", "seed").stderr == ""
+    known = Path("keys.yaml").read_text()
+    Path("keys.yaml").write_text(known.replace("assets: 1 ", "assets: 9 "))
+    said = pbrnet("params", "seed").stderr
+    assert "assets is 9, but 1 in this version" in said and "pbrnet init --update" in said
+    Path("params.yaml").write_text("seed: 7")
+    assert pbrnet("init", "--update").exit_code == 0
+    assert Path("keys.yaml").read_text() == known
+    assert Path("params.yaml").read_text() == "seed: 7"
+
+
+def test_params_says_value_origin_and_meaning() -> None:
+    Path("params.yaml").write_text("seed: 7\nimage: {width: 64}\ntrain: {can: {epochs: 3}}\n")
+    rows = json.loads(pbrnet("params", "--json", "--workers", "3").stdout)
+    found = {row["key"]: row for row in rows}
+    assert (found["seed"]["value"], found["seed"]["from"]) == (7, "params.yaml")
+    assert (found["farm.workers"]["value"], found["farm.workers"]["from"]) == (3, "--workers")
+    assert (found["image.height"]["value"], found["image.height"]["from"]) == (120, "default")
+    assert found["train.can.epochs"]["default"] == 10 and found["train.can.levels"]["value"] == 10
+    assert found["scenes.texture_size"]["value"] == "auto"
+    assert found["cameras.grid"]["meaning"].startswith("metres")
+    changed = pbrnet("params", "--changed").stdout.splitlines()
+    assert [line.split()[0] for line in changed] == ["seed", "image.width", "train.can.epochs"]
+    assert {line.split()[0] for line in pbrnet("params", "image").stdout.splitlines()} == {
+        "image.width", "image.height", "image.half_fov_x", "image.projection",
+    }  # fmt: skip
+    assert isinstance(pbrnet("params", "imag").exception, ParameterError)
