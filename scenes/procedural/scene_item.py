@@ -58,6 +58,11 @@ class Pose:
         y = self.y + sine * points[:, 0] + cosine * points[:, 1]
         return np.stack([x, y, points[:, 2] + self.z], axis=1)
 
+    def beside(self, x: float, y: float, turn: float = 0.0) -> Pose:
+        """The pose at (x, y) of the piece's frame, turned against it by degrees."""
+        at = self.apply(np.array([[x, y, 0.0]]))[0]
+        return Pose(float(at[0]), float(at[1]), self.z, (self.yaw + turn) % 360)
+
     def rotate(self, directions: Float64Array) -> Float64Array:
         """Rotate directions (N, 3) from the piece's frame to the world."""
         return replace(self, x=0.0, y=0.0, z=0.0).apply(directions)

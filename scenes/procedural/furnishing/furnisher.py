@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -83,17 +84,35 @@ class Furnisher:
         made = THINGS[kind] if kind in THINGS else FURNITURE_KINDS[kind]
         return made.make(self.rng, self.style, **options)
 
-    def along_wall(self, kind: str, where: str = "any") -> PlacedPiece | None:
-        """Place a piece with its back to a wall; two attempts with different pieces."""
+    def _unwanted(self, wanted: float | None) -> bool:
+        return wanted is not None and not self.wants(wanted)
+
+    def along_wall(
+        self, kind: str, where: str = "any", wanted: float | None = None
+    ) -> PlacedPiece | None:
+        """Place a piece with its back to a wall; two attempts with different pieces.
+
+        `wanted`, here and below: the share of rooms in homes of middling density that have it.
+        """
+        if self._unwanted(wanted):
+            return None
         for _ in range(2):
             item = self.space.against_wall(self.rng, kind, self.make(kind), where=where)
             if item is not None:
                 return item
         return None
 
-    def put_plant(self) -> None:
-        """Place a large plant in a corner."""
-        self.space.in_corner(self.rng, "plant", self.make("plant"))
+    def in_corner(self, kind: str, wanted: float | None = None) -> PlacedPiece | None:
+        """Place a piece in a corner."""
+        if self._unwanted(wanted):
+            return None
+        return self.space.in_corner(self.rng, kind, self.make(kind))
+
+    def on_floor(self, kind: str, wanted: float | None = None) -> PlacedPiece | None:
+        """Place a piece anywhere on the floor."""
+        if self._unwanted(wanted):
+            return None
+        return self.space.anywhere(self.rng, kind, self.make(kind))
 
     def lay_rug(self) -> None:
         """With probability 1/2, lay a rug in the middle of the free floor."""
@@ -104,10 +123,30 @@ class Furnisher:
         pose = Pose(float(middle[0]), float(middle[1]), 0.0, self.rng.pick([0.0, 90.0]))
         self.space.try_place("rug", rug, pose, zone=False)
 
-    def hang(self, kind: str) -> PlacedPiece | None:
+    def hang(self, kind: str, wanted: float | None = None) -> PlacedPiece | None:
         """Hang a piece on a bare wall."""
-        piece = self.make(kind)
-        return self.space.on_wall(self.rng, kind, piece)
+        if self._unwanted(wanted):
+            return None
+        return self.space.on_wall(self.rng, kind, self.make(kind))
+
+    def hang_clock(self) -> None:
+        """Hang a clock in the rooms that may have one."""
+        if self.may_leave("wall_clock"):
+            self.hang("wall_clock")
+
+    def on_top(
+        self, kind: str, carrier: PlacedPiece, *, centre: bool = False, tries: int = 12
+    ) -> PlacedPiece | None:
+        """Place a piece on a support surface of another."""
+        return self.space.on_top(
+            self.rng, kind, self.make(kind), carrier, centre=centre, tries=tries
+        )
+
+    def place_beside(
+        self, kind: str, piece: FurniturePiece, item: PlacedPiece, x: float, y: float, **how: Any
+    ) -> PlacedPiece | None:
+        """Place a piece on the floor at (x, y) of an item's frame, turned as it is."""
+        return self.space.try_place(kind, piece, item.pose.beside(x, y), **how)
 
     def hang_pictures(self, count: int) -> None:
         """Hang pictures: first above low furniture against a wall, then on bare walls."""
@@ -138,8 +177,10 @@ class Furnisher:
             piece = self.make("picture")
             space.on_wall(rng, "picture", piece, where="middle")
 
-    def hang_row(self, most: int) -> None:
+    def hang_row(self, most: int, wanted: float) -> None:
         """Hang three to `most` pictures of one size in a row, where a wall has room for three."""
+        if self._unwanted(wanted):
+            return
         rng, space = self.rng, self.space
         width = rng.between(0.22, 0.38)
         height = width * rng.pick([1.0, 1.3, 1.4])

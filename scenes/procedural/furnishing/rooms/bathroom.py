@@ -7,7 +7,6 @@ import numpy as np
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
 from pbrnet.scenes.procedural.furnishing.rooms.windows import hang_radiators
 from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece
-from pbrnet.scenes.procedural.scene_item import Pose
 
 
 def furnish_bathroom(furnisher: Furnisher) -> None:
@@ -23,17 +22,17 @@ def furnish_bathroom(furnisher: Furnisher) -> None:
             rng, "washing_machine", furnisher.make("washing_machine"), where="corner", tries=80
         )
     if furnisher.chance(0.8):
-        space.on_wall(rng, "towel_rail", furnisher.make("towel_rail"))
+        furnisher.hang("towel_rail")
     hang_radiators(furnisher)
     _lay_mat(furnisher, tub or basin)
     for kind, probability in (("waste_bin", 0.6), ("stool", 0.25)):
         if furnisher.chance(probability):
-            space.in_corner(rng, kind, furnisher.make(kind))
+            furnisher.in_corner(kind)
     if furnisher.chance(0.35):
-        furnisher.put_plant()
-    for kind, probability in (("wall_board", 0.8), ("rack", 0.6), ("wall_board", 0.45)):
-        if furnisher.wants(probability):
-            furnisher.hang(kind) if kind == "wall_board" else furnisher.along_wall(kind)
+        furnisher.in_corner("plant")
+    furnisher.hang("wall_board", wanted=0.8)
+    furnisher.along_wall("rack", wanted=0.6)
+    furnisher.hang("wall_board", wanted=0.45)
     if furnisher.chance(0.5):
         furnisher.hang_pictures(furnisher.number(1, 2))
 
@@ -110,7 +109,4 @@ def _lay_mat(furnisher: Furnisher, before: PlacedPiece | None) -> None:
         return
     mat = furnisher.make("rug", width=0.8, depth=0.5)
     depth = float(-before.piece.bounds[0, 1]) + 0.32
-    x, y, _ = before.pose.apply(np.array([[0.0, -depth, 0.0]]))[0]
-    furnisher.space.try_place(
-        "rug", mat, Pose(float(x), float(y), 0.0, before.pose.yaw), zone=False
-    )
+    furnisher.place_beside("rug", mat, before, 0.0, -depth, zone=False)

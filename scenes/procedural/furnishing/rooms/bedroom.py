@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher, has_opening
-from pbrnet.scenes.procedural.furnishing.rooms.desks import place_desk
-from pbrnet.scenes.procedural.furnishing.rooms.seats import place_armchair
+from pbrnet.scenes.procedural.furnishing.rooms.living import place_armchair
+from pbrnet.scenes.procedural.furnishing.rooms.study import place_desk
 from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece
 from pbrnet.scenes.procedural.plan import WallEdge
-from pbrnet.scenes.procedural.scene_item import Pose
 
 
 def furnish_bedroom(furnisher: Furnisher) -> None:
@@ -25,32 +24,25 @@ def furnish_bedroom(furnisher: Furnisher) -> None:
         space.remove_last()
         built_in = False
         bed = _place_bed(furnisher, "double_bed") or _place_bed(furnisher, "single_bed")
-    if not built_in and furnisher.wants(0.95):
-        furnisher.along_wall("wardrobe", where="corner")
-    if furnisher.wants(0.6):
-        furnisher.along_wall("chest_of_drawers")
+    if not built_in:
+        furnisher.along_wall("wardrobe", where="corner", wanted=0.95)
+    furnisher.along_wall("chest_of_drawers", wanted=0.6)
     if furnisher.area > 12 and furnisher.wants(0.35):
         place_desk(furnisher)
     if furnisher.wants(0.35):
         space.against_wall(rng, "floor_mirror", furnisher.make("floor_mirror"), where="corner")
     if furnisher.area > 13 and furnisher.wants(0.4):
         place_armchair(furnisher, None)
-    if furnisher.wants(0.55):
-        furnisher.put_plant()
-    if furnisher.wants(0.3):
-        space.in_corner(rng, "floor_lamp", furnisher.make("floor_lamp"))
+    furnisher.in_corner("plant", wanted=0.55)
+    furnisher.in_corner("floor_lamp", wanted=0.3)
     for kind, probability in (("storage_box", 0.2), ("pouf", 0.18), ("waste_bin", 0.3)):
         if furnisher.wants(probability):
-            space.in_corner(rng, kind, furnisher.make(kind)) or space.anywhere(
-                rng, kind, furnisher.make(kind)
-            )
+            furnisher.in_corner(kind) or furnisher.on_floor(kind)
     furnisher.hang_pictures(furnisher.number(1, 3))
-    if furnisher.wants(0.25):
-        furnisher.hang_row(4)
+    furnisher.hang_row(4, wanted=0.25)
     for _ in range(furnisher.number(0, 3)):
         furnisher.hang("wall_shelf")
-    if furnisher.wants(0.3):
-        furnisher.hang("wall_mirror")
+    furnisher.hang("wall_mirror", wanted=0.3)
 
 
 def _build_in_wardrobe(furnisher: Furnisher) -> bool:
@@ -110,12 +102,8 @@ def _stand_beside(
     if furnisher.wants(0.65):
         rug = furnisher.make("rug", width=rng.between(1.2, 1.7), depth=0.7)
         foot = float(-bed.piece.bounds[0, 1]) + 0.45
-        x, y, _ = bed.pose.apply(np.array([[0.0, -foot, 0.0]]))[0]
-        space.try_place("rug", rug, Pose(float(x), float(y), 0.0, bed.pose.yaw), zone=False)
+        furnisher.place_beside("rug", rug, bed, 0.0, -foot, zone=False)
     elif furnisher.wants(0.3):
         bench = furnisher.make("bench", width=1.1)
         foot = float(-bed.piece.bounds[0, 1]) + 0.5 * float(np.ptp(bench.bounds[:, 1])) + 0.06
-        x, y, _ = bed.pose.apply(np.array([[0.0, -foot, 0.0]]))[0]
-        space.try_place(
-            "bench", bench, Pose(float(x), float(y), 0.0, bed.pose.yaw), allow=(bed.id,)
-        )
+        furnisher.place_beside("bench", bench, bed, 0.0, -foot, allow=(bed.id,))

@@ -12,25 +12,20 @@ from pbrnet.scenes.procedural.scene_item import Pose
 def furnish_hall(furnisher: Furnisher) -> None:
     """Furnish a hall or corridor."""
     furnisher.hang("coat_hooks")
-    if furnisher.wants(0.8):
-        furnisher.along_wall("shoe_rack")
+    furnisher.along_wall("shoe_rack", wanted=0.8)
     if furnisher.wants(0.6):
         furnisher.along_wall("console_table")
-    elif furnisher.wants(0.6):
-        furnisher.along_wall("bench")
-    if furnisher.wants(0.5):
-        furnisher.hang("wall_mirror")
+    else:
+        furnisher.along_wall("bench", wanted=0.6)
+    furnisher.hang("wall_mirror", wanted=0.5)
     if furnisher.wants(0.55):
         _lay_runner(furnisher)
-    if furnisher.wants(0.4):
-        furnisher.put_plant()
+    furnisher.in_corner("plant", wanted=0.4)
     if furnisher.wants(0.5):
         _lay_doormat(furnisher)
-    if furnisher.wants(0.4):
-        furnisher.hang_row(5)
+    furnisher.hang_row(5, wanted=0.4)
     furnisher.hang_pictures(furnisher.number(1, 4))
-    if furnisher.wants(0.35):
-        furnisher.hang("wall_lamp")
+    furnisher.hang("wall_lamp", wanted=0.35)
 
 
 def _lay_runner(furnisher: Furnisher) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher, has_opening
-from pbrnet.scenes.procedural.furnishing.rooms.tables import place_dining_group
+from pbrnet.scenes.procedural.furnishing.rooms.dining import place_dining_group
 from pbrnet.scenes.procedural.furnishing.rooms.windows import hang_radiators
 from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, span
@@ -29,18 +29,16 @@ def furnish_kitchen(furnisher: Furnisher) -> None:
         place_dining_group(furnisher, small=True)
     elif furnisher.chance(0.4):
         for _ in range(2):
-            space.anywhere(rng, "stool", furnisher.make("stool"))
+            furnisher.on_floor("stool")
     if not runs or furnisher.chance(0.25):
         furnisher.along_wall("sideboard")
     if furnisher.chance(0.4):
-        furnisher.put_plant()
-    if furnisher.may_leave("wall_clock"):
-        furnisher.hang("wall_clock")
+        furnisher.in_corner("plant")
+    furnisher.hang_clock()
     furnisher.hang_pictures(furnisher.number(1, 2))
     for _ in range(furnisher.number(0, 2)):
         furnisher.hang("wall_shelf" if furnisher.chance(0.4) else "wall_board")
-    if furnisher.wants(0.2):
-        furnisher.along_wall("rack")
+    furnisher.along_wall("rack", wanted=0.2)
 
 
 def _place_units(furnisher: Furnisher) -> list[PlacedPiece]:
