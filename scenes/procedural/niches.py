@@ -160,6 +160,5 @@ def _rectangle(a: float, b: float, c: float, d: float) -> list[tuple[float, floa
 def _stood(niche: Niche, mesh: BodyMesh) -> BodyMesh:
     """From (along the wall, up, into the room) to the world."""
     s, up, away = mesh.vertices.T
-    (x0, y0), (ax, ay), (nx, ny) = niche.edge.start, niche.edge.along, niche.edge.inward
-    vertices = np.stack([x0 + s * ax + away * nx, y0 + s * ay + away * ny, up], axis=1)
+    vertices = niche.edge.points(s, away, up)
     return BodyMesh(vertices, mesh.faces[:, ::-1], mesh.uvs, mesh.smooth)

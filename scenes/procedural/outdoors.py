@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -13,7 +14,7 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.geometry.regions import buffered
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, cylinder, merge, prism, span
 from pbrnet.scenes.procedural.furniture.style import hex_color
-from pbrnet.scenes.procedural.piece import Material, PiecePart
+from pbrnet.scenes.procedural.piece import Material, MaterialKind, PiecePart
 from pbrnet.scenes.procedural.plan import Plan, WallEdge
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
 from pbrnet.scenes.procedural.surroundings.buildings import Block, Roof, building, far_blocks, hazed
@@ -32,6 +33,28 @@ _FIELDS = ("#6d6a4e", "#5f6a4a", "#7a7258", "#59634c", "#80795c")
 _HILLS = ("#57664f", "#4f5f55")  # of distant woods and hills, before haze
 
 
+@dataclass(frozen=True)
+class Site:
+    """Place of a home: its outline and that one's centre (2,), half its diagonal, the ground's z.
+
+    Metres.
+    """
+
+    outline: Polygon
+    centre: Float64Array
+    half: float
+    ground: float
+
+    def at(self, angle: float, away: float) -> Float64Array:
+        """The place (2,) so many metres away in a direction, radians."""
+        return self.centre + away * np.array([np.cos(angle), np.sin(angle)])
+
+    def reach(self, turn: float) -> float:
+        """How far the home reaches from its centre towards -Y turned by `turn` degrees."""
+        towards = _turned(np.array([0.0, -1.0]), turn)
+        return float(((shapely.get_coordinates(self.outline) - self.centre) @ towards).max())
+
+
 def build_outdoors(rng: Draw, plan: Plan) -> list[SceneItem]:
     """Build the surroundings of a home as structure items.
 
@@ -42,25 +65,18 @@ def build_outdoors(rng: Draw, plan: Plan) -> list[SceneItem]:
     shares = (0.3, 0.3, 0.0, 0.4, 0.0) if plan.ground < _UPSTAIRS else (0.3, 0.15, 0.35, 0.0, 0.2)
     setting: Setting = rng.weighted(settings, shares)
     outline = Polygon(plan.outline)
-    centre = np.array(outline.centroid.coords[0])
     low, high = np.min(plan.outline, axis=0), np.max(plan.outline, axis=0)
-    half = 0.5 * float(np.hypot(*(high - low)))
     ground = plan.ground
     items: list[SceneItem] = []
     if setting == "high floor":
         ground -= 2.9 * rng.whole(2, 9)
         items.append(_tower(plan, ground))
+    centre = np.array(outline.centroid.coords[0])
+    site = Site(outline, centre, 0.5 * float(np.hypot(*(high - low))), ground)
     if plan.ground < _UPSTAIRS:
         items += _balconies(rng, plan, outline)
-    items += _grounds(rng, plan, centre, ground, setting)
-    around = {
-        "street": _street,
-        "courtyard": _courtyard,
-        "garden": _garden,
-        "high floor": _town,
-        "countryside": _country,
-    }[setting]
-    return _with_windows_together([*items, *around(rng, outline, centre, half, ground)])
+    items += _grounds(rng, plan, site, setting)
+    return _with_windows_together([*items, *_AROUND[setting](rng, site)])
 
 
 def _with_windows_together(items: list[SceneItem]) -> list[SceneItem]:
@@ -79,134 +95,120 @@ def _with_windows_together(items: list[SceneItem]) -> list[SceneItem]:
     return kept
 
 
-def _street(
-    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
-) -> list[SceneItem]:
+def _street(rng: Draw, site: Site) -> list[SceneItem]:
     """A street before the home, houses opposite and beside it, gardens behind."""
     turn = 90.0 * rng.whole(4)
-    near = _reach(outline, centre, turn) + rng.between(3.0, 7.0)
-    items = [_placed(item, centre) for item in street(rng, near, 110.0, turn, ground)]
+    near = site.reach(turn) + rng.between(3.0, 7.0)
+    items = [_placed(item, site.centre) for item in street(rng, near, 110.0, turn, site.ground)]
     across = near + ROAD + PAVEMENT + rng.between(1.5, 5.0)
-    items += _row(rng, "opposite", centre, across, 90.0, turn, ground, (2, 5))
-    beside = half + rng.between(8, 12)
+    items += _row(rng, "opposite", site, across, 90.0, turn, (2, 5))
+    beside = site.half + rng.between(8, 12)
     for number, side in enumerate((-1, 1)):
-        place = _turned(np.array([side * (beside + 5), rng.between(-3, 3)]), turn)
-        block = _house(rng, (1, 3))
-        items.append(
-            building(
-                rng, f"beside-{number}", block, centre + place, turn + 180.0 * (side < 0), ground
-            )
-        )
-    items += _row(
-        rng, "behind", centre, half + rng.between(22, 30), 60.0, turn + 180, ground, (2, 4)
-    )
-    items += _trees(
-        rng, outline, centre, half + 2.5, half + 9, rng.whole(2, 5), ground, behind=turn
-    )
-    return items
+        place = site.centre + _turned(np.array([side * (beside + 5), rng.between(-3, 3)]), turn)
+        block, facing = _house(rng, (1, 3)), turn + 180.0 * (side < 0)
+        items.append(building(rng, f"beside-{number}", block, place, facing, site.ground))
+    items += _row(rng, "behind", site, site.half + rng.between(22, 30), 60.0, turn + 180, (2, 4))
+    return items + _trees(rng, site, 2.5, 9, rng.whole(2, 5), behind=turn)
 
 
-def _courtyard(
-    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
-) -> list[SceneItem]:
+def _courtyard(rng: Draw, site: Site) -> list[SceneItem]:
     """Facades on all sides of a paved yard with some trees and shrubs."""
     items = []
     storeys = rng.whole(3, 6)
     for number in range(4):
         turn = 90.0 * number
-        away = _reach(outline, centre, turn) + rng.between(8, 15)
-        wide = 2 * away + 12
-        items += _row(
-            rng, f"side-{number}", centre, away, wide, turn, ground, (storeys - 1, storeys + 1)
-        )
-    items += _trees(rng, outline, centre, half + 2.0, half + 6, rng.whole(1, 4), ground)
-    return [*items, *_shrubs(rng, outline, centre, half, ground)]
+        away = site.reach(turn) + rng.between(8, 15)
+        levels = (storeys - 1, storeys + 1)
+        items += _row(rng, f"side-{number}", site, away, 2 * away + 12, turn, levels)
+    items += _trees(rng, site, 2.0, 6, rng.whole(1, 4))
+    return items + _shrubs(rng, site)
 
 
-def _garden(
-    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
-) -> list[SceneItem]:
+def _garden(rng: Draw, site: Site) -> list[SceneItem]:
     """A garden with hedge or fence, neighbours in theirs, and a street beyond on one side."""
-    items = []
-    edge = half + rng.between(4.0, 7.0)
-    if rng.chance(0.6):
-        items.append(hedge(rng, centre, edge, ground))
-    else:
-        items.append(fence(rng, centre, edge, ground))
+    edge = site.half + rng.between(4.0, 7.0)
+    enclose = hedge if rng.chance(0.6) else fence
+    items = [enclose(rng, site.centre, edge, site.ground)]
     start = rng.between(0, 360)
     for number in range(rng.whole(3, 6)):
         angle = np.radians(start + 72 * number + rng.between(-20, 20))
-        distance = edge + rng.between(7, 20)
-        place = centre + distance * np.array([np.cos(angle), np.sin(angle)])
-        facing = round(float(np.degrees(angle)) / 15) * 15 + 90.0
+        place = site.at(angle, edge + rng.between(7, 20))
+        house = _house(rng, (1, 3))
         items.append(
-            building(rng, f"neighbour-{number}", _house(rng, (1, 3)), place, facing, ground)
+            building(rng, f"neighbour-{number}", house, place, _facing(angle), site.ground)
         )
-    items += _trees(rng, outline, centre, half + 3.0, half + 12, rng.whole(4, 8), ground)
-    return [*items, *_shrubs(rng, outline, centre, half, ground)]
+    items += _trees(rng, site, 3.0, 12, rng.whole(4, 8))
+    return items + _shrubs(rng, site)
 
 
-def _town(
-    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
-) -> list[SceneItem]:
+def _town(rng: Draw, site: Site) -> list[SceneItem]:
     """Roofs and blocks of a town around a high building."""
     turn = 90.0 * rng.whole(4)
-    near = half + rng.between(6, 14)
-    items = [_placed(item, centre) for item in street(rng, near, 130.0, turn, ground)]
+    near = site.half + rng.between(6, 14)
+    items = [_placed(item, site.centre) for item in street(rng, near, 130.0, turn, site.ground)]
     number = 0
-    for ring, count in ((half + 30, 6), (half + 58, 9)):
+    for ring, count in ((site.half + 30, 6), (site.half + 58, 9)):
         start = rng.between(0, 360)
         for k in range(count):
             angle = np.radians(start + 360 * k / count + rng.between(-8, 8))
-            away = ring * rng.between(0.95, 1.2)
-            place = centre + away * np.array([np.cos(angle), np.sin(angle)])
+            place = site.at(angle, ring * rng.between(0.95, 1.2))
             block = Block(
                 rng.between(14, 24),
                 rng.between(10, 13),
                 rng.whole(3, 11),
                 _roof(rng, flat=0.6),
                 (0, 1, 2, 3),
-                detailed=ring < half + 40,
+                detailed=ring < site.half + 40,
             )
-            facing = round(float(np.degrees(angle)) / 15) * 15 + 90.0
-            items.append(building(rng, f"block-{number}", block, place, 180.0 + facing, ground))
+            facing = 180.0 + _facing(angle)
+            items.append(building(rng, f"block-{number}", block, place, facing, site.ground))
             number += 1
-    items.append(far_blocks(rng, centre, ground, half + 140, 120))
-    items += _trees(rng, outline, centre, half + 8, half + 22, 5, ground, 1400, turn)
-    return items
+    items.append(far_blocks(rng, site.centre, site.ground, site.half + 140, 120))
+    return items + _trees(rng, site, 8, 22, 5, 1400, turn)
 
 
-def _country(
-    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
-) -> list[SceneItem]:
+def _country(rng: Draw, site: Site) -> list[SceneItem]:
     """Fields with rows of trees, a farm or two far off, and a tree by the house."""
-    items = [_fields(rng, centre, ground)]
+    items = [_fields(rng, site.centre, site.ground)]
     for number in range(rng.whole(1, 4)):
-        angle, away = rng.between(0, 2 * np.pi), rng.between(60, 140)
-        place = centre + away * np.array([np.cos(angle), np.sin(angle)])
+        place = site.at(rng.between(0, 2 * np.pi), rng.between(60, 140))
         block = Block(rng.between(12, 26), 9.0, rng.whole(1, 3), "gable", (0, 2))
-        items.append(building(rng, f"farm-{number}", block, place, rng.between(0, 360), ground))
+        facing = rng.between(0, 360)
+        items.append(building(rng, f"farm-{number}", block, place, facing, site.ground))
     for row in range(2):
         angle, away = rng.between(0, 2 * np.pi), rng.between(35, 80)
-        middle = centre + away * np.array([np.cos(angle), np.sin(angle)])
+        middle = site.at(angle, away)
         along = np.array([-np.sin(angle), np.cos(angle)])
         for k in range(6):
             place = middle + along * (k - 2.5) * rng.between(6, 9)
-            items.append(tree(rng, f"row-{row}-{k}", place, ground, 900))
-    items += _trees(rng, outline, centre, half + 3.0, half + 12, rng.whole(2, 5), ground)
+            items.append(tree(rng, f"row-{row}-{k}", place, site.ground, 900))
+    items += _trees(rng, site, 3.0, 12, rng.whole(2, 5))
     if rng.chance(0.5):
-        items.append(fence(rng, centre, half + rng.between(6, 12), ground))
-    return [*items, *_shrubs(rng, outline, centre, half, ground)]
+        items.append(fence(rng, site.centre, site.half + rng.between(6, 12), site.ground))
+    return items + _shrubs(rng, site)
+
+
+_AROUND: dict[Setting, Callable[[Draw, Site], list[SceneItem]]] = {
+    "street": _street,
+    "courtyard": _courtyard,
+    "garden": _garden,
+    "high floor": _town,
+    "countryside": _country,
+}
+
+
+def _facing(angle: float) -> float:
+    """Degrees by which a building in a direction (radians) is turned, in steps of 15."""
+    return round(float(np.degrees(angle)) / 15) * 15 + 90.0
 
 
 def _row(
     rng: Draw,
     name: str,
-    centre: Float64Array,
+    site: Site,
     away: float,
     length: float,
     turn: float,
-    ground: float,
     storeys: tuple[int, int],
 ) -> list[SceneItem]:
     """A row of houses along X at y = -away before it is turned, facing the home."""
@@ -222,9 +224,9 @@ def _row(
             (0,),
             detailed=abs(x + width / 2) < 30,
         )
-        place = centre + _turned(np.array([x + width / 2, -away - depth / 2]), turn)
+        place = site.centre + _turned(np.array([x + width / 2, -away - depth / 2]), turn)
         # Fronts face -Y: turned round, they face the home.
-        items.append(building(rng, f"{name}-{number}", block, place, turn + 180.0, ground))
+        items.append(building(rng, f"{name}-{number}", block, place, turn + 180.0, site.ground))
         x, number = x + width, number + 1
     return items
 
@@ -246,16 +248,14 @@ def _roof(rng: Draw, flat: float) -> Roof:
 
 def _trees(
     rng: Draw,
-    outline: Polygon,
-    centre: Float64Array,
+    site: Site,
     near: float,
     far: float,
     count: int,
-    ground: float,
     leaves: int = 2600,
     behind: float | None = None,
 ) -> list[SceneItem]:
-    """Trees between two distances from the centre, clear of the home's walls.
+    """Trees between two distances around the home, clear of its walls.
 
     `behind` is the turn of a street that they stand away from.
     """
@@ -264,45 +264,36 @@ def _trees(
         angle = rng.between(0, 2 * np.pi)
         if behind is not None:
             angle = np.radians(behind + 90.0) + (angle - np.pi) * 0.55
-        place = centre + rng.between(near, far) * np.array([np.cos(angle), np.sin(angle)])
-        if outline.distance(shapely.Point(place)) > 3.0:
-            items.append(tree(rng, f"tree-{number}", place, ground, leaves))
+        place = site.at(angle, rng.between(site.half + near, site.half + far))
+        if site.outline.distance(shapely.Point(place)) > 3.0:
+            items.append(tree(rng, f"tree-{number}", place, site.ground, leaves))
     return items
 
 
-def _shrubs(
-    rng: Draw, outline: Polygon, centre: Float64Array, half: float, ground: float
-) -> list[SceneItem]:
+def _shrubs(rng: Draw, site: Site) -> list[SceneItem]:
     angles = rng.uniform(0, 2 * np.pi, 9)
-    away = half * rng.uniform(0.9, 1.4, 9)
-    places = centre + away[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    kept = [place for place in places if outline.distance(shapely.Point(place)) > 1.4]
-    return [shrubs(rng, "shrubs", np.array(kept), ground)] if kept else []
+    away = site.half * rng.uniform(0.9, 1.4, 9)
+    places = site.centre + away[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    kept = [place for place in places if site.outline.distance(shapely.Point(place)) > 1.4]
+    return [shrubs(rng, "shrubs", np.array(kept), site.ground)] if kept else []
 
 
-def _grounds(
-    rng: Draw, plan: Plan, centre: Float64Array, ground: float, setting: Setting
-) -> list[SceneItem]:
+def _grounds(rng: Draw, plan: Plan, site: Site, setting: Setting) -> list[SceneItem]:
     """Ground near and far, terrace, and what closes the horizon."""
-    outline = Polygon(plan.outline)
+    ground = site.ground
 
-    def drawn(
-        kind: Literal["grass", "tiles", "soil"],
-        codes: tuple[str, ...],
-        accent: str,
-        scale: float = 1.0,
-    ) -> Material:
+    def drawn(kind: MaterialKind, codes: tuple[str, ...], accent: str, scale: float) -> Material:
         color = hex_color(rng.pick(codes))
         variant = rng.variant()
         return Material(kind, color, 0.9, accent=hex_color(accent), scale=scale, variant=variant)
 
-    grass = drawn("grass", _LAWNS, "#3f4734")
+    grass = drawn("grass", _LAWNS, "#3f4734", 1.0)
     paving = drawn("tiles", ("#8d887f", "#7c7975", "#968975"), "#625e57", 1.4)
-    x, y = centre
+    x, y = site.centre
     paved = setting in ("courtyard", "high floor")
     near = _ground(x - LAWN, y - LAWN, x + LAWN, y + LAWN, ground)
     far = _ground(x - GROUND, y - GROUND, x + GROUND, y + GROUND, ground - 0.1)
-    around = buffered(outline, rng.between(0.8, 2.6), join_style="mitre")
+    around = buffered(site.outline, rng.between(0.8, 2.6), join_style="mitre")
     ring = shapely.get_coordinates(around.exterior)[:-1]
     terrace = prism(ring, plan.ground - 0.05, plan.ground + 0.02)
     terrace = BodyMesh(terrace.vertices, terrace.faces, terrace.vertices[:, :2].copy())
@@ -312,7 +303,7 @@ def _grounds(
         make_part(
             f"hills-{k}",
             Material("paint", hazed(hex_color(code), _HILL_RINGS[k][0]), 0.95),
-            _hills(rng, centre, ground, k),
+            _hills(rng, site, k),
         )
         for k, code in enumerate(_HILLS)
     ]
@@ -355,13 +346,9 @@ def _balconies(rng: Draw, plan: Plan, outline: Polygon) -> list[SceneItem]:
             mesh: BodyMesh, edge: WallEdge = edge, out: float = out
         ) -> BodyMesh:  # from (along, out, up)
             s, away, up = mesh.vertices.T
-            (ax, ay), (nx, ny) = edge.along, edge.inward
-            x = edge.start[0] + s * ax + (out - away) * nx
-            y = edge.start[1] + s * ay + (out - away) * ny
             # Along and outwards form a left-handed frame with up.
-            return BodyMesh(
-                np.stack([x, y, up], axis=1), mesh.faces[:, ::-1], mesh.uvs, mesh.smooth
-            )
+            vertices = edge.points(s, out - away, up)
+            return BodyMesh(vertices, mesh.faces[:, ::-1], mesh.uvs, mesh.smooth)
 
         floor = [span((s0, 0.002, -0.24), (s1, deep, -0.03))]
         bars = [
@@ -456,28 +443,22 @@ def _placed(item: SceneItem, centre: Float64Array) -> SceneItem:
     return replace(item, parts=parts)
 
 
-def _reach(outline: Polygon, centre: Float64Array, turn: float) -> float:
-    """Return how far the home reaches from `centre` towards -Y turned by `turn` degrees."""
-    towards = _turned(np.array([0.0, -1.0]), turn)
-    return float(((shapely.get_coordinates(outline) - centre) @ towards).max())
-
-
 def _ground(x0: float, y0: float, x1: float, y1: float, z: float) -> BodyMesh:
     vertices = np.array([[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]])
     return BodyMesh(vertices, np.array([[0, 1, 2], [0, 2, 3]]), vertices[:, :2].copy())
 
 
-def _hills(rng: Draw, centre: Float64Array, ground: float, ring: int) -> BodyMesh:
+def _hills(rng: Draw, site: Site, ring: int) -> BodyMesh:
     """Ring of distant woods (`ring` 0) or of higher and more distant hills (1)."""
     radius, low, high = _HILL_RINGS[ring]
     count = 512
     skyline = noise(rng, count, Spectrum(1.1))[0]
-    tops = ground + np.maximum(low + high * skyline, 2.0)
+    tops = site.ground + np.maximum(low + high * skyline, 2.0)
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
-    circle = centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    circle = site.centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     points = np.stack(
         [
-            np.column_stack([circle, np.full(count, ground - 1.0)]),
+            np.column_stack([circle, np.full(count, site.ground - 1.0)]),
             np.column_stack([circle, tops]),
         ]
     )

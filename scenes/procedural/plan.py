@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
+import numpy as np
 from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import Float64Array
@@ -57,6 +58,12 @@ class WallEdge:
         """Return the point `s` metres along the wall, `depth` metres into the room."""
         (x, y), (nx, ny) = self.along, self.inward
         return (self.start[0] + s * x + depth * nx, self.start[1] + s * y + depth * ny)
+
+    def points(self, s: Float64Array, depth: Float64Array, up: Float64Array) -> Float64Array:
+        """Return points (N, 3) from metres along the wall, into the room and up, (N,) each."""
+        (x, y), (nx, ny) = self.along, self.inward
+        across = self.start[0] + s * x + depth * nx, self.start[1] + s * y + depth * ny
+        return np.stack([*across, up], axis=1)
 
     def coordinates(self, point: Point2) -> tuple[float, float]:
         """Return (s, depth) of a point, metres: the inverse of `at`."""

@@ -261,25 +261,15 @@ def _reveals(opening: Opening) -> list[BodyMesh]:
     low = -EMBED if opening.z0 <= 0 else opening.z0
     high = opening.z1
 
-    def point(s: float, depth: float, z: float) -> tuple[float, float, float]:
-        x, y = edge.at(s, depth)
-        return (x, y, z)
-
+    # Corners (along, into the wall, up) of each.
     sides = [
-        [point(0, 0, low), point(0, deep, low), point(0, deep, high), point(0, 0, high)],
-        [
-            point(width, deep, low),
-            point(width, 0, low),
-            point(width, 0, high),
-            point(width, deep, high),
-        ],
-        [point(0, 0, high), point(0, deep, high), point(width, deep, high), point(width, 0, high)],
+        [(0, 0, low), (0, deep, low), (0, deep, high), (0, 0, high)],
+        [(width, deep, low), (width, 0, low), (width, 0, high), (width, deep, high)],
+        [(0, 0, high), (0, deep, high), (width, deep, high), (width, 0, high)],
     ]
     if opening.z0 > 0:
-        sides.append(
-            [point(0, deep, low), point(0, 0, low), point(width, 0, low), point(width, deep, low)]
-        )
-    return [_quad(side[::-1]) for side in sides]
+        sides.append([(0, deep, low), (0, 0, low), (width, 0, low), (width, deep, low)])
+    return [_quad([(*edge.at(s, depth), z) for s, depth, z in side[::-1]]) for side in sides]
 
 
 def _trim(plan: Plan, room: PlanRoom, finishes: Finishes, finish: RoomFinish) -> list[PiecePart]:
@@ -328,17 +318,15 @@ def _stairs(plan: Plan, finishes: Finishes) -> list[SceneItem]:
         """From (way up the flight, away from the wall, up) to the world."""
         along, away, up = mesh.vertices.T
         s = stairs.s1 - along if stairs.reverse else stairs.s0 + along
-        x = stairs.edge.start[0] + s * stairs.edge.along[0] + away * stairs.edge.inward[0]
-        y = stairs.edge.start[1] + s * stairs.edge.along[1] + away * stairs.edge.inward[1]
         faces = mesh.faces[:, ::-1] if stairs.reverse else mesh.faces
-        return BodyMesh(np.stack([x, y, up], axis=1), faces, mesh.uvs, mesh.smooth)
+        return BodyMesh(stairs.edge.points(s, away, up), faces, mesh.uvs, mesh.smooth)
 
     profile = [(0.0, 0.001)]
     for k in range(1, count):
         x, z = (k - 1) * going, k * rise - 0.036
         profile += [(x, z), (x + going, z)]
+    profile[-1] = (length - 0.002, profile[-1][1])
     profile.append((length - 0.002, 0.001))
-    profile[-2] = (length - 0.002, profile[-2][1])
     side = prism(profile, 0.002, stairs.width - 0.03)
     # The prism was extruded along z: exchange y and z, which turns its faces over.
     body = BodyMesh(side.vertices[:, [0, 2, 1]], side.faces[:, ::-1], side.uvs, smooth=False)
@@ -569,29 +557,14 @@ def _door(opening: Opening, finishes: Finishes) -> SceneItem:
         leaf_edge = opening.edge_in(opening.swing)
         parts += _leaf(opening, leaf_edge, finishes.door, finishes)
         # Door stops behind the closed leaf; they cover the gap around it.
-        back = -LEAF - 0.001
-        stop = [
-            _edge_span(leaf_edge, LINING, LINING + 0.012, back, back - 0.03, 0.004, top - LINING),
-            _edge_span(
-                leaf_edge,
-                width - LINING - 0.012,
-                width - LINING,
-                back,
-                back - 0.03,
-                0.004,
-                top - LINING,
-            ),
-            _edge_span(
-                leaf_edge,
-                LINING + 0.012,
-                width - LINING - 0.012,
-                back,
-                back - 0.03,
-                top - LINING - 0.012,
-                top - LINING,
-            ),
+        s0, s1, z1, wide = LINING, width - LINING, top - LINING, 0.012
+        back = (-LEAF - 0.001, -LEAF - 0.001 - 0.03)
+        lining += [
+            _edge_span(leaf_edge, s0, s0 + wide, *back, 0.004, z1),
+            _edge_span(leaf_edge, s1 - wide, s1, *back, 0.004, z1),
+            _edge_span(leaf_edge, s0 + wide, s1 - wide, *back, z1 - wide, z1),
         ]
-        parts[0] = make_part("casing", finishes.casing, *lining, *stop)
+        parts[0] = make_part("casing", finishes.casing, *lining)
     return _structure_item(opening.id, "door", opening.rooms[0], parts)
 
 
@@ -626,18 +599,13 @@ def _leaf(
     levers = []
     for sign, face in ((1.0, 0.0), (-1.0, -LEAF)):
         rosette = cylinder(0.024, 0.0, 0.008, 16).turned("x", -90 * sign)
-        levers.append(rosette.moved(handle_x, face, handle_z))
-        levers.append(
-            bar((handle_x, face, handle_z), (handle_x, face + sign * 0.05, handle_z), 0.009, 10)
-        )
-        levers.append(
-            bar(
-                (handle_x + 0.009, face + sign * 0.05, handle_z),
-                (handle_x - 0.115, face + sign * 0.05, handle_z),
-                0.009,
-                10,
-            )
-        )
+        out = face + sign * 0.05
+        ends = ((handle_x + 0.009, out, handle_z), (handle_x - 0.115, out, handle_z))
+        levers += [
+            rosette.moved(handle_x, face, handle_z),
+            bar((handle_x, face, handle_z), (handle_x, out, handle_z), 0.009, 10),
+            bar(*ends, 0.009, 10),
+        ]
     swing = opening.swing == opening.rooms[0]
     at_start = opening.hinge_at_start == swing  # seen from the room that the door swings into
     angle = np.radians(opening.angle)
@@ -648,16 +616,8 @@ def _leaf(
         along = np.cos(angle) * x - np.sin(angle) * y
         inward = np.sin(angle) * x + np.cos(angle) * y
         s = start + along if at_start else opening.width - start - along
-        vertices = np.stack(
-            [
-                edge.start[0] + s * edge.along[0] + inward * edge.inward[0],
-                edge.start[1] + s * edge.along[1] + inward * edge.inward[1],
-                z,
-            ],
-            axis=1,
-        )
         faces = mesh.faces if at_start else mesh.faces[:, ::-1]
-        return BodyMesh(vertices, faces, mesh.uvs)
+        return BodyMesh(edge.points(s, inward, z), faces, mesh.uvs)
 
     metal = finishes.handle if finishes else material
     return [
