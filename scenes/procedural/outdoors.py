@@ -14,9 +14,9 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.geometry.regions import buffered
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, cylinder, merge, prism, span
 from pbrnet.scenes.procedural.furniture.style import hex_color
-from pbrnet.scenes.procedural.piece import Material, MaterialKind, PiecePart
+from pbrnet.scenes.procedural.piece import Material, MaterialKind
 from pbrnet.scenes.procedural.plan import Plan, WallEdge
-from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.procedural.surroundings.buildings import Block, Roof, building, far_blocks, hazed
 from pbrnet.scenes.procedural.surroundings.plants import hedge, shrubs, tree
 from pbrnet.scenes.procedural.surroundings.street import PAVEMENT, ROAD, fence, street
@@ -308,11 +308,11 @@ def _grounds(rng: Draw, plan: Plan, site: Site, setting: Setting) -> list[SceneI
         for k, code in enumerate(_HILLS)
     ]
     items = [
-        _outside("ground", "ground", [make_part("near", paving if paved else grass, near)]),
-        _outside("fields", "ground", [make_part("fields", plain, far), *horizon]),
+        outdoor_item("ground", "ground", make_part("near", paving if paved else grass, near)),
+        outdoor_item("fields", "ground", make_part("fields", plain, far), *horizon),
     ]
     if plan.ground > _UPSTAIRS or setting != "high floor":
-        items.append(_outside("terrace", "ground", [make_part("paving", paving, terrace)]))
+        items.append(outdoor_item("terrace", "ground", make_part("paving", paving, terrace)))
     return items
 
 
@@ -322,7 +322,7 @@ def _tower(plan: Plan, ground: float) -> SceneItem:
     ring = shapely.get_coordinates(outline.exterior)[:-1]
     shaft = prism(ring, ground - 0.3, plan.ground - 0.31)
     plaster = Material("plaster", hex_color("#b3aea4"), 0.9)
-    return _outside("tower", "building", [make_part("shaft", plaster, shaft)])
+    return outdoor_item("tower", "building", make_part("shaft", plaster, shaft))
 
 
 def _balconies(rng: Draw, plan: Plan, outline: Polygon) -> list[SceneItem]:
@@ -375,7 +375,7 @@ def _balconies(rng: Draw, plan: Plan, outline: Polygon) -> list[SceneItem]:
         if seats < 0.6:
             parts.append(make_part("seats", wood, *map(placed, _bistro(s0 + 0.45, deep / 2))))
         name = f"balcony-{opening.id}"
-        items.append(_outside(name, "railing", parts))
+        items.append(outdoor_item(name, "railing", *parts))
     return items
 
 
@@ -423,11 +423,7 @@ def _fields(rng: Draw, centre: Float64Array, ground: float) -> SceneItem:
         )
         for k, (code, meshes) in enumerate(groups.items())
     ]
-    return _outside("crops", "ground", parts)
-
-
-def _outside(name: str, category: str, parts: list[PiecePart]) -> SceneItem:
-    return SceneItem(f"outside-{name}", name, category, tuple(parts), True, None)
+    return outdoor_item("crops", "ground", *parts)
 
 
 def _turned(place: Float64Array, degrees: float) -> Float64Array:

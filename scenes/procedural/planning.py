@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -93,12 +93,13 @@ def make_plan(rng: Draw, rooms_min: int, rooms_max: int) -> Plan:
         if cells is None or not all(map(_may_be_habitable, cells, programme)):
             continue
         rooms, inner = _net_rooms(cells, programme, partition)
-        if not all(_habitable(room) for room in rooms):
+        if not all(map(_habitable, rooms)):
             continue
         outline = orient(simplified(buffered(inner, outer, join_style="mitre", mitre_limit=10), 0))
         if outline.interiors or _closes_recess(inner, outer):
             continue
-        openings = _draw_openings(rng, rooms, inner, outline, partition, outer, height)
+        shell = _Shell(difference(outline, inner), outline, outer)
+        openings = _draw_openings(rng, rooms, shell, partition, height)
         if openings is None:
             continue
         beams = _draw_beams(rng, rooms, height)
@@ -107,7 +108,7 @@ def make_plan(rng: Draw, rooms_min: int, rooms_max: int) -> Plan:
             openings=tuple(openings),
             inner=_ring(inner),
             outline=_ring(outline),
-            outer_thickness=outer,
+            outer_thickness=shell.thickness,
             partition=partition,
             height=height,
             ground=ground,
@@ -142,10 +143,8 @@ def _draw_beams(rng: Draw, rooms: list[PlanRoom], height: float) -> list[Beam]:
             within = intersection(strip, room.shape)
             for part in getattr(within, "geoms", [within]):
                 # Not where a wall of an L-shaped room runs within the beam.
-                if (
-                    part.geom_type == "Polygon"
-                    and part.area > 0.999 * box(*part.bounds).area > 0.05
-                ):
+                is_polygon = part.geom_type == "Polygon"
+                if is_polygon and part.area > 0.999 * box(*part.bounds).area > 0.05:
                     low, high = part.bounds[:2], part.bounds[2:]
                     beams.append(Beam(room.id, _rounded(low), _rounded(high), depth))
     return beams
@@ -194,7 +193,9 @@ def _draw_cells(
     areas = [rng.between(*SIZES[kind][:2]) for kind in programme]
     if "hall" in programme:
         return _corridor_cells(rng, programme, areas, partition)
-    carved = _carved_bathroom(rng, programme)
+    carved = None
+    if "bathroom" in programme and len(programme) >= 2 and rng.chance(0.45):
+        carved = programme.index("bathroom")
     sliced = [index for index in range(len(programme)) if index != carved]
     # The host room loses the area of the bathroom that is carved from it: start larger.
     host = max(sliced, key=lambda index: areas[index])
@@ -233,8 +234,8 @@ def _corridor_cells(
     cells: dict[int, Polygon] = {}
     first = _snap(sum(areas[index] for index in rows[0]) / width)
     second = _snap(sum(areas[index] for index in rows[1]) / width)
-    _slice_row(rng, (0.0, first), width, rows[0], areas, cells)
-    _slice_row(rng, (first + wide, first + wide + second), width, rows[1], areas, cells)
+    _slice_row((0.0, first), width, rows[0], areas, cells)
+    _slice_row((first + wide, first + wide + second), width, rows[1], areas, cells)
     end = width
     row = rows[rng.whole(2)]
     last = max(row, key=lambda index: cells[index].bounds[2])
@@ -254,7 +255,6 @@ def _swapped(points: np.ndarray) -> np.ndarray:
 
 
 def _slice_row(
-    rng: Draw,
     between: tuple[float, float],
     width: float,
     row: list[int],
@@ -268,12 +268,6 @@ def _slice_row(
         end = width if position == len(row) - 1 else _snap(x + width * areas[index] / total)
         cells[index] = box(x, between[0], end, between[1])
         x = end
-
-
-def _carved_bathroom(rng: Draw, programme: tuple[RoomType, ...]) -> int | None:
-    if "bathroom" in programme and len(programme) >= 2 and rng.chance(0.45):
-        return programme.index("bathroom")
-    return None
 
 
 def _slice(
@@ -336,10 +330,7 @@ def _notch(rng: Draw, cells: dict[int, Polygon], partition: float) -> None:
             continue
         for corner in range(4):
             probe = box(*_corner_box(cell.bounds, corner, 0.2, 0.2)).centroid
-            point = Point(
-                x0 if corner in (0, 3) else x1,
-                y0 if corner in (0, 1) else y1,
-            )
+            point = Point(x0 if corner in (0, 3) else x1, y0 if corner in (0, 1) else y1)
             if whole.boundary.distance(point) < 1e-6 and cell.contains(probe):
                 options.append((index, corner))
     if not options:
@@ -429,26 +420,40 @@ def _closes_recess(inner: Polygon, outer: float) -> bool:
     )
 
 
+@dataclass
+class _Shell:
+    """Outer walls of a home: their area, outline and thickness, and what openings take of them."""
+
+    walls: Polygon
+    outline: Polygon
+    thickness: float
+    taken: list[Polygon] = field(default_factory=list)
+
+    def is_solid(self, edge: WallEdge, s0: float, s1: float) -> bool:
+        """Whether the wall around an opening [s0, s1] is solid and borders the outdoors."""
+        hole = edge.strip(s0 - 0.12, s1 + 0.12, -0.001, -self.thickness + 0.001)
+        return buffered(self.walls, 1e-6).covers(hole) and all(
+            self.outline.exterior.distance(Point(edge.at(s, -self.thickness))) < 1e-3
+            for s in (s0, 0.5 * (s0 + s1), s1)
+        )
+
+    def has_place(self, edge: WallEdge, s0: float, s1: float, strip: Polygon) -> bool:
+        """Whether an opening may be at [s0, s1], with `strip` free of other openings."""
+        return self.is_solid(edge, s0, s1) and not any(map(strip.intersects, self.taken))
+
+
 def _draw_openings(
-    rng: Draw,
-    rooms: list[PlanRoom],
-    inner: Polygon,
-    outline: Polygon,
-    partition: float,
-    outer: float,
-    height: float,
+    rng: Draw, rooms: list[PlanRoom], shell: _Shell, partition: float, height: float
 ) -> list[Opening] | None:
     doors = _draw_doors(rng, rooms, partition, height)
     if doors is None:
         return None
-    walls = difference(outline, inner)
-    taken: list[Polygon] = [buffered(door.footprint, 0.15, join_style="mitre") for door in doors]
-    entrance = _draw_entrance(rng, rooms, walls, outline, outer, taken)
+    shell.taken += [buffered(door.footprint, 0.15, join_style="mitre") for door in doors]
+    entrance = _draw_entrance(rng, rooms, shell)
     if entrance is None:
         return None
-    taken.append(buffered(entrance.footprint, 0.15, join_style="mitre"))
-
-    windows = _draw_windows(rng, rooms, walls, outline, outer, height, taken)
+    shell.taken.append(buffered(entrance.footprint, 0.15, join_style="mitre"))
+    windows = _draw_windows(rng, rooms, shell, height)
     with_window = {window.rooms[0] for window in windows}
     if any(room.id not in with_window and room.type not in WINDOWLESS for room in rooms):
         return None
@@ -589,29 +594,7 @@ def _rounded(point: Point2) -> Point2:
     return (round(point[0], 4), round(point[1], 4))
 
 
-def _wall_is_solid(
-    edge: WallEdge, s0: float, s1: float, walls: Polygon, outline: Polygon, t: float
-) -> bool:
-    """Return True if the wall around an opening [s0, s1] is solid and borders the outdoors.
-
-    `t` is the thickness of the wall, metres.
-    """
-    hole = edge.strip(s0 - 0.12, s1 + 0.12, -0.001, -t + 0.001)
-    if not buffered(walls, 1e-6).covers(hole):
-        return False
-    return all(
-        outline.exterior.distance(Point(edge.at(s, -t))) < 1e-3 for s in (s0, 0.5 * (s0 + s1), s1)
-    )
-
-
-def _draw_entrance(
-    rng: Draw,
-    rooms: list[PlanRoom],
-    walls: Polygon,
-    outline: Polygon,
-    outer: float,
-    taken: list[Polygon],
-) -> Opening | None:
+def _draw_entrance(rng: Draw, rooms: list[PlanRoom], shell: _Shell) -> Opening | None:
     order = sorted(rooms, key=lambda room: _RULES.hubs.index(room.type))
     for room in order:
         least = 1.3 if room.type == "hall" else 1.5
@@ -623,17 +606,15 @@ def _draw_entrance(
                 places.reverse()
             places.append(0.5 * (edge.length - width))
             for place in places:
-                strip = edge.strip(place, place + width, 0.7, -outer)
-                if not _wall_is_solid(edge, place, place + width, walls, outline, outer) or any(
-                    strip.intersects(other) for other in taken
-                ):
+                strip = edge.strip(place, place + width, 0.7, -shell.thickness)
+                if not shell.has_place(edge, place, place + width, strip):
                     continue
                 return Opening(
                     id="entrance",
                     kind="entrance",
                     start=_rounded(edge.at(place)),
                     end=_rounded(edge.at(place + width)),
-                    thickness=outer,
+                    thickness=shell.thickness,
                     z0=0.0,
                     z1=2.1,
                     rooms=(room.id,),
@@ -643,15 +624,7 @@ def _draw_entrance(
     return None
 
 
-def _draw_windows(
-    rng: Draw,
-    rooms: list[PlanRoom],
-    walls: Polygon,
-    outline: Polygon,
-    outer: float,
-    height: float,
-    taken: list[Polygon],
-) -> list[Opening]:
+def _draw_windows(rng: Draw, rooms: list[PlanRoom], shell: _Shell, height: float) -> list[Opening]:
     head = min(rng.pick([2.1, 2.2, 2.3]), height - 0.18)
     window_scale = rng.between(0.95, 1.3)  # of all windows of the home
     windows: list[Opening] = []
@@ -674,21 +647,19 @@ def _draw_windows(
             for slot in range(slots):
                 place = edge.length * (slot + 0.5) / slots - width / 2
                 place += rng.between(-0.15, 0.15) * (edge.length / slots - width)
-                if not _wall_is_solid(edge, place, place + width, walls, outline, outer):
+                if not shell.is_solid(edge, place, place + width):
                     place = edge.length * (slot + 0.5) / slots - width / 2
-                strip = edge.strip(place - 0.1, place + width + 0.1, 0.0, -outer)
-                if not _wall_is_solid(edge, place, place + width, walls, outline, outer) or any(
-                    strip.intersects(other) for other in taken
-                ):
+                strip = edge.strip(place - 0.1, place + width + 0.1, 0.0, -shell.thickness)
+                if not shell.has_place(edge, place, place + width, strip):
                     continue
-                taken.append(strip)
+                shell.taken.append(strip)
                 windows.append(
                     Opening(
                         id=f"window-{len(windows)}",
                         kind="patio" if kind == "patio" else "window",
                         start=_rounded(edge.at(place)),
                         end=_rounded(edge.at(place + width)),
-                        thickness=outer,
+                        thickness=shell.thickness,
                         z0=sill,
                         z1=top,
                         rooms=(room.id,),

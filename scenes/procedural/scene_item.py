@@ -97,6 +97,11 @@ def place_piece(
     return items
 
 
+def outdoor_item(name: str, category: str, *parts: PiecePart) -> SceneItem:
+    """An object outdoors."""
+    return SceneItem(f"outside-{name.replace(' ', '-')}", name, category, parts, True)
+
+
 def make_part(name: str, material: Material, *meshes: BodyMesh, smooth: bool = False) -> PiecePart:
     """Merge meshes of one material into one part."""
     mesh = merge(meshes)

@@ -13,7 +13,7 @@ from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, grid, prism, span
 from pbrnet.scenes.procedural.furniture.style import hex_color
 from pbrnet.scenes.procedural.piece import Material, PiecePart
-from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.seeds import Draw
 
 STOREY = 2.9  # metres
@@ -99,7 +99,7 @@ def building(
             part = make_part(f"lit-{level:g}", glass, *(m.turned("z", degrees) for m in meshes))
             made.append(_lit(part, level, kelvin))
     moved = [_moved(part, float(at[0]), float(at[1]), ground) for part in made]
-    return SceneItem(f"outside-{name}", name, "building", tuple(moved), True, None)
+    return outdoor_item(name, "building", *moved)
 
 
 def far_blocks(
@@ -126,7 +126,7 @@ def far_blocks(
         )
         for haze, wall in sorted(groups)
     ]
-    return SceneItem("outside-town", "town", "building", tuple(parts), True, None)
+    return outdoor_item("town", "building", *parts)
 
 
 def hazed(color: Color, distance: float) -> Color:

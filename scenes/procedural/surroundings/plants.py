@@ -8,7 +8,7 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, grid, merge, tube
 from pbrnet.scenes.procedural.furniture.style import hex_color, scaled_color
 from pbrnet.scenes.procedural.piece import Material
-from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.procedural.textures.fields import Spectrum, noise
 from pbrnet.scenes.seeds import Draw
 
@@ -19,37 +19,19 @@ _BARK = "#4d4136"
 def leaf_material(rng: Draw) -> Material:
     """Return a material of leaves in a muted green."""
     color = hex_color(rng.pick(_LEAVES))
-    return Material(
-        "leaf",
-        color,
-        0.6,
-        accent=scaled_color(color, 0.5),
-        scale=3.0,
-        variant=rng.variant(),
-    )
+    accent = scaled_color(color, 0.5)
+    return Material("leaf", color, 0.6, accent=accent, scale=3.0, variant=rng.variant())
 
 
-def tree(
-    rng: Draw,
-    name: str,
-    at: Float64Array,
-    ground: float,
-    leaves: int = 2600,
-    height: float = 0.0,
-) -> SceneItem:
+def tree(rng: Draw, name: str, at: Float64Array, ground: float, leaves: int = 2600) -> SceneItem:
     """Return a tree: trunk, branches, and folded leaves around the ends of its twigs."""
-    height = height or rng.between(4.5, 9.5)
+    height = rng.between(4.5, 9.5)
     radius = 0.018 * height
     base = np.array([at[0], at[1], ground - 0.2])
     lean = np.append(rng.normal(0, 0.2, 2), 0.0)
     top = base + lean + [0, 0, 0.8 * height]
-    wood = [
-        tube(
-            np.stack([base, 0.5 * (base + top) + 0.3 * lean, top]),
-            [radius, 0.7 * radius, 0.2 * radius],
-            8,
-        )
-    ]
+    trunk = np.stack([base, 0.5 * (base + top) + 0.3 * lean, top])
+    wood = [tube(trunk, [radius, 0.7 * radius, 0.2 * radius], 8)]
     middle = base + lean + [0, 0, 0.66 * height]
     crown = np.array([1.0, 1.0, rng.between(1.0, 1.4)]) * height * rng.uniform(0.2, 0.28)
     tips = []
@@ -60,9 +42,8 @@ def tree(
         start = base + lean * 0.8 + [0, 0, height * rng.between(0.3, 0.6)]
         if k < 12:
             bend = 0.5 * (start + tip) + rng.normal(0, 0.05 * height, 3)
-            wood.append(
-                tube(np.stack([start, bend, tip]), [0.4 * radius, 0.25 * radius, 0.08 * radius], 6)
-            )
+            radii = [0.4 * radius, 0.25 * radius, 0.08 * radius]
+            wood.append(tube(np.stack([start, bend, tip]), radii, 6))
         tips.append(tip)
     chosen = np.array(tips)[rng.integers(len(tips), size=leaves)]
     scatter = rng.normal(0, 1, (leaves, 3)) * 0.27 * crown
@@ -72,7 +53,7 @@ def tree(
     parts += [
         make_part(f"crown-{k}", leaf_material(rng), _mesh(quads)) for k, quads in enumerate(crowns)
     ]
-    return SceneItem(f"outside-{name}", name, "plant", tuple(parts), True, None)
+    return outdoor_item(name, "plant", *parts)
 
 
 def shrubs(rng: Draw, name: str, places: Float64Array, ground: float) -> SceneItem:
@@ -81,16 +62,12 @@ def shrubs(rng: Draw, name: str, places: Float64Array, ground: float) -> SceneIt
     for place in places:
         size = rng.between(0.35, 0.8)
         offset = rng.normal(0, 1, (420, 3))
-        offset *= (
-            size
-            * (0.6 + 0.4 * rng.random((420, 1)))
-            / np.linalg.norm(offset, axis=1, keepdims=True)
-        )
+        away = size * (0.6 + 0.4 * rng.random((420, 1)))
+        offset *= away / np.linalg.norm(offset, axis=1, keepdims=True)
         offset[:, 2] = np.abs(offset[:, 2]) * 0.9
         centres.append(np.array([place[0], place[1], ground]) + offset)
     mesh = _mesh(_leaves(rng, np.concatenate(centres), 0.07))
-    part = make_part("leaves", leaf_material(rng), mesh)
-    return SceneItem(f"outside-{name}", name, "plant", (part,), True, None)
+    return outdoor_item(name, "plant", make_part("leaves", leaf_material(rng), mesh))
 
 
 def hedge(rng: Draw, centre: Float64Array, half: float, ground: float) -> SceneItem:
@@ -105,18 +82,8 @@ def hedge(rng: Draw, centre: Float64Array, half: float, ground: float) -> SceneI
         length = 2 * half - thickness
         count = max(8, int(length / 0.35))
         # Rounded cross-section, extruded along the side with a rough surface.
-        profile = np.array(
-            [
-                [-0.5, 0],
-                [-0.52, 0.5],
-                [-0.45, 0.92],
-                [-0.25, 1],
-                [0.25, 1],
-                [0.45, 0.92],
-                [0.52, 0.5],
-                [0.5, 0],
-            ]
-        )
+        right = np.array([[0.25, 1], [0.45, 0.92], [0.52, 0.5], [0.5, 0]])
+        profile = np.concatenate([right[::-1] * [-1, 1], right])
         run = np.zeros((count, len(profile), 3))
         run[..., 0] = np.linspace(-length / 2, length / 2, count)[:, None]
         rough = 0.06 * surface[np.arange(count)[:, None] % 64, np.arange(len(profile)) + 8 * side]
@@ -138,11 +105,12 @@ def hedge(rng: Draw, centre: Float64Array, half: float, ground: float) -> SceneI
         runs = [box((0.5, 0.5, 0.5), (half, half, 0.0))]
         tufts = runs
     move = (float(centre[0]), float(centre[1]), ground)
-    parts = (
+    return outdoor_item(
+        "hedge",
+        "plant",
         make_part("hedge", leaf_material(rng), merge(runs).moved(*move), smooth=True),
         make_part("leaves", leaf_material(rng), merge(tufts).moved(*move)),
     )
-    return SceneItem("outside-hedge", "hedge", "plant", parts, True, None)
 
 
 def _leaves(rng: Draw, centres: Float64Array, size: float) -> Float64Array:

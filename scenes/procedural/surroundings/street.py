@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
@@ -18,7 +20,7 @@ from pbrnet.scenes.procedural.furniture.geometry import (
 )
 from pbrnet.scenes.procedural.furniture.style import hex_color
 from pbrnet.scenes.procedural.piece import Material, PiecePart
-from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.seeds import Draw
 
 ROAD, PAVEMENT = 6.5, 2.2  # metres, widths
@@ -49,22 +51,17 @@ def street(rng: Draw, near: float, length: float, turn: float, ground: float) ->
     )
     far = near + ROAD
     half = length / 2
-    surfaces = [
-        ("asphalt", asphalt, [span((-half, -far, -0.3), (half, -near, 0.03))]),
-        (
-            "pavement",
-            stone,
-            [
-                span((-half, -near, -0.3), (half, -near + PAVEMENT, 0.14)),
-                span((-half, -far - PAVEMENT, -0.3), (half, -far, 0.14)),
-            ],
-        ),
+    road = span((-half, -far, -0.3), (half, -near, 0.03))
+    pavements = [
+        span((-half, -near, -0.3), (half, -near + PAVEMENT, 0.14)),
+        span((-half, -far - PAVEMENT, -0.3), (half, -far, 0.14)),
     ]
+    surfaces = [("asphalt", asphalt, [road]), ("pavement", stone, pavements)]
     parts = [
         make_part(label, material, *(m.turned("z", turn).moved(z=ground) for m in meshes))
         for label, material, meshes in surfaces
     ]
-    items = [SceneItem("outside-street", "street", "ground", tuple(parts), True, None)]
+    items = [outdoor_item("street", "ground", *parts)]
     number = 0
     for y, facing in ((-near - 1.1, 0.0), (-far + 1.1, 180.0)):
         x = -half + rng.between(0, 4)
@@ -97,8 +94,7 @@ def fence(rng: Draw, centre: Float64Array, half: float, ground: float) -> SceneI
     color = hex_color(rng.pick(("#8a7358", "#6f6252", "#b8b2a6", "#5a5650")))
     wood = Material("wood", color, 0.8, variant=rng.variant())
     mesh = merge(boards).moved(float(centre[0]), float(centre[1]), ground)
-    part = make_part("boards", wood, mesh)
-    return SceneItem("outside-fence", "fence", "railing", (part,), True, None)
+    return outdoor_item("fence", "railing", make_part("boards", wood, mesh))
 
 
 def _lamps(rng: Draw, near: float, half: float, turn: float, ground: float) -> SceneItem:
@@ -119,20 +115,12 @@ def _lamps(rng: Draw, near: float, half: float, turn: float, ground: float) -> S
 
     def part(label: str, material: Material, meshes: list[BodyMesh], lumens: float) -> PiecePart:
         moved = [mesh.turned("z", turn).moved(z=ground) for mesh in meshes]
-        made = make_part(label, material, *moved)
-        return PiecePart(
-            made.name,
-            made.vertices,
-            made.faces,
-            made.uvs,
-            material,
-            lumens=lumens,
-            kelvin=_LAMP_KELVIN + (1300.0 if rng.chance(0.3) else 0.0),
-        )
+        kelvin = _LAMP_KELVIN + (1300.0 if rng.chance(0.3) else 0.0)
+        return replace(make_part(label, material, *moved), lumens=lumens, kelvin=kelvin)
 
     lumens = min(5600.0, _LAMP_LUMENS * len(heads))
     parts = (part("poles", metal, poles, 0.0), part("heads", glass, heads, lumens))
-    return SceneItem("outside-street-lamps", "street lamps", "lamp", parts, True, None)
+    return outdoor_item("street lamps", "lamp", *parts)
 
 
 def _car(
@@ -153,35 +141,23 @@ def _car(
         return superellipse((x1 - x0) / 2, half, z, power, 40, x=(x0 + x1) / 2)
 
     a, b = -length / 2, length / 2
-    body = loft(
-        np.stack(
-            [
-                ring(a + 0.15, b - 0.15, 0.44 * wide, 0.22),
-                ring(a + 0.02, b - 0.04, 0.49 * wide, 0.4),
-                ring(a, b, 0.5 * wide, 0.6),
-                ring(a + 0.05, b - 0.06, 0.49 * wide, 0.78),
-                ring(a + 0.18, b - 0.5, 0.46 * wide, 0.9),
-            ]
-        )
-    )
+    body = [
+        ring(a + 0.15, b - 0.15, 0.44 * wide, 0.22),
+        ring(a + 0.02, b - 0.04, 0.49 * wide, 0.4),
+        ring(a, b, 0.5 * wide, 0.6),
+        ring(a + 0.05, b - 0.06, 0.49 * wide, 0.78),
+        ring(a + 0.18, b - 0.5, 0.46 * wide, 0.9),
+    ]
     back, front = a + 0.75 - estate, b - 1.35
-    cabin = loft(
-        np.stack(
-            [
-                ring(back - 0.25, front + 0.35, 0.45 * wide, 0.86),
-                ring(back + 0.12, front - 0.35, 0.38 * wide, high - 0.09),
-            ]
-        )
-    )
-    roof = loft(
-        np.stack(
-            [
-                ring(back + 0.1, front - 0.33, 0.385 * wide, high - 0.1),
-                ring(back + 0.2, front - 0.45, 0.35 * wide, high - 0.03),
-                ring(back + 0.5, front - 0.7, 0.25 * wide, high),
-            ]
-        )
-    )
+    cabin = [
+        ring(back - 0.25, front + 0.35, 0.45 * wide, 0.86),
+        ring(back + 0.12, front - 0.35, 0.38 * wide, high - 0.09),
+    ]
+    roof = [
+        ring(back + 0.1, front - 0.33, 0.385 * wide, high - 0.1),
+        ring(back + 0.2, front - 0.45, 0.35 * wide, high - 0.03),
+        ring(back + 0.5, front - 0.7, 0.25 * wide, high),
+    ]
     wheels, rims = [], []
     for x in (a + 0.78, b - 0.8):
         for side in (-1, 1):
@@ -199,8 +175,8 @@ def _car(
     ]
     paint = Material("plastic", hex_color(rng.pick(_PAINTS)), 0.18)
     groups = [
-        ("paint", paint, [body, roof, *pillars], True),
-        ("glass", Material("plastic", hex_color("#14181b"), 0.06), [cabin], True),
+        ("paint", paint, [loft(np.stack(body)), loft(np.stack(roof)), *pillars], True),
+        ("glass", Material("plastic", hex_color("#14181b"), 0.06), [loft(np.stack(cabin))], True),
         ("tyres", Material("paint", hex_color("#1c1c1d"), 0.9), wheels, True),
         ("metal", Material("metal", hex_color("#b4b6b8"), 0.3), [*rims, *lights], False),
         ("tails", Material("plastic", hex_color("#6d1013"), 0.2), tails, False),
@@ -212,4 +188,4 @@ def _car(
             for mesh in meshes
         ]
         parts.append(make_part(label, material, *placed, smooth=smooth))
-    return SceneItem(f"outside-{name}", name, "vehicle", tuple(parts), True, None)
+    return outdoor_item(name, "vehicle", *parts)
