@@ -61,7 +61,7 @@ def relight(
         [Lamp(light.id, light.room, light.lumens or 1.0) for light in lamps],
         windowless,
     )
-    kelvin = float(rng("colour").choice(_KELVIN)) + draw_kelvin_offset(rng("cooler"))
+    kelvin = rng("colour").pick(_KELVIN) + draw_kelvin_offset(rng("cooler"))
     lit_lights = tuple(light for light in lamps if light.id in lit)
     weight = _switch_lamps(
         root, lamps, {name for light in lit_lights for name in light.shapes}, kelvin

@@ -82,7 +82,8 @@ def tile(
     `mix` is cut to [0, 1].
     """
     maps = np.broadcast_arrays(np.clip(mix, 0, 1), shade, rough, height)
-    return Surface(*(each.astype(np.float32) for each in maps), metres, modules)
+    first, second, third, fourth = (each.astype(np.float32) for each in maps)
+    return Surface(first, second, third, fourth, metres, modules)
 
 
 def noise(rng: Draw, size: int, spectrum: Spectrum = CLOUD) -> Float32Array:
