@@ -31,11 +31,12 @@ from pbrnet.scenes.importing.assembly import Draft, assemble
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.credits import find_credit
 from pbrnet.scenes.importing.light.daylight import daylight
+from pbrnet.scenes.importing.materials.surface import Surface, clear_glass, wrapped
 from pbrnet.scenes.importing.names import Names
 from pbrnet.scenes.importing.objects import room_of, structure_category
-from pbrnet.scenes.importing.panes import pieces_of_mesh
-from pbrnet.scenes.importing.sealing_shapes import completing_shapes
-from pbrnet.scenes.importing.shape import Shape, Surface, bounds_of, make_object
+from pbrnet.scenes.importing.shape import Shape, bounds_of, make_object
+from pbrnet.scenes.importing.shapes.panes import pieces_of_mesh
+from pbrnet.scenes.importing.shapes.sealing_shapes import completing_shapes
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.reconstruction.interior import find_interior
@@ -238,15 +239,12 @@ class _Building:
 def _surface(name: str, color: Any, transparency: float, is_display: bool) -> Surface:
     """A matt surface, clear glass or a translucent one; a display colour is sRGB."""
     if transparency >= _CLEAR:
-        made = plugin("bsdf", "thindielectric", int_ior=1.5)
-        return Surface(made, transmissive=True, see_through=True, name=name)
+        return clear_glass(name=name)
     red, green, blue = (decode_srgb_value(float(one)) if is_display else one for one in color)
-    wrapped = plugin("bsdf", "twosided")
-    wrapped.append(plugin("bsdf", "diffuse", reflectance=(red, green, blue)))
+    both = wrapped("twosided", plugin("bsdf", "diffuse", reflectance=(red, green, blue)))
     if transparency <= 0.01:
-        return Surface(wrapped, double=True, name=name)
-    masked = plugin("bsdf", "mask", opacity=1.0 - transparency)
-    masked.append(wrapped)
+        return Surface(both, double=True, name=name)
+    masked = wrapped("mask", both, opacity=1.0 - transparency)
     return Surface(masked, transmissive=True, name=name)
 
 

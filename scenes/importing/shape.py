@@ -1,4 +1,4 @@
-"""Shapes, surfaces and emitters of an imported scene, and objects made of shapes."""
+"""Shapes and emitters of an imported scene, and objects made of shapes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.importing.materials.surface import Surface
 
 MAX_SHAPES = 100_000  # of a scene
 MAX_SCENE_TRIANGLES = 20_000_000
@@ -37,20 +38,6 @@ class Shape:
             mesh=self.mesh.transformed(matrix),
             sphere=None if self.sphere is None else matrix @ self.sphere,
         )
-
-
-@dataclass
-class Surface:
-    """A translated material."""
-
-    element: Element | None  # BSDF of Mitsuba 3, None if invisible
-    transmissive: bool = False
-    double: bool = False  # already two-sided
-    see_through: bool = False  # light passes straight, as through a clear pane
-    frosted: bool = False  # light passes and is scattered
-    invisible: bool = False  # no effect on light at all
-    unstated: bool = False  # the file states no material
-    name: str = ""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from xml.etree.ElementTree import Element, ElementTree, indent
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.formats.ply import write_ply
+from pbrnet.scenes.importing.names import numbered
 from pbrnet.scenes.importing.shape import Emitter, Shape
 from pbrnet.scenes.importing.xml_elements import plugin, prop
 
@@ -78,16 +79,6 @@ def sensor_element(to_world: Float64Array, fov_x: float, width: int, height: int
 
 
 def _material_id(name: str, taken: dict[str, int]) -> str:
-    """An id that resembles `name` and is not in `taken`, in lower case; it is added there.
-
-    `taken` maps ids to the last number tried after them.
-    """
+    """A new id that resembles `name`."""
     stem = "".join(char if char.isascii() and char.isalnum() else "_" for char in name).strip("_")
-    stem = f"material_{stem[:80]}" if stem else "material"
-    made, count = stem, taken.get(stem.lower(), 1)
-    while made.lower() in taken:
-        count += 1
-        made = f"{stem}_{count}"
-    taken[made.lower()] = 1
-    taken[stem.lower()] = count
-    return made
+    return numbered(f"material_{stem[:80]}" if stem else "material", "_", taken)

@@ -17,8 +17,8 @@ from pbrnet.scenes.color import Color
 from pbrnet.scenes.importing.materials.textures import UnreadableImage
 from pbrnet.scenes.importing.shape import Emitter, EmitterKind
 from pbrnet.scenes.importing.xml_elements import plugin, prop
-from pbrnet.scenes.mitsuba.materials import Materials
 from pbrnet.scenes.mitsuba.reader import Node, unresolved
+from pbrnet.scenes.mitsuba.textures import Textures
 from pbrnet.scenes.mitsuba.values import Properties, Scope
 
 
@@ -32,11 +32,11 @@ class Emitters:
     def __init__(
         self,
         scope: Scope,
-        materials: Materials,
+        textures: Textures,
         frame: Float64Array,
         replacement: Callable[[float], Emitter] | None = None,
     ) -> None:
-        self.scope, self.materials, self.frame = scope, materials, frame
+        self.scope, self.textures, self.frame = scope, textures, frame
         self.replacement = replacement
         self.scale = float(np.cbrt(np.linalg.det(frame[:3, :3])))
 
@@ -162,7 +162,7 @@ class Emitters:
             path = self.scope.sandbox.find(name, node.place)
         if path is not None:
             try:
-                stored = self.materials.textures.radiance(path)
+                stored = self.textures.store.radiance(path)
                 made = plugin("emitter", "envmap", filename=stored, scale=scale, to_world=turn)
                 return Emitter(made, ("environment",))
             except UnreadableImage as error:
@@ -227,15 +227,13 @@ class Emitters:
 
     def _radiance_texture(self, node: Node) -> Color | Element:
         properties = Properties(node, self.scope)
-        path = (
-            self.materials.image_path(properties) if node.type in ("bitmap", "ldrtexture") else None
-        )
+        is_image = node.type in ("bitmap", "ldrtexture")
+        path = self.textures.image_path(properties) if is_image else None
         if path is None:
-            return self.materials.texture(node)
+            return self.textures.texture(node)
         try:
-            return plugin(
-                "texture", "bitmap", filename=self.materials.textures.radiance(path), raw=True
-            )
+            stored = self.textures.store.radiance(path)
+            return plugin("texture", "bitmap", filename=stored, raw=True)
         except UnreadableImage as error:
             self.scope.changes.note(
                 "damaged texture of an emitter, replaced by white: {}", f"{path.name} ({error})"

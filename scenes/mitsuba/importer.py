@@ -14,15 +14,11 @@ from pathlib import Path
 from pbrnet.scenes.contract import Credit, Scene, load_scene, writing_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.transforms import look_at
-from pbrnet.scenes.importing.assembly import (
-    Camera,
-    Draft,
-    assemble,
-    transformed_camera,
-    upright_metric_frame,
-)
+from pbrnet.scenes.importing.assembly import Draft, assemble
+from pbrnet.scenes.importing.camera import Camera, transformed_camera
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.credits import find_credit
+from pbrnet.scenes.importing.frame import upright_metric_frame
 from pbrnet.scenes.importing.light.daylight import daylight
 from pbrnet.scenes.importing.light.plan import sky_for
 from pbrnet.scenes.importing.materials.textures import TextureStore
@@ -45,6 +41,7 @@ from pbrnet.scenes.mitsuba.pbrs import (
 )
 from pbrnet.scenes.mitsuba.reader import Node, read_tree, unresolved
 from pbrnet.scenes.mitsuba.shapes import ShapeReader
+from pbrnet.scenes.mitsuba.textures import Textures
 from pbrnet.scenes.mitsuba.upgrade import upgrade
 from pbrnet.scenes.mitsuba.values import Properties, Scope
 from pbrnet.scenes.opened_files import OpenedFiles
@@ -72,7 +69,8 @@ def import_mitsuba(
     upgrade(root, scope.version)
     _index(root, scope)
     with writing_scene(out) as folder:
-        materials = Materials(scope, TextureStore(folder / "textures", changes))
+        textures = Textures(scope, TextureStore(folder / "textures", changes))
+        materials = Materials(scope, textures)
         shapes = ShapeReader(scope, materials, options.skip_missing).read(root.children)
         shapes = _visible(shapes, changes)
         if not shapes:
@@ -94,7 +92,7 @@ def import_mitsuba(
         )
         shapes = [shape.transformed(frame) for shape in shapes]
         cameras = [transformed_camera(camera, frame, changes) for camera in cameras]
-        emitters = Emitters(scope, materials, frame, daylight if release else None)
+        emitters = Emitters(scope, textures, frame, daylight if release else None)
         area = {
             shape.id: emitters.area(shape.emitter) for shape in shapes if shape.emitter is not None
         }

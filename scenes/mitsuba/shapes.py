@@ -18,9 +18,10 @@ from pbrnet.scenes.formats.serialized import read_serialized
 from pbrnet.scenes.geometry import primitives
 from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
 from pbrnet.scenes.importing.materials.mtl import MtlLibrary
+from pbrnet.scenes.importing.materials.surface import Surface
 from pbrnet.scenes.importing.names import Names
 from pbrnet.scenes.importing.sandbox import missing_meshes
-from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape, Surface
+from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES, MAX_SHAPES, Shape
 from pbrnet.scenes.mitsuba.materials import Materials
 from pbrnet.scenes.mitsuba.reader import Node
 from pbrnet.scenes.mitsuba.values import Properties, Scope
@@ -199,7 +200,9 @@ class ShapeReader:
         wanted = properties.boolean("load_materials", True) and found.libraries
         if not any(materials) or not (wanted or named):
             return None
-        library = MtlLibrary(path, self.scope.sandbox, self.materials.textures, self.scope.changes)
+        library = MtlLibrary(
+            path, self.scope.sandbox, self.materials.textures.store, self.scope.changes
+        )
         if wanted:
             library.load(found.libraries)
         distinct = list(dict.fromkeys(materials))

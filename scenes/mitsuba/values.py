@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -23,6 +24,7 @@ T = TypeVar("T")
 Matrix4 = Float64Array
 
 _MAX_REFERENCES = 32
+_MAX_NESTING = 16  # of materials and textures
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
@@ -35,6 +37,7 @@ class Scope:
     changes: Changes
     version: tuple[int, ...]
     by_id: dict[str, Node] = field(default_factory=dict)
+    _depth: int = field(default=0, init=False)  # of the materials and textures being read
 
     @property
     def is_old(self) -> bool:
@@ -53,6 +56,17 @@ class Scope:
                 raise node.error("references form a cycle")
             node = target
         return node
+
+    @contextmanager
+    def nested(self, node: Node, what: str) -> Iterator[None]:
+        """Bound how deep materials and textures are nested; `InputError` names `what` they are."""
+        if self._depth >= _MAX_NESTING:
+            raise node.error(f"{what} are nested too deep or inside themselves")
+        self._depth += 1
+        try:
+            yield
+        finally:
+            self._depth -= 1
 
 
 def snake(name: str) -> str:

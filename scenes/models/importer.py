@@ -26,18 +26,19 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import REC709
 from pbrnet.scenes.contract import Credit, Scene, SceneObject, load_scene, writing_scene
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.importing.assembly import Camera, Draft, assemble, transformed_camera
+from pbrnet.scenes.importing.assembly import Draft, assemble
+from pbrnet.scenes.importing.camera import Camera, transformed_camera
 from pbrnet.scenes.importing.categories import category_of
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.credits import find_credit
-from pbrnet.scenes.importing.doubled_faces import with_doubled_faces_apart
 from pbrnet.scenes.importing.light.daylight import daylight
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
 from pbrnet.scenes.importing.objects import room_of, structure_category
-from pbrnet.scenes.importing.panes import with_named_glass
 from pbrnet.scenes.importing.sandbox import Sandbox, model_root
-from pbrnet.scenes.importing.sealing_shapes import completing_shapes
 from pbrnet.scenes.importing.shape import Emitter, Shape, as_triple, bounds_of, make_object
+from pbrnet.scenes.importing.shapes.doubled_faces import with_doubled_faces_apart
+from pbrnet.scenes.importing.shapes.panes import with_named_glass
+from pbrnet.scenes.importing.shapes.sealing_shapes import completing_shapes
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.models.model import Emission, Model, PunctualLight
 from pbrnet.scenes.models.options import READERS, ModelOptions
@@ -46,6 +47,7 @@ from pbrnet.scenes.models.placement import place_model
 from pbrnet.scenes.models.showroom import showroom
 from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.reconstruction.interior import Interior
 from pbrnet.scenes.reconstruction.orientation import upright
 from pbrnet.scenes.reconstruction.room_index import RoomIndex
 from pbrnet.scenes.reconstruction.rooms import FoundRoom
@@ -132,20 +134,17 @@ def _draft(
     """The model upright and in metres, with light, and in a plain room if it has none."""
     placement = place_model(model, path.stem, options)
     is_single = placement.kind == "object"
-    scale, up = placement.scale, placement.up
-    _note_frame(up, scale, model, options, changes)
+    _note_frame(placement.up, placement.scale, model, options, changes)
     frame = np.eye(4)
-    frame[:3, :3] = scale * upright(up)
-    room_shapes: list[Shape] = []
+    frame[:3, :3] = placement.scale * upright(placement.up)
+    added: list[Shape] = []
     views: list[Camera] = []
     if is_single:
         low, high = bounds_of([shape.transformed(frame) for shape in model.shapes])
         room = showroom(low, high)
-        frame = room.move @ frame
-        views = room.cameras
-        taken = {shape.id.lower() for shape in model.shapes}
-        room_shapes = [_with_unused_id(shape, taken) for shape in room.shapes]
-        for old, new in zip(room.shapes, room_shapes, strict=True):
+        frame, views = room.move @ frame, room.cameras
+        added = _with_unused_ids(room.shapes, model)
+        for old, new in zip(room.shapes, added, strict=True):
             if old.id in room.area:
                 area = {**area, new.id: room.area[old.id]}
         changes.note("a single object was placed in a plain room with a window and a lamp")
@@ -153,56 +152,61 @@ def _draft(
             changes.note("cameras of a single object were left out")
     cameras = views or [transformed_camera(camera, frame, changes) for camera in model.cameras]
     if placement.interior is not None:
-        taken = {shape.id.lower() for shape in model.shapes}
-        added = completing_shapes(placement.interior.completion, changes)
-        room_shapes = [_with_unused_id(shape, taken) for shape in added]
+        completion = completing_shapes(placement.interior.completion, changes)
+        added = _with_unused_ids(completion, model)
     emitters = [_punctual_emitter(light, frame) for light in model.lights]
     shapes = with_named_glass([shape.transformed(frame) for shape in model.shapes], changes)
     shapes = with_doubled_faces_apart(shapes, model.emissions.keys(), changes)
     node_paths, unknown = model.node_paths, frozenset[str]()
     if not is_single:
-        if placement.interior is not None:
-            floors = placement.interior.floors
-            shapes, node_paths = without_misleading_names(shapes, node_paths, floors)
-        pieces = split_unnamed(shapes, node_paths)
+        pieces, node_paths = _split(shapes, node_paths, placement.interior, changes)
         shapes, unknown = pieces.shapes, frozenset(pieces.piece)
-        node_paths = {**node_paths, **{id_: (f":{name}",) for id_, name in pieces.piece.items()}}
         area = _area_of_pieces(area, pieces)
-        if unknown:
-            changes.note(
-                "large meshes without telling names were split by connected parts; those that are "
-                f"no part of the building are objects of category {UNKNOWN!r}"
-            )
     outdoors = is_single or options.sky or model.outdoors
     if outdoors:
         emitters.append(daylight())
+    source = {"kind": model.kind, "file": path.name, "version": model.version}
+    grouping = partial(
+        _objects,
+        node_paths,
+        unknown,
+        frozenset(area),
+        path.stem if is_single else "",
+        frozenset(shape.id for shape in model.shapes),
+    )
     return Draft(
         scene_id,
-        {
-            "kind": model.kind,
-            "file": path.name,
-            "version": model.version,
-            "placement": placement.summary,
-        },
-        shapes + room_shapes,
+        {**source, "placement": placement.summary},
+        shapes + added,
         area,
         emitters,
         cameras,
         _credits(path, scene_id, model, options, is_single, opened, changes),
         hint="" if is_single else path.stem,
-        grouping=partial(
-            _objects,
-            node_paths,
-            unknown,
-            frozenset(area),
-            path.stem if is_single else "",
-            frozenset(shape.id for shape in model.shapes),
-        ),
+        grouping=grouping,
         ground=outdoors,
         photometric=True,
         sky_if_dark=not outdoors,
         lamps=options.lamp_rule,
     )
+
+
+def _split(
+    shapes: list[Shape],
+    node_paths: dict[str, tuple[str, ...]],
+    interior: Interior | None,
+    changes: Changes,
+) -> tuple[Pieces, dict[str, tuple[str, ...]]]:
+    """Shapes and names without misleading names; large unnamed meshes are taken apart."""
+    if interior is not None:
+        shapes, node_paths = without_misleading_names(shapes, node_paths, interior.floors)
+    pieces = split_unnamed(shapes, node_paths)
+    if pieces.piece:
+        changes.note(
+            "large meshes without telling names were split by connected parts; those that are "
+            f"no part of the building are objects of category {UNKNOWN!r}"
+        )
+    return pieces, {**node_paths, **{id_: (f":{name}",) for id_, name in pieces.piece.items()}}
 
 
 def _note_frame(
@@ -457,12 +461,16 @@ def _is_one_of(label: str, group: str) -> bool:
     )
 
 
-def _with_unused_id(shape: Shape, taken: set[str]) -> Shape:
-    """`shape`, its id extended until it is not in `taken` (lower case)."""
-    name = shape.id
-    while name.lower() in taken:
-        name += "_"
-    return replace(shape, id=name)
+def _with_unused_ids(shapes: list[Shape], model: Model) -> list[Shape]:
+    """`shapes`, their ids extended until the model has none of them, even if case is ignored."""
+    taken = {shape.id.lower() for shape in model.shapes}
+    made = []
+    for shape in shapes:
+        name = shape.id
+        while name.lower() in taken:
+            name += "_"
+        made.append(replace(shape, id=name))
+    return made
 
 
 def _credits(

@@ -13,7 +13,7 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import Color
-from pbrnet.scenes.importing.assembly import Camera
+from pbrnet.scenes.importing.camera import Camera
 from pbrnet.scenes.importing.shape import Shape
 
 

@@ -20,10 +20,11 @@ from pbrnet.scenes.formats.model_parts import ModelMaterial
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.image_files import open_image
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.surface import Surface, clear_glass, cut_out, invisible
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
 from pbrnet.scenes.importing.names import Names
 from pbrnet.scenes.importing.sandbox import Sandbox
-from pbrnet.scenes.importing.shape import MAX_SHAPES, Shape, Surface
+from pbrnet.scenes.importing.shape import MAX_SHAPES, Shape
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.models.model import Emission, Model
 
@@ -116,26 +117,13 @@ class _Surfaces:
                     f"{Path(material.image).name} ({error})",
                 )
         elif material.opacity <= 0:
-            return Surface(None, transmissive=True, see_through=True, invisible=True)
+            return invisible()
         elif material.opacity <= _MAX_GLASS_OPACITY:
             self.changes.note("a transparent material became clear glass: {}", name)
-            made = plugin("bsdf", "thindielectric", int_ior=1.5)
-            return Surface(made, transmissive=True, see_through=True)
-        wrapped = plugin("bsdf", "twosided")
-        wrapped.append(
-            plugin(
-                "bsdf",
-                "principled",
-                base_color=color,
-                roughness=_roughness(material),
-                specular=0.5,
-            )
-        )
-        if isinstance(opacity, float) and opacity >= 0.999:
-            return Surface(wrapped, double=True)
-        masked = plugin("bsdf", "mask", opacity=opacity)
-        masked.append(wrapped)
-        return Surface(masked, transmissive=True)
+            return clear_glass()
+        rough = _roughness(material)
+        made = plugin("bsdf", "principled", base_color=color, roughness=rough, specular=0.5)
+        return cut_out(made, opacity)
 
     def _bitmaps(self, path: Path) -> tuple[Element, Element | None]:
         """The colour of an image, and its alpha unless that is one everywhere."""

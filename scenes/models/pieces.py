@@ -23,8 +23,8 @@ from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
 from pbrnet.scenes.geometry.regions import intersection
 from pbrnet.scenes.importing.categories import category_of
 from pbrnet.scenes.importing.objects import has_structural_name
-from pbrnet.scenes.importing.panes import pieces_of_mesh
 from pbrnet.scenes.importing.shape import Shape, bounds_of
+from pbrnet.scenes.importing.shapes.panes import pieces_of_mesh
 from pbrnet.scenes.reconstruction.scale_clues import usual_size
 
 UNKNOWN = "unknown"  # category of a piece

@@ -12,8 +12,9 @@ from pbrnet.scenes.color import Color
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.geometry.primitives import cube
 from pbrnet.scenes.geometry.transforms import look_at
-from pbrnet.scenes.importing.assembly import Camera
-from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.camera import Camera
+from pbrnet.scenes.importing.materials.surface import Surface
+from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.photometry import lamp_radiance
 

@@ -7,13 +7,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import Color
-from pbrnet.scenes.importing.shape import Surface
+from pbrnet.scenes.importing.materials.surface import Surface, clipped, rough_glass
 from pbrnet.scenes.importing.xml_elements import plugin, prop
 
 WHITE: Color = (1.0, 1.0, 1.0)
-_CLEAR_ROUGHNESS = 0.05  # alpha up to which rough glass counts as clear
 
 Alpha = float | tuple[float, float]  # GGX roughness, of one or two axes; 0 if smooth
 
@@ -43,11 +41,10 @@ def glass(kind: str, ior: float, alpha: Alpha, reflected: Color, through: Color)
     for one in roughness(alpha):
         made.append(one)
     if reflected != WHITE:
-        made.append(prop("specular_reflectance", clip(np.array(reflected))))
+        made.append(prop("specular_reflectance", clipped(np.array(reflected))))
     if through != WHITE:
-        made.append(prop("specular_transmittance", clip(np.array(through))))
-    clear = rough <= _CLEAR_ROUGHNESS
-    return Surface(made, transmissive=True, see_through=clear, frosted=not clear)
+        made.append(prop("specular_transmittance", clipped(np.array(through))))
+    return rough_glass(made, rough)
 
 
 def roughness(alpha: Alpha) -> list[Element]:
@@ -65,11 +62,6 @@ def mirror(color: Color | Element) -> Surface:
     return Surface(plugin("bsdf", "conductor", material="none", specular_reflectance=color))
 
 
-def invisible() -> Surface:
-    """A surface without effect on light."""
-    return Surface(None, transmissive=True, see_through=True, invisible=True)
-
-
 def remapped(value: float, version: int) -> float:
     """GGX alpha of pbrt's roughness parameter in [0, 1]."""
     if value <= 0:
@@ -79,9 +71,3 @@ def remapped(value: float, version: int) -> float:
     x = math.log(min(max(value, 1e-3), 1.0))
     alpha = 1.62142 + 0.819955 * x + 0.1734 * x**2 + 0.0171201 * x**3 + 0.000640711 * x**4
     return min(alpha, 1.0)
-
-
-def clip(values: Float64Array) -> Color:
-    """Values (3,) clipped to [0, 1], as a colour."""
-    red, green, blue = np.clip(values, 0.0, 1.0).tolist()
-    return (red, green, blue)

@@ -14,15 +14,11 @@ import numpy as np
 
 from pbrnet.scenes.contract import Scene, load_scene, writing_scene
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.importing.assembly import (
-    Camera,
-    Draft,
-    assemble,
-    transformed_camera,
-    upright_metric_frame,
-)
+from pbrnet.scenes.importing.assembly import Draft, assemble
+from pbrnet.scenes.importing.camera import Camera, transformed_camera
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.credits import find_credit
+from pbrnet.scenes.importing.frame import upright_metric_frame
 from pbrnet.scenes.importing.light.plan import sky_for
 from pbrnet.scenes.importing.materials.textures import TextureStore
 from pbrnet.scenes.importing.sandbox import Sandbox

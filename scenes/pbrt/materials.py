@@ -6,7 +6,6 @@ Opaque materials are two-sided, as all of pbrt's are.
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable
 from xml.etree.ElementTree import Element
@@ -15,14 +14,19 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import REC709, Color
-from pbrnet.scenes.importing.shape import Surface
+from pbrnet.scenes.importing.materials.surface import (
+    Surface,
+    clipped,
+    invisible,
+    principled_surface,
+    thin_sheet,
+    wrapped,
+)
 from pbrnet.scenes.importing.xml_elements import plugin, prop
 from pbrnet.scenes.pbrt.bsdfs import (
     WHITE,
     Alpha,
-    clip,
     glass,
-    invisible,
     mirror,
     plastic,
     remapped,
@@ -59,7 +63,7 @@ class Materials:
         if key not in self._surfaces:
             if material is not None:
                 self._kept.append(material)
-            self._surfaces[key] = self._cut_out(self._two_sided(self._translate(material)), alpha)
+            self._surfaces[key] = self._cut_out(self._translate(material).two_sided(), alpha)
             if material is not None:
                 self._surfaces[key].name = material.label
         return self._surfaces[key]
@@ -90,13 +94,6 @@ class Materials:
         material.report_unused()
         return surface
 
-    def _two_sided(self, surface: Surface) -> Surface:
-        if surface.element is None or surface.transmissive or surface.double:
-            return surface
-        wrapped = plugin("bsdf", "twosided")
-        wrapped.append(surface.element)
-        return Surface(wrapped, double=True)
-
     def _cut_out(self, surface: Surface, alpha: float | Element | Color) -> Surface:
         """`surface` with an opacity."""
         if surface.element is None:
@@ -106,8 +103,7 @@ class Materials:
                 return surface
             if alpha <= _NEAR_ZERO:
                 return invisible()
-        made = plugin("bsdf", "mask", opacity=alpha)
-        made.append(surface.element)
+        made = wrapped("mask", surface.element, opacity=alpha)
         clear = isinstance(alpha, float) and alpha <= 0.3
         return Surface(made, transmissive=True, see_through=surface.see_through or clear)
 
@@ -120,11 +116,8 @@ class Materials:
             image = self.textures.bitmap(path, np.ones(3), True, None, "repeat")
         if image is None:
             return surface
-        wrapped = plugin("bsdf", "normalmap", normalmap=image)
-        wrapped.append(surface.element)
-        return Surface(
-            wrapped, surface.transmissive, frosted=surface.see_through or surface.frosted
-        )
+        made = wrapped("normalmap", surface.element, normalmap=image)
+        return Surface(made, surface.transmissive, frosted=surface.see_through or surface.frosted)
 
     # Parameters
 
@@ -191,8 +184,8 @@ class Materials:
             base = float(np.array(diffuse) @ REC709) if isinstance(diffuse, tuple) else 0.5
             share = float(np.array(mirrored) @ REC709)
             weight = share / max(share + base, 1e-6)
-            scaled = clip(np.array(mirrored) / max(weight, 1e-6))
-            surface = self._blended(surface, mirror(scaled), weight)
+            scaled = clipped(np.array(mirrored) / max(weight, 1e-6))
+            surface = surface.blended(mirror(scaled), weight)
         return self._cut_out(surface, self.textures.number(material, "opacity", 1.0))
 
     def mirror(self, material: Entity) -> Surface:
@@ -216,7 +209,7 @@ class Materials:
         back = np.array(material.color("reflect", _HALF)) * color
         through = np.array(material.color("transmit", _HALF)) * color
         material.ignore("Ks", "roughness", "remaproughness")
-        return self._two_sided_sheet(back, through)
+        return _sheet(back, through)
 
     def disney(self, material: Entity) -> Surface:
         """`disney`: Mitsuba's `principled`, or `principledthin`."""
@@ -239,12 +232,7 @@ class Materials:
         transmission = material.number("spectrans", 0.0)
         material.ignore("scatterdistance", "flatness", "difftrans", "metallic", "clearcoat",
                         "clearcoatgloss")  # fmt: skip
-        return Surface(
-            made,
-            transmissive=thin or transmission > 0,
-            see_through=transmission > 0.5,
-            frosted=thin and transmission <= 0.5,
-        )
+        return principled_surface(made, transmission)
 
     # Materials of version 4
 
@@ -291,12 +279,12 @@ class Materials:
             name = "reflectance" if material.is_texture("reflectance") else "transmittance"
             material.ignore("reflectance", "transmittance")
             self.context.changes.note("a textured sheet reflects and transmits in equal parts")
-            return _sheet(self.textures.color(material, name, _QUARTER, 2 * scale), 1.0)
+            return thin_sheet(self.textures.color(material, name, _QUARTER, 2 * scale), 1.0)
         back, through = (
             np.array(material.color(name, _QUARTER)) * scale
             for name in ("reflectance", "transmittance")
         )
-        return self._two_sided_sheet(back, through)
+        return _sheet(back, through)
 
     def mix(self, material: Entity) -> Surface:
         """`mix` of two materials; the amount is the first one's in version 3, else the second's."""
@@ -314,7 +302,7 @@ class Materials:
             first, second = second, first
         if isinstance(amount, float):
             amount = min(max(amount, 0.0), 1.0)
-        return self._blended(first, second, amount)
+        return first.blended(second, amount)
 
     def interface(self, material: Entity) -> Surface:
         """`interface`, `none` and "": no effect on light."""
@@ -362,41 +350,16 @@ class Materials:
         made.append(prop("k", k or WHITE))
         return Surface(made)
 
-    def _two_sided_sheet(self, back: Float64Array, through: Float64Array) -> Surface:
-        """A thin diffuse sheet that reflects `back` and transmits `through`, each (3,)."""
-        total = np.maximum(back + through, 1e-6)
-        share = float((through @ REC709) / max(float(total @ REC709), 1e-6))
-        return _sheet(clip(total), 2 * share)
-
-    def _blended(self, first: Surface, second: Surface, weight: float | Element) -> Surface:
-        """`blendbsdf` with `weight` of the second material."""
-        transmissive = first.transmissive or second.transmissive
-        made = plugin("bsdf", "blendbsdf", weight=weight)
-        for surface in (first, second):
-            element = plugin("bsdf", "null")
-            if surface.element is not None:
-                one = self._two_sided(surface) if transmissive else surface
-                assert one.element is not None
-                element = copy.deepcopy(one.element)
-            made.append(element)
-        return Surface(made, transmissive=transmissive)
-
     def _ignore_layers(self, material: Entity) -> None:
         material.ignore("thickness", "maxdepth", "nsamples", "g", "albedo", "interface.thickness",
                         "layers.maxdepth", "layers.nsamples")  # fmt: skip
 
 
-def _sheet(color: Color | Element, transmitted: float) -> Surface:
-    """A thin diffuse sheet; `transmitted` is 0 if it reflects all light, 2 if none."""
-    made = plugin(
-        "bsdf",
-        "principledthin",
-        base_color=color,
-        roughness=1.0,
-        diff_trans=transmitted,
-        eta=1.001,
-    )
-    return Surface(made, transmissive=True, frosted=True)
+def _sheet(back: Float64Array, through: Float64Array) -> Surface:
+    """A thin diffuse sheet that reflects `back` and transmits `through`, each (3,)."""
+    total = np.maximum(back + through, 1e-6)
+    share = float((through @ REC709) / max(float(total @ REC709), 1e-6))
+    return thin_sheet(clipped(total), 2 * share)
 
 
 _MATERIALS: dict[str, Callable[[Materials, Entity], Surface]] = {

@@ -15,9 +15,10 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.geometry import primitives
 from pbrnet.scenes.geometry.mesh import Mesh, cleaned, face_areas, smooth_normals
+from pbrnet.scenes.importing.materials.surface import Surface
 from pbrnet.scenes.importing.names import Names
 from pbrnet.scenes.importing.sandbox import missing_meshes
-from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES, Shape, Surface
+from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES, Shape
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.pbrt.materials import Materials
 from pbrnet.scenes.pbrt.reader import PlacedShape

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, indent
 
@@ -27,7 +26,6 @@ def write_scene(
     finishes: BsdfWriter,
     sky: Sky,
     camera: Camera,
-    weight: Callable[[PlacedItem], float],
 ) -> list[SceneObject]:
     """Write `scene.xml` and its meshes; returns one object for each item, in order."""
     shapes, objects = [], []
@@ -36,7 +34,8 @@ def write_scene(
         for count, part in enumerate(item.parts):
             name = f"{item.id}.{count}"
             names.append(name)
-            shapes.append(_shape(folder, name, part, finishes.bsdf(part.finish), weight(item)))
+            finish = finishes.bsdf(part.finish)
+            shapes.append(_shape(folder, name, part, finish, item.sampling_weight))
         low, high = np.round(item.bounds, 5).tolist()
         objects.append(
             SceneObject(

@@ -21,7 +21,8 @@ from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.geometry.directions import fibonacci_sphere
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.geometry.regions import buffered, deepest_point
-from pbrnet.scenes.importing.shape import Shape, Surface, as_triple, make_object
+from pbrnet.scenes.importing.materials.surface import Surface
+from pbrnet.scenes.importing.shape import Shape, as_triple, make_object
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.photometry import LUMEN
 from pbrnet.scenes.reconstruction.raycast import RayCaster

@@ -9,7 +9,8 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.geometry.mesh import Mesh
-from pbrnet.scenes.importing.shape import Emitter, Shape, Surface, make_object
+from pbrnet.scenes.importing.materials.surface import Surface
+from pbrnet.scenes.importing.shape import Emitter, Shape, make_object
 from pbrnet.scenes.importing.xml_elements import plugin
 
 GROUND_ID = "outside_ground"

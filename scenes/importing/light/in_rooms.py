@@ -18,8 +18,8 @@ from pbrnet.scenes.contract import Light, Portal
 from pbrnet.scenes.geometry.directions import fibonacci_sphere
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.importing.light.plan import OUTDOORS
-from pbrnet.scenes.importing.panes import solid_corners
 from pbrnet.scenes.importing.shape import Emitter, Shape
+from pbrnet.scenes.importing.shapes.panes import solid_corners
 from pbrnet.scenes.reconstruction.connections import ARCHWAY, DOOR, connected_rooms
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import FoundRoom, has_view_outside

@@ -17,9 +17,9 @@ from pbrnet.scenes.color import Color
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.mtl import MAX_MTL, Mtl, MtlMap, read_mtl
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.surface import Surface, clear_glass, clipped, cut_out
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
 from pbrnet.scenes.importing.sandbox import Sandbox
-from pbrnet.scenes.importing.shape import Surface
 from pbrnet.scenes.importing.xml_elements import plugin
 
 _MAX_GLASS_OPACITY = 0.6  # up to which a material without opacity map is read as glass
@@ -78,7 +78,7 @@ class MtlLibrary:
         return self._translated[name]
 
     def _translate(self, mtl: Mtl) -> MtlMaterial:
-        color: Color | Element = _rgb(mtl.numbers.get("Kd", (0.5, 0.5, 0.5)))
+        color: Color | Element = clipped(mtl.numbers.get("Kd", (0.5, 0.5, 0.5)))
         image_path = self._image(mtl, "map_Kd")
         if image_path is not None:
             try:
@@ -116,18 +116,14 @@ class MtlLibrary:
         refracts = int(mtl.numbers.get("illum", (2,))[0]) in _REFRACTIVE_MODELS
         if cutout is None and (opacity <= _MAX_GLASS_OPACITY or (refracts and opacity < 0.95)):
             self.changes.note("a transparent material became clear glass: {}", mtl.name)
-            made = plugin("bsdf", "thindielectric", int_ior=_ior(mtl))
-            return Surface(made, transmissive=True, see_through=True)
-        wrapped = plugin("bsdf", "twosided")
-        wrapped.append(
-            plugin(
-                "bsdf",
-                "principled",
-                base_color=color,
-                roughness=_roughness(mtl),
-                metallic=float(np.clip(mtl.numbers.get("Pm", (0.0,))[0], 0, 1)),
-                specular=0.5,
-            )
+            return clear_glass(_ior(mtl))
+        made = plugin(
+            "bsdf",
+            "principled",
+            base_color=color,
+            roughness=_roughness(mtl),
+            metallic=float(np.clip(mtl.numbers.get("Pm", (0.0,))[0], 0, 1)),
+            specular=0.5,
         )
         alpha: float | Element = opacity
         if cutout is not None:
@@ -138,11 +134,7 @@ class MtlLibrary:
                 self.changes.note(
                     "damaged opacity texture was left out: {}", f"{cutout.name} ({error})"
                 )
-        if isinstance(alpha, float) and alpha >= 0.999:
-            return Surface(wrapped, double=True)
-        masked = plugin("bsdf", "mask", opacity=alpha)
-        masked.append(wrapped)
-        return Surface(masked, transmissive=True)
+        return cut_out(made, alpha)
 
 
 def _bitmap(stored: str, image: MtlMap, raw: bool | None = None) -> Element:
@@ -163,8 +155,3 @@ def _roughness(mtl: Mtl) -> float:
 def _ior(mtl: Mtl) -> float:
     value = mtl.numbers.get("Ni", (1.5,))[0]
     return float(value) if 1.05 < value < 3 else 1.5
-
-
-def _rgb(values: tuple[float, ...]) -> Color:
-    clipped = np.clip(values, 0.0, 1.0)
-    return (float(clipped[0]), float(clipped[1]), float(clipped[2]))

@@ -16,8 +16,8 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.surface import Surface, invisible, wrapped
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
-from pbrnet.scenes.importing.shape import Surface
 from pbrnet.scenes.importing.xml_elements import plugin, prop
 from pbrnet.scenes.models.gltf.container import UNDERSTOOD, Asset, extensions, number, numbers
 from pbrnet.scenes.models.gltf.images import Images, ImageTexture
@@ -122,9 +122,7 @@ class GltfMaterials:
         else:
             bsdf = self._principled(more, parameters, color, place)
         bsdf = self._normals(material, bsdf, where)
-        wrapped = plugin("bsdf", "twosided")
-        wrapped.append(bsdf)
-        return self._alpha(material, parameters, wrapped, place)
+        return self._alpha(material, parameters, wrapped("twosided", bsdf), place)
 
     def _principled(
         self, more: dict[str, Any], parameters: _PbrParameters, color: Color | Element, place: str
@@ -194,9 +192,8 @@ class GltfMaterials:
             if opacity >= 1:
                 return whole
             if opacity <= 0:
-                return Surface(None, transmissive=True, see_through=True, invisible=True)
-        made = plugin("bsdf", "mask", opacity=opacity)
-        made.append(bsdf)
+                return invisible()
+        made = wrapped("mask", bsdf, opacity=opacity)
         clear = isinstance(opacity, float) and opacity <= 0.3
         return Surface(made, transmissive=True, see_through=clear)
 

@@ -18,7 +18,7 @@ from pbrnet.scenes.arrays import Float64Array, Int64Array
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.mesh import Mesh, cleaned
-from pbrnet.scenes.importing.assembly import Camera
+from pbrnet.scenes.importing.camera import Camera
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.materials.textures import TextureStore
 from pbrnet.scenes.importing.names import Names

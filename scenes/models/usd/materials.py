@@ -17,8 +17,8 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.surface import Surface, clear_glass, invisible, wrapped
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
-from pbrnet.scenes.importing.shape import Surface
 from pbrnet.scenes.importing.xml_elements import plugin, prop
 from pbrnet.scenes.models.model import Emission
 
@@ -58,9 +58,8 @@ class UsdMaterials:
         return self._made[key]
 
     def _plain(self, color: Color, name: str) -> UsdMaterial:
-        wrapped = plugin("bsdf", "twosided")
-        wrapped.append(plugin("bsdf", "diffuse", reflectance=color))
-        return UsdMaterial(Surface(wrapped, double=True, name=name))
+        made = wrapped("twosided", plugin("bsdf", "diffuse", reflectance=color))
+        return UsdMaterial(Surface(made, double=True, name=name))
 
     def _translate(self, material: dict[str, Any]) -> UsdMaterial:
         name, kind, inputs = material["name"], material["kind"], material["inputs"]
@@ -84,10 +83,9 @@ class UsdMaterials:
         textured = self._image(opacity) is not None
         if not textured and alpha <= _MAX_GLASS_OPACITY and cutoff <= 0:
             self.changes.note("a transparent material became clear glass: {}", name)
-            made = plugin("bsdf", "thindielectric", int_ior=max(ior, 1.05))
-            return Surface(made, transmissive=True, see_through=True)
+            return clear_glass(max(ior, 1.05))
         if not textured and alpha < cutoff:
-            return Surface(None, transmissive=True, see_through=True, invisible=True)
+            return invisible()
         made = plugin(
             "bsdf",
             "principled",
@@ -102,12 +100,11 @@ class UsdMaterials:
             made.append(prop("clearcoat", min(coat, 1.0)))
             softness = min(max(_scalar(inputs.get("clearcoatRoughness"), 0.01), 0.0), 1.0)
             made.append(prop("clearcoat_gloss", 1 - softness))
-        wrapped = plugin("bsdf", "twosided")
-        wrapped.append(self._with_normals(made, inputs.get("normal")))
+        made = self._with_normals(made, inputs.get("normal"))
         if not textured and (alpha >= 0.999 or cutoff > 0):
-            return Surface(wrapped, double=True)
-        masked = plugin("bsdf", "mask", opacity=self._opacity(opacity, alpha, cutoff))
-        masked.append(wrapped)
+            return Surface(wrapped("twosided", made), double=True)
+        opacity_found = self._opacity(opacity, alpha, cutoff)
+        masked = wrapped("mask", wrapped("twosided", made), opacity=opacity_found)
         return Surface(masked, transmissive=True)
 
     def _emission(self, given: dict[str, Any] | None) -> Emission | None:

@@ -19,12 +19,13 @@ from pbrnet.scenes.color import Color
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.archive import HomeArchive
 from pbrnet.scenes.geometry.mesh import Mesh, cleaned, smooth_normals
-from pbrnet.scenes.importing.assembly import Camera
+from pbrnet.scenes.importing.camera import Camera
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.surface import Surface
 from pbrnet.scenes.importing.materials.textures import TextureStore
 from pbrnet.scenes.importing.names import Names
 from pbrnet.scenes.importing.sandbox import Sandbox
-from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.models.model import Emission, Model, PunctualLight
 from pbrnet.scenes.models.usd.materials import UsdMaterials

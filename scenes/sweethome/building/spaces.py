@@ -36,6 +36,7 @@ _DOOR = 0.1  # metres: a door or window opens a space no farther away
 _MANY_CORNERS = 200  # of a region, from which it is cut to the surroundings of what it meets
 _SURROUNDINGS = 0.1  # metres around an area
 _PLAIN_FLOOR = Surface(color=0xFFC8C2B8)
+_Room = tuple[RoomShape, BaseGeometry]
 
 
 @dataclass(frozen=True)
@@ -68,47 +69,15 @@ def find_spaces(
     draw doors and windows as gaps, walls along nearly half of a room's outline are enough.
     """
     solid = union([world_region(one.outline.region) for one in walls])
+    drawn, gapped = _drawn_rooms(storey, walls, changes)
     inside = _enclosed_region(solid)
-    tall = _enclosed_region(
-        union([world_region(one.outline.region) for one in walls if is_tall(one, storey)])
-    )
-    drawn: list[tuple[RoomShape, BaseGeometry]] = []
-    gapped = _rooms_with_gaps(storey, walls, tall)
-    for shape in storey.rooms:
-        region = _region(shape)
-        if shape.id in gapped:
-            changes.note("rooms whose walls leave gaps got a ceiling, and openings in the gaps: {}",
-                         shape.name or shape.id)  # fmt: skip
-            shape = replace(shape, ceiling_visible=True, floor_visible=True)
-            inside = union([inside, region])
-        elif not region.is_empty and not shape.ceiling_visible and _is_walled(region, tall):
-            changes.note("hidden ceilings of rooms that walls enclose were shown: {}",
-                         shape.name or shape.id)  # fmt: skip
-            shape = replace(shape, ceiling_visible=True, floor_visible=True)
-        if region.is_empty:
-            changes.note("rooms without area were left out: {}", shape.name or shape.id)
-        elif shape.floor_visible or shape.ceiling_visible:
-            drawn.append((shape, region))
-        else:
-            changes.note("rooms with neither floor nor ceiling were left out: {}",
-                         shape.name or shape.id)  # fmt: skip
     if gapped:
+        for region in (region for shape, region in drawn if shape.id in gapped):
+            inside = union([inside, region])
         closed = buffered(inside, CLOSING, join_style="mitre")
         inside = buffered(closed, -CLOSING, join_style="mitre")
-    found: list[tuple[RoomShape, BaseGeometry]] = []
-    everything = union([region for _, region in drawn])
-    slivers = []
     doors = world_region(union([opening.footprint for opening in openings]))
-    for gap in polygons(difference(difference(inside, solid), everything)):
-        is_roomy = gap.area > _SMALLEST and not buffered(gap, -_NARROW).is_empty
-        is_all = not drawn and doors.is_empty
-        if is_roomy and (is_all or gap.distance(doors) < _DOOR):
-            number = len(found)
-            shape = RoomShape(f"space-{storey.number}-{number}", None, "", (), True, True,
-                              _PLAIN_FLOOR, Surface())  # fmt: skip
-            found.append((shape, gap))
-        elif not is_roomy:
-            slivers.append(gap)
+    found, slivers = _closed_spaces(difference(inside, solid), drawn, doors, storey.number)
     if found:
         changes.note(
             f"closed spaces without a drawn room got a plain floor and ceiling ({len(found)})"
@@ -119,28 +88,70 @@ def find_spaces(
         [region if shape.ceiling_visible else Polygon() for shape, region in rooms]
     )
     inner = buffered(inside, -_INSET, join_style="mitre")
+    floor_slabs = _extended_into_walls(floors, walls, slivers, inner)
+    ceiling_slabs = _extended_into_walls(ceilings, walls, slivers, inner)
     return [
         Space(
             shape,
-            floor,
-            ceiling,
-            floor_slab,
-            ceiling_slab,
+            floors[number],
+            ceilings[number],
+            floor_slabs[number],
+            ceiling_slabs[number],
             number >= len(drawn),
             shape.id in gapped,
         )
-        for number, ((shape, _), floor, ceiling, floor_slab, ceiling_slab) in enumerate(
-            zip(
-                rooms,
-                floors,
-                ceilings,
-                _extended_into_walls(floors, walls, slivers, inner),
-                _extended_into_walls(ceilings, walls, slivers, inner),
-                strict=True,
-            )
-        )
-        if not (floor.is_empty and ceiling.is_empty)
+        for number, (shape, _) in enumerate(rooms)
+        if not (floors[number].is_empty and ceilings[number].is_empty)
     ]
+
+
+def _drawn_rooms(
+    storey: Storey, walls: list[PlannedWall], changes: Changes
+) -> tuple[list[_Room], set[str]]:
+    """Return the drawn rooms that have an area, and the ids of those between walls with gaps.
+
+    Hidden ceilings of rooms that walls enclose are shown.
+    """
+    tall = _enclosed_region(
+        union([world_region(one.outline.region) for one in walls if is_tall(one, storey)])
+    )
+    gapped = _rooms_with_gaps(storey, walls, tall)
+    drawn: list[_Room] = []
+    for shape in storey.rooms:
+        region, name = _region(shape), shape.name or shape.id
+        if shape.id in gapped:
+            changes.note(
+                "rooms whose walls leave gaps got a ceiling, and openings in the gaps: {}", name
+            )
+            shape = replace(shape, ceiling_visible=True, floor_visible=True)
+        elif not region.is_empty and not shape.ceiling_visible and _is_walled(region, tall):
+            changes.note("hidden ceilings of rooms that walls enclose were shown: {}", name)
+            shape = replace(shape, ceiling_visible=True, floor_visible=True)
+        if region.is_empty:
+            changes.note("rooms without area were left out: {}", name)
+        elif shape.floor_visible or shape.ceiling_visible:
+            drawn.append((shape, region))
+        else:
+            changes.note("rooms with neither floor nor ceiling were left out: {}", name)
+    return drawn, gapped
+
+
+def _closed_spaces(
+    space: BaseGeometry, drawn: list[_Room], doors: BaseGeometry, level: int
+) -> tuple[list[_Room], list[Polygon]]:
+    """Return what is a room of the `space` between walls beside the drawn rooms, and slivers."""
+    found: list[_Room] = []
+    slivers = []
+    is_all = not drawn and doors.is_empty
+    for gap in polygons(difference(space, union([region for _, region in drawn]))):
+        is_roomy = gap.area > _SMALLEST and not buffered(gap, -_NARROW).is_empty
+        if is_roomy and (is_all or gap.distance(doors) < _DOOR):
+            name = f"space-{level}-{len(found)}"
+            shape = RoomShape(name, None, "", (), True, True, _PLAIN_FLOOR, Surface())
+            found.append((shape, gap))
+        elif not is_roomy:
+            slivers.append(gap)
+    return found, slivers
 
 
 def is_tall(wall: PlannedWall, storey: Storey) -> bool:

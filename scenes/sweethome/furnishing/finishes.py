@@ -19,6 +19,7 @@ from pbrnet.scenes.color import REC709, Color, decode_srgb_value
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.archive import HomeArchive
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.surface import wrapped
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
 from pbrnet.scenes.importing.xml_elements import plugin, prop
 from pbrnet.scenes.sweethome.furnishing.items import SurfaceFinish
@@ -133,8 +134,9 @@ class BsdfWriter:
         if finish.kind == "glass":
             return plugin("bsdf", "thindielectric")
         if finish.kind == "mirror":
-            return _two_sided(
-                plugin("bsdf", "conductor", material="none", specular_reflectance=finish.color)
+            return wrapped(
+                "twosided",
+                plugin("bsdf", "conductor", material="none", specular_reflectance=finish.color),
             )
         color, alpha = self._color(finish)
         if finish.kind in ("gloss", "metal"):
@@ -143,14 +145,11 @@ class BsdfWriter:
                 inner.append(prop("metallic", 1.0))
         else:
             inner = plugin("bsdf", "diffuse", reflectance=color)
-        made = _two_sided(inner)
+        made = wrapped("twosided", inner)
         if alpha is None and finish.kind == "sheer":
             alpha = prop("opacity", float(finish.opacity))
         if alpha is not None:
-            mask = plugin("bsdf", "mask")
-            mask.append(alpha)
-            mask.append(made)
-            made = mask
+            made = wrapped("mask", alpha, made)
         return made
 
     def _color(self, finish: SurfaceFinish) -> tuple[Color | Element, Element | None]:
@@ -185,9 +184,3 @@ class BsdfWriter:
                                        str(error))  # fmt: skip
             self._images[member] = path
         return self._images[member]
-
-
-def _two_sided(inner: Element) -> Element:
-    made = plugin("bsdf", "twosided")
-    made.append(inner)
-    return made

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -65,6 +66,11 @@ class PlacedItem:
     def centre(self) -> Float64Array:
         """Centre of the bounds (3,), metres."""
         return self.bounds.mean(axis=0)
+
+    @property
+    def sampling_weight(self) -> float:
+        """Sampling weight of a lamp: the square root of its flux over 800 lm."""
+        return round(math.sqrt(self.lumens / 800.0), 4)
 
 
 def merge_parts(parts: tuple[ItemPart, ...]) -> list[ItemPart]:

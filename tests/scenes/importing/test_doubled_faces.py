@@ -8,8 +8,9 @@ import pytest
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.importing.doubled_faces import with_doubled_faces_apart
-from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.materials.surface import Surface
+from pbrnet.scenes.importing.shape import Shape
+from pbrnet.scenes.importing.shapes.doubled_faces import with_doubled_faces_apart
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 

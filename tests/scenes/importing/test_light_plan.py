@@ -15,7 +15,8 @@ from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.light.in_rooms import RoomLighting
 from pbrnet.scenes.importing.light.plan import LightPlan, RoomLight, light_plan, note_dark_rooms
-from pbrnet.scenes.importing.shape import Emitter, Shape, Surface, make_object
+from pbrnet.scenes.importing.materials.surface import Surface
+from pbrnet.scenes.importing.shape import Emitter, Shape, make_object
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.photometry import LUMEN
 from pbrnet.scenes.reconstruction.rooms import FoundRoom

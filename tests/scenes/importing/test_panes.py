@@ -7,8 +7,9 @@ import pytest
 
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.importing.panes import with_named_glass
-from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.materials.surface import Surface
+from pbrnet.scenes.importing.shape import Shape
+from pbrnet.scenes.importing.shapes.panes import with_named_glass
 from pbrnet.scenes.importing.xml_elements import plugin
 from tests.fixtures.buildings import Corner, block
 

@@ -25,9 +25,10 @@ from pbrnet.scenes.formats.mtl import MtlMap, read_mtl
 from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.geometry.mesh import Mesh, face_areas
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.materials.surface import Surface
 from pbrnet.scenes.importing.materials.textures import TextureStore
 from pbrnet.scenes.importing.sandbox import Sandbox
-from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.models.gltf.container import open_asset
 from pbrnet.scenes.models.gltf.images import Images, texture_matrix

@@ -8,7 +8,8 @@ import numpy as np
 
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.geometry.mesh import Mesh
-from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.materials.surface import Surface
+from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.models.pieces import UNKNOWN, split_unnamed
 from pbrnet.scenes.registry import import_scene
 from tests.fixtures.rooms import Block, corners_of, shell, write_obj

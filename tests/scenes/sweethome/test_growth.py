@@ -13,11 +13,11 @@ from shapely.geometry.base import BaseGeometry
 from pbrnet.scenes.geometry.regions import difference, union
 from pbrnet.scenes.importing import writer
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.sweethome import importer
 from pbrnet.scenes.sweethome.building import spaces
 from pbrnet.scenes.sweethome.building.levels import storeys
 from pbrnet.scenes.sweethome.building.openings import Opening, opening_of
 from pbrnet.scenes.sweethome.building.walls import build_walls, plan_walls
+from pbrnet.scenes.sweethome.furnishing import pieces
 from pbrnet.scenes.sweethome.reader import read_home
 from tests.fixtures import sweethome as draw
 
@@ -136,7 +136,7 @@ def test_pieces_of_one_name_are_numbered_in_one_go() -> None:
             self.times += 1
             return super().__contains__(key)
 
-    for new_id, between in ((importer._unique, "-"), (writer._material_id, "_")):
+    for new_id, between in ((pieces._unique, "-"), (writer._material_id, "_")):
         taken = Asked({"chair-3": 1, "material_chair_3": 1})
         first, *others = (new_id("Chair", taken) for _ in range(50))
         assert [other.removeprefix(first) for other in others] == [

@@ -9,7 +9,8 @@ from pbrnet.scenes.color import Color
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.importing.shape import Shape, Surface, make_object
+from pbrnet.scenes.importing.materials.surface import Surface
+from pbrnet.scenes.importing.shape import Shape, make_object
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.reconstruction.completion import Completion
 

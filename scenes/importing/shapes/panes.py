@@ -18,7 +18,8 @@ from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.geometry.regions import buffered, intersection
 from pbrnet.scenes.importing.categories import category_of, words_of
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.importing.shape import Shape, Surface
+from pbrnet.scenes.importing.materials.surface import Surface
+from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.reconstruction.rooms import FoundOpening
 

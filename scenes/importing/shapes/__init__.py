@@ -1,0 +1,1 @@
+"""Shapes that an import adds, takes apart or moves: panes, doubled faces, seals."""
