@@ -14,10 +14,10 @@ import sys
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
+from pkgutil import resolve_name
 
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.installation import IMPORT_FOLDER
-from pbrnet.scenes.source_options import load
 
 _MOST_SAID = 300  # characters of a message of the library
 _REFUSED, _FAILED = 3, 4  # exit status of a child that leaves a message
@@ -103,7 +103,7 @@ def _main(function: str, message: str, seconds: str, memory: str, *arguments: st
             soft, hard = min(soft, largest), min(hard, largest)
         resource.setrlimit(kind, (soft, hard))
     try:
-        load(function)(*arguments)
+        resolve_name(function)(*arguments)
     except InputError as error:
         Path(message).write_text(str(error), "utf-8", "replace")
         return _REFUSED

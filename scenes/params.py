@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from pbrnet.scenes.checked import AUTO, param, within
-from pbrnet.scenes.import_options import ImportEntry
+from pbrnet.scenes.registry import ImportEntry
 
 LightSetting = Literal["day", "evening", "night", "mixed"]
 Aspect = Literal["finishes", "furniture", "light", "outdoors"]

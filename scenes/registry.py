@@ -1,75 +1,91 @@
-"""Import of scene files by the source that reads files of their suffix.
+"""Table of scene sources, the entries of `scenes.imports`, and the import of a scene file.
 
-The registry of sources is the list of base classes of `pbrnet.scenes.import_options.ImportEntry`.
+A scene source is a folder with an importer and its options; a base class of `ImportEntry` is its
+line here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
+from functools import cache
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from pbrnet.scenes.checked import build, check_name
 from pbrnet.scenes.contract import Scene, load_scene, save_scene, writing_scene
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import copy_files, regular_file, resolved
+from pbrnet.scenes.files import copy_files, regular_file, resolved, table
 from pbrnet.scenes.formats.scene_xml import check_scene_xml
-from pbrnet.scenes.import_options import SOURCES as ALL_SOURCES
-from pbrnet.scenes.import_options import option_names
+from pbrnet.scenes.ifc.options import IfcOptions
+from pbrnet.scenes.importing.options import SourceOptions
+from pbrnet.scenes.mitsuba.options import MitsubaOptions
+from pbrnet.scenes.models.options import ModelOptions
 from pbrnet.scenes.opened_files import OpenedFiles
-from pbrnet.scenes.source_options import load
+from pbrnet.scenes.pbrt.options import PbrtOptions
+from pbrnet.scenes.sweethome.options import SweetHomeOptions
 
 # (file, scene folder to write, scene id, options, files that it opens) -> the scene
 Importer = Callable[[Path, Path, str, Any, OpenedFiles], Scene]
 
-# Suffix -> options of the source that reads such files.
-SOURCES = {suffix: options for options in ALL_SOURCES for suffix in options.suffixes}
-
 _LFS = b"version https://git-lfs.github.com/"  # start of a pointer
-_BLENDER = "open it in Blender and export it as .glb"
-_CAD = "open it in FreeCAD and export it as .ifc or .glb"
-_SCAN = "a scan is no scene of surfaces: make a mesh of it first, and save that as .glb"
-_UNPACK = "unpack it and import the scene file inside"
 
-# Kinds that no source reads: suffix in lower case -> (name of the kind, the best way around).
-REFUSED: dict[str, tuple[str, str]] = {
-    ".3dm": ("Rhino", "export it from Rhino as .obj or .glb"),
-    ".7z": ("archive", _UNPACK),
-    ".abc": ("Alembic", _BLENDER),
-    ".c4d": ("Cinema 4D", "export it from Cinema 4D as .glb or .usdz"),
-    ".dwg": ("AutoCAD", "export the building as .ifc; a drawing of lines alone is no scene"),
-    ".dxf": ("AutoCAD", "export the building as .ifc; a drawing of lines alone is no scene"),
-    ".e57": ("point cloud", _SCAN),
-    ".hip": ("Houdini", "export it from Houdini as .usd or .glb"),
-    ".ifcxml": ("IFC as XML", "save it as .ifc in the program that wrote it"),
-    ".ifczip": ("IFC in a zip", _UNPACK),
-    ".iges": ("IGES", _CAD),
-    ".igs": ("IGES", _CAD),
-    ".kmz": ("Google Earth", "unpack it (it is a zip) and import the .dae inside"),
-    ".las": ("point cloud", _SCAN),
-    ".laz": ("point cloud", _SCAN),
-    ".ma": ("Maya", "export it from Maya as .usd or .obj"),
-    ".max": ("3ds Max", "export it from 3ds Max as .glb, .usd or .obj"),
-    ".mb": ("Maya", "export it from Maya as .usd or .obj"),
-    ".pln": ("Archicad", "save it in Archicad as .ifc"),
-    ".ply": ("PLY", f"it has no materials by part: {_BLENDER}"),
-    ".rar": ("archive", _UNPACK),
-    ".rfa": ("Revit family", "place it in a Revit project and export that as .ifc"),
-    ".rvt": ("Revit", "export it from Revit as .ifc"),
-    ".sh3f": ("furniture catalogue of Sweet Home 3D", "name its folder in assets.folder"),
-    ".skp": ("SketchUp", "export it from SketchUp as .dae (COLLADA) or .glb"),
-    ".step": ("STEP", _CAD),
-    ".stl": ("STL", f"it has no materials: {_BLENDER}"),
-    ".stp": ("STEP", _CAD),
-    ".uasset": ("Unreal Engine", "export the level from Unreal as .glb or .usd"),
-    ".umap": ("Unreal Engine", "export the level from Unreal as .glb or .usd"),
-    ".unity": ("Unity", "export the scene from Unity as .glb"),
-    ".vwx": ("Vectorworks", "export it from Vectorworks as .ifc"),
-    ".wrl": ("VRML", _BLENDER),
-    ".x3d": ("X3D", _BLENDER),
-    ".zip": ("archive", _UNPACK),
+
+@dataclass(frozen=True, kw_only=True)
+class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions, PbrtOptions, IfcOptions):
+    """A file of `scenes.imports` with options. The base classes are the table of sources."""
+
+    file: str
+    id: str | None = None  # of the scene; by default made from the name of the file
+
+    def verify(self, where: str) -> None:
+        """Check that the options suit the kind of file; raises ValueError."""
+        suffix = Path(self.file).suffix.lower()
+        known = option_names(suffix)
+        for name in self.given():
+            if name not in known:
+                kind = f"{suffix} files" if known else "scene folders"
+                allowed = f"; they take {', '.join(known)}" if known else ""
+                raise ValueError(f"{where}.{name}: not for {kind}{allowed}")
+        if suffix in SOURCES:  # with the rules of this source alone
+            SOURCES[suffix](**{name: getattr(self, name) for name in known}).verify(where)
+        if self.id is not None:
+            check_name(self.id, "a scene's id", f"{where}.id", ValueError)
+
+    def given(self) -> dict[str, Any]:
+        """Return the options that differ from their defaults."""
+        return {
+            one.name: value
+            for one in fields(self)
+            if one.name not in ("file", "id")
+            and (value := getattr(self, one.name)) not in (one.default, (), {})
+        }
+
+    def options(self) -> dict[str, Any]:
+        """Return the given options as keyword arguments of `import_scene`; `root` is absolute."""
+        made = self.given()
+        if self.root is not None:
+            made["root"] = self.root.expanduser().resolve()
+        return made
+
+
+# Suffix in lower case -> options of the source that reads such files.
+SOURCES: dict[str, type[SourceOptions]] = {
+    suffix: source for source in ImportEntry.__bases__ for suffix in source.suffixes
 }
+
+
+def option_names(suffix: str) -> tuple[str, ...]:
+    """Return the names of the options for files with `suffix`; none for unknown kinds."""
+    source = SOURCES.get(suffix.lower())
+    return tuple(one.name for one in fields(source)) if source is not None else ()
+
+
+@cache
+def refused() -> dict[str, tuple[str, str]]:
+    """Return the kinds that no source reads: suffix -> name of the kind, the best way around."""
+    return {suffix: (kind, remedy) for suffix, (kind, remedy) in table(__file__).items()}
 
 
 def import_scene(
@@ -84,7 +100,7 @@ def import_scene(
     `path` is a file with a suffix in `SOURCES`, or a scene folder (with `scene.json`), which is
     checked and copied. `scene_id` defaults to the name of `out`. `opened` (of `path`'s folder, or
     of `path` if that is a folder) records the files that the import looked for. `options` are
-    fields of the source's options, see `pbrnet.scenes.import_options`. Raises `InputError`, and
+    fields of the source's options, see `ImportEntry`. Raises `InputError`, and
     `ParameterError` for options that the source does not take; `out` is complete or absent.
     """
     path, out = Path(path), Path(out)
@@ -100,8 +116,8 @@ def import_scene(
         return _copy_folder(path, out, scene_id, opened or OpenedFiles(path))
     regular_file(path)
     source = SOURCES.get(path.suffix.lower())
-    if source is None and path.suffix.lower() in REFUSED:
-        kind, remedy = REFUSED[path.suffix.lower()]
+    if source is None and path.suffix.lower() in refused():
+        kind, remedy = refused()[path.suffix.lower()]
         raise InputError(f"{path}: {path.suffix} files ({kind}) are not read; {remedy}")
     if source is None:
         raise InputError(
@@ -119,7 +135,7 @@ def import_scene(
             )
     opened = opened or OpenedFiles(path.parent)
     made = build(source, options, path.name)
-    importer: Importer = load(source.importer)
+    importer: Importer = resolve_name(source.importer)
     try:
         return importer(path, out, scene_id, made, opened)
     except InputError as error:

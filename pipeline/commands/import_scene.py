@@ -19,24 +19,25 @@ from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError
 from pbrnet.scenes.files import sweep
-from pbrnet.scenes.import_options import SOURCES, option_names, source_of
 from pbrnet.scenes.params import SceneParams
-from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.registry import SOURCES, import_scene, option_names
 from pbrnet.scenes.seeds import derive
 from pbrnet.scenes.variants.vary import vary_scene
+
+_SOURCES = tuple(dict.fromkeys(SOURCES.values()))
 
 
 def _sections() -> dict[str, list[str]]:
     """Titles of the help's sections -> names of import options, by the sources that take them."""
     takers: dict[str, list[str]] = {}
-    for source in SOURCES:
+    for source in _SOURCES:
         for one in fields(source):
             takers.setdefault(one.name, []).append(source.title)
     shared: dict[str, list[str]] = {}
     single: dict[str, list[str]] = {}
     every: dict[str, list[str]] = {}
     for name, titles in takers.items():
-        if len(titles) == len(SOURCES):
+        if len(titles) == len(_SOURCES):
             every.setdefault("All kinds of files, but not scene folders", []).append(name)
         elif len(titles) > 1:
             shared.setdefault(", ".join(titles), []).append(name)
@@ -47,7 +48,7 @@ def _sections() -> dict[str, list[str]]:
 
 def _import_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options of all scene sources to a command."""
-    described = {one.name: (source, one) for source in SOURCES for one in fields(source)}
+    described = {one.name: (source, one) for source in _SOURCES for one in fields(source)}
     for name, (source, one) in reversed(described.items()):
         hint = get_type_hints(source)[name]
         command = click.option(
@@ -101,7 +102,7 @@ class SectionedCommand(click.Command):
                 formatter.write_dl(records)
 
 
-_KINDS = ", ".join(f"{one.title} ({' '.join(one.suffixes)})" for one in SOURCES)
+_KINDS = ", ".join(f"{one.title} ({' '.join(one.suffixes)})" for one in _SOURCES)
 _HELP = f"""Import the scene PATH into the scene folder OUT and report what was found and changed.
 
 PATH is a file of one of these kinds: {_KINDS}; or a scene folder with scene.json. A model may be a
@@ -219,7 +220,7 @@ def _given_options(path: Path, options: dict[str, Any]) -> dict[str, Any]:
     Raises `ParameterError` for a given option of another kind.
     """
     context = click.get_current_context()
-    source = None if path.is_dir() else source_of(path.suffix)
+    source = None if path.is_dir() else SOURCES.get(path.suffix.lower())
     known = option_names(path.suffix) if source is not None else ()
     for name in sorted(options):
         origin = context.get_parameter_source(name)

@@ -21,8 +21,8 @@ from pbrnet.scenes.assets.index import INDEX, load_index
 from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_file, exists, resolved
-from pbrnet.scenes.import_options import ImportEntry
 from pbrnet.scenes.opened_files import unchanged
+from pbrnet.scenes.registry import ImportEntry
 from pbrnet.scenes.seeds import derive
 
 _LONGEST_NAME = 100  # characters; `-v12` and the like follow

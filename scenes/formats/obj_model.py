@@ -8,7 +8,7 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Int64Array
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.formats.default_materials import DEFAULT_MATERIALS
+from pbrnet.scenes.files import table
 from pbrnet.scenes.formats.model_parts import (
     MAX_TRIANGLES,
     Model,
@@ -40,8 +40,8 @@ def read_obj_model(
         raise UnreadableModel(str(error)) from None
     if (obj.sizes - 2).sum() > MAX_TRIANGLES or obj.sizes.max(initial=0) > _MAX_CORNERS:
         raise UnreadableModel(f"more than {MAX_TRIANGLES:,} triangles")
-    for table in (obj.positions, obj.uvs, obj.normals):
-        check_points(table)
+    for points in (obj.positions, obj.uvs, obj.normals):
+        check_points(points)
     if (obj.corners[:, 0] < 1).any() or (obj.corners[:, 0] > len(obj.positions)).any():
         raise UnreadableModel("a face refers to a vertex that does not exist")
     materials = dict(_DEFAULTS)
@@ -112,6 +112,7 @@ def _part(
 
 
 _DEFAULTS = {
-    name: ModelMaterial((row[0], row[1], row[2]), row[3], row[4], row[5])
-    for name, row in DEFAULT_MATERIALS.items()
+    name: ModelMaterial((red, green, blue), highlight, exponent, opacity)
+    for name, row in table(__file__).items()
+    for red, green, blue, highlight, exponent, opacity in (map(float, row),)
 }

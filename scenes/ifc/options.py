@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from pbrnet.scenes.source_options import SourceOptions, described
+from pbrnet.scenes.importing.options import SourceOptions, described
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.importing.camera import Camera
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.options import FreeAxesOptions
 from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.reconstruction.orientation import (
     guess_scale,
@@ -17,7 +18,6 @@ from pbrnet.scenes.reconstruction.orientation import (
     upright,
 )
 from pbrnet.scenes.reconstruction.raycast import RayCaster
-from pbrnet.scenes.source_options import FreeAxesOptions
 
 
 def upright_metric_frame(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
-from pbrnet.scenes.source_options import FreeAxesOptions, described
+from pbrnet.scenes.importing.options import FreeAxesOptions, described
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Protocol
 from xml.etree.ElementTree import Element
 
@@ -52,7 +53,6 @@ from pbrnet.scenes.reconstruction.orientation import upright
 from pbrnet.scenes.reconstruction.room_index import RoomIndex
 from pbrnet.scenes.reconstruction.rooms import FoundRoom
 from pbrnet.scenes.reconstruction.scale_clues import unit_name
-from pbrnet.scenes.source_options import load
 
 _WORD = re.compile("[a-z]+")
 _TOUCH_DISTANCE = 0.02  # metres
@@ -104,7 +104,7 @@ def import_model(
     sandbox = Sandbox(opened, options.root or model_root(opened))
     with writing_scene(out) as folder, tempfile.TemporaryDirectory() as unpacked:
         textures = TextureStore(folder / "textures", changes)
-        reader: ModelReader = load(READERS[path.suffix.lower()])
+        reader: ModelReader = resolve_name(READERS[path.suffix.lower()])
         model = reader(path, sandbox, textures, Path(unpacked), changes)
         if not model.shapes:
             raise InputError(f"{path}: the file has no surfaces")

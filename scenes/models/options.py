@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from pbrnet.scenes.source_options import FreeAxesOptions
+from pbrnet.scenes.importing.options import FreeAxesOptions
 
 # Suffix in lower case -> reader of the format, "module:function", see `importer.ModelReader`.
 READERS = {

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from pbrnet.scenes.source_options import SourceOptions, described
+from pbrnet.scenes.importing.options import SourceOptions, described
 
 
 @dataclass(frozen=True, kw_only=True)

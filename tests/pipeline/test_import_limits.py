@@ -16,8 +16,8 @@ from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scenes import run_scenes
-from pbrnet.scenes.import_options import ImportEntry
 from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.registry import ImportEntry
 from tests.fixtures.rooms import shell, write_obj
 
 IMPORT = (sys.executable, "-m", "pbrnet.pipeline.cli", "import")

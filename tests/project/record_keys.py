@@ -29,10 +29,10 @@ from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.stages.camera_files import make_cameras
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.files import digest_bytes, digest_file, write_text
-from pbrnet.scenes.import_options import SOURCES
 from pbrnet.scenes.models.options import READERS
 from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.procedural.home import make_home
+from pbrnet.scenes.registry import SOURCES
 from tests.fixtures import recorded
 from tests.fixtures.params import pbrs_cameras
 from tests.fixtures.paths import ROOT
@@ -77,7 +77,7 @@ def entries() -> dict[str, tuple[str, ...]]:
     passes = [name for name in table() if (ROOT / f"pipeline/passes/{name}.py").is_file()]
     networks = [name for name in table() if name.startswith("networks.")]
     names = {name: name.removeprefix("networks.") for name in networks}
-    importers = (_module(source.importer) for source in SOURCES)
+    importers = {_module(source.importer): None for source in SOURCES.values()}
     return {
         "assets": ("scenes/sweethome/catalogue/convert.py",),
         "scenes.homes": ("scenes/procedural/home.py",),

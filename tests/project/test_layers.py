@@ -6,7 +6,7 @@ import tomllib
 
 import pytest
 
-from pbrnet.scenes import import_options
+from pbrnet.scenes.registry import SOURCES
 from tests.fixtures.paths import ROOT
 from tests.project.imports import modules
 
@@ -19,7 +19,7 @@ PACKAGES = sorted(name for name, path in MODULES.items() if path.name == "__init
 def test_the_contract_of_scene_sources_lists_all_of_them() -> None:
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
     (listed,) = (one["modules"] for one in contracts["contracts"] if "modules" in one)
-    sources = {options.__module__.rpartition(".")[0] for options in import_options.SOURCES}
+    sources = {options.__module__.rpartition(".")[0] for options in SOURCES.values()}
     assert set(listed) == sources | {"pbrnet.scenes.procedural"}
 
 

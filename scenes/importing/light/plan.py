@@ -24,10 +24,10 @@ from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.light.daylight import daylight
 from pbrnet.scenes.importing.materials.textures import read_radiance
+from pbrnet.scenes.importing.options import FreeAxesOptions
 from pbrnet.scenes.importing.shape import Emitter, Shape
 from pbrnet.scenes.photometry import LUMEN
 from pbrnet.scenes.reconstruction.rooms import FoundRoom
-from pbrnet.scenes.source_options import FreeAxesOptions
 
 LEAST_LIT = 30.0  # lumens per square metre of floor
 OUTDOORS = ("sun", "sky", "environment", "directional")  # kinds of light that come from outside

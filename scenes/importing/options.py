@@ -1,26 +1,19 @@
 """Base classes of import options: each scene source describes its options as a frozen dataclass.
 
 The fields of such a dataclass become keyword arguments of `import_scene`, options of
-`pbrnet import` and keys of `scenes.imports`. These modules import no importer, so that
+`pbrnet import` and keys of `scenes.imports`. Modules of options import no importer, so that
 parameters load fast: a source names its importer as "module:function".
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from pbrnet.scenes.checked import within
 
 _SWITCHED = "Sweet Home 3D homes"  # files whose lamps can be all on or all off
-
-
-def load(reference: str) -> Any:
-    """Import a module and return the attribute of it that "module:attribute" names."""
-    module, _, attribute = reference.partition(":")
-    return getattr(import_module(module), attribute)
 
 
 def described(text: str, metavar: str | None = None, **checks: Any) -> dict[str, Any]:
