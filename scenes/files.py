@@ -228,11 +228,6 @@ def resolved(path: Path) -> Path:
         raise InputError(f"{str(path)[:300]}: links in a circle, or no possible name") from None
 
 
-def table(module: str) -> Any:
-    """Read the table of a module, the `.yaml` beside it; `module` is its `__file__`."""
-    return yaml.safe_load(Path(module).with_suffix(".yaml").read_text(encoding="utf-8"))
-
-
 def read_json(path: Path) -> Any:
     """Read a JSON file; `InputError` names the file and line if it is missing or broken."""
     try:

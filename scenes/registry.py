@@ -16,7 +16,7 @@ from typing import Any
 from pbrnet.scenes.checked import build, check_name
 from pbrnet.scenes.contract import Scene, load_scene, save_scene, writing_scene
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import copy_files, regular_file, resolved, table
+from pbrnet.scenes.files import copy_files, data_beside, regular_file, resolved
 from pbrnet.scenes.formats.scene_xml import check_scene_xml
 from pbrnet.scenes.ifc.options import IfcOptions
 from pbrnet.scenes.importing.options import SourceOptions
@@ -85,7 +85,7 @@ def option_names(suffix: str) -> tuple[str, ...]:
 @cache
 def refused() -> dict[str, tuple[str, str]]:
     """Return the kinds that no source reads: suffix -> name of the kind, the best way around."""
-    return {suffix: (kind, remedy) for suffix, (kind, remedy) in table(__file__).items()}
+    return {suffix: (kind, remedy) for suffix, (kind, remedy) in data_beside(__file__).items()}
 
 
 def import_scene(

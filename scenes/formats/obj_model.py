@@ -8,7 +8,7 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Int64Array
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import table
+from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.formats.model_parts import (
     MAX_TRIANGLES,
     Model,
@@ -113,6 +113,6 @@ def _part(
 
 _DEFAULTS = {
     name: ModelMaterial((red, green, blue), highlight, exponent, opacity)
-    for name, row in table(__file__).items()
+    for name, row in data_beside(__file__).items()
     for red, green, blue, highlight, exponent, opacity in (map(float, row),)
 }

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from pbrnet.scenes.files import table
+from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.importing.categories import category_of
 
-_TABLE = table(__file__)
+_TABLE = data_beside(__file__)
 _NO_ROOM = ("Building", "BuildingStorey", "ExternalSpatialElement", "Project")
 
 

@@ -13,11 +13,11 @@ from collections.abc import Iterable
 from functools import lru_cache
 from itertools import pairwise
 
-from pbrnet.scenes.files import table
+from pbrnet.scenes.files import data_beside
 
 _REMEMBERED = 1 << 16  # labels whose category is remembered
 
-_TABLE = table(__file__)
+_TABLE = data_beside(__file__)
 CATEGORIES = tuple(_TABLE["categories"])
 _CATEGORY_OF_WORD = {
     hint: (rank, category)

@@ -8,7 +8,7 @@ of older datasets keep their meaning; 0 is no object. NYU40 are the forty classe
 
 from __future__ import annotations
 
-from pbrnet.scenes.files import table
+from pbrnet.scenes.files import data_beside
 
 NYU40_NAMES = (
     *("", "wall", "floor", "cabinet", "bed", "chair", "sofa", "table", "door", "window"),
@@ -27,7 +27,7 @@ NYU13_OF_NYU40 = (
     *(0, 12, 5, 6, 1, 4, 9, 10, 12, 13, 6, 8, 6, 13, 10, 6, 13, 6, 7, 7, 5),
     *(7, 3, 2, 6, 11, 7, 7, 7, 7, 7, 7, 6, 7, 7, 7, 7, 7, 7, 6, 7),
 )
-_NYU40_NAME_OF: dict[str, str] = {"": "", **table(__file__)}
+_NYU40_NAME_OF: dict[str, str] = {"": "", **data_beside(__file__)}
 CATEGORY_LABELS = tuple(_NYU40_NAME_OF)
 # NYU40 class of each category number
 NYU40_OF_CATEGORY = tuple(NYU40_NAMES.index(name) for name in _NYU40_NAME_OF.values())
