@@ -9,8 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.pathtrace.light_pilot import LightPlan
-from pbrnet.pipeline.pathtrace.portals import geometry_factor
-from pbrnet.pipeline.pathtrace.rectangle_sampling import below_one, opaque_floats
+from pbrnet.pipeline.pathtrace.portals import below_one, geometry_factor, opaque_floats
 from pbrnet.pipeline.render.drjit_arrays import column
 
 MAX_WEIGHTED = 12  # emitters with a weight of their own at each vertex

@@ -9,8 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.pathtrace.light_pilot import LightPlan
-from pbrnet.pipeline.pathtrace.portals import geometry_factor
-from pbrnet.pipeline.pathtrace.rectangle_sampling import RectangleSampler, opaque_floats
+from pbrnet.pipeline.pathtrace.portals import RectangleSampler, geometry_factor, opaque_floats
 from pbrnet.pipeline.render.drjit_arrays import registry_id
 
 

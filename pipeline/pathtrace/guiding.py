@@ -7,7 +7,7 @@ chance only. If they are small, few paths carry much light, and by day that is m
 This module finds such surfaces from the light's side, by rays from lamps and by the sun's rays
 through the portals, and estimates what lies beyond each portal. It then keeps the guiding targets
 that cause most irradiance at the light plan's pilot points.
-`pbrnet.pipeline.pathtrace.guided_sampling` samples directions to them.
+At a vertex, `Guidance` mixes directions to them with sampling of the BSDF.
 
 As in the light plan, no material is evaluated, so that shading depends on no colour.
 """
@@ -32,6 +32,9 @@ from pbrnet.pipeline.pathtrace.irradiance import (
 from pbrnet.pipeline.pathtrace.light_pilot import ASSUMED_ALBEDO, LightPlan
 from pbrnet.pipeline.pathtrace.portals import (
     Rectangles,
+    RectangleSampler,
+    below_one,
+    choose,
     cross,
     geometry_factor,
     perpendicular,
@@ -51,6 +54,8 @@ _STRIDE = 9
 _CANDIDATES = 48  # cells tested against all pilot points: the best of those
 _MIN_HALF_SIDE = 0.05  # metres, of a target
 _TOLERANCE = 0.05  # metres before a target within which a shadow ray has arrived
+
+_MAX_GUIDED = 0.4  # probability of a guided direction where all indirect light is from targets
 
 LitSurfaces = tuple[Float64Array, Float64Array, Float64Array]  # points, normals, flux
 
@@ -256,3 +261,51 @@ def _lit_by_lamps(scene: mi.Scene, random: np.random.Generator) -> LitSurfaces:
     directions[~finite, 2] = 1
     hits, facing, hit = first_hits(scene, origins + RAY_OFFSET * directions, directions)
     return hits, facing, np.where(finite & hit, flux, 0)
+
+
+@dataclass(init=False, eq=False)
+class PathGuide:
+    """Guiding distribution of a view, from a `GuidingPlan`."""
+
+    targets: RectangleSampler
+    indirect: mi.Float  # mean irradiance by indirect light, W/m^2
+
+    def __init__(self, plan: GuidingPlan, indirect: float) -> None:
+        self.targets = RectangleSampler(plan.targets, plan.strengths, np.zeros(0), MAX_TARGETS)
+        self.indirect = dr.opaque(mi.Float, indirect)
+
+    def at(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> Guidance:
+        """Return the guiding distribution at a vertex."""
+        facing = dr.mulsign(si.n, mi.Frame3f.cos_theta(si.wi))
+        weights = self.targets.weights(si.p, facing, one_sided=True)
+        total = sum(weights, mi.Float(0))
+        share = dr.select(active & (total > 0), _MAX_GUIDED * total / (total + self.indirect), 0)
+        probabilities = [dr.select(total > 0, weight / total, 0) for weight in weights]
+        return Guidance(share, probabilities, self.targets, si.p)
+
+
+@dataclass(eq=False)
+class Guidance:
+    """Guiding distribution at a vertex: a direction is guided with the probability `share`."""
+
+    share: mi.Float
+    probabilities: list[mi.Float]  # of each target; they sum to 1
+    targets: RectangleSampler
+    position: mi.Point3f
+
+    def split(self, random: mi.Float) -> tuple[mi.Bool, mi.Float]:
+        """Decide with a random number whether to guide; also return the number, stretched anew."""
+        guided = random < self.share
+        return guided, below_one(
+            dr.select(guided, random / self.share, (random - self.share) / (1 - self.share))
+        )
+
+    def direction(self, first: mi.Float, second: mi.Point2f) -> mi.Vector3f:
+        """Sample a direction to a target with a random number and a random point in [0, 1)^2."""
+        target, _ = choose(self.probabilities, first)
+        return dr.normalize(self.targets.point(target, second) - self.position)
+
+    def mixed_density(self, pdf: mi.Float, direction: mi.Vector3f) -> mi.Float:
+        """Return the mixture's density of a direction with density `pdf` by the BSDF."""
+        guided = self.targets.density(self.position, direction, self.probabilities)
+        return (1 - self.share) * pdf + self.share * guided

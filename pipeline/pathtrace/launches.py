@@ -9,7 +9,7 @@ is moved instead.
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import drjit as dr
@@ -19,7 +19,39 @@ from pbrnet.pipeline.pathtrace.integrator import JointPath
 from pbrnet.pipeline.render.sensors import make_sensor, move_sensor
 from pbrnet.pipeline.views import View
 
-_MAX_RECORDINGS = 32  # film sizes; per size: sample counts and kinds of light plans
+_MAX_RECORDINGS = 32  # per kernel and size: sample counts and kinds of light plans
+
+
+class Recordings:
+    """Recorded launches of the kernels of one open scene, by kernel and a key such as its size."""
+
+    def __init__(self) -> None:
+        self._launches: dict[tuple[Hashable, ...], Any] = {}
+        self._version: int | None = None
+
+    def __len__(self) -> int:
+        return sum(int(launch.n_recordings) for launch in self._launches.values())
+
+    def of(self, kernel: Callable[..., Any], key: Hashable) -> Any:
+        """Return the recorded form of a kernel."""
+        if (kernel, key) not in self._launches:
+            self._launches[kernel, key] = dr.freeze(
+                kernel, limit=_MAX_RECORDINGS, warn_after=_MAX_RECORDINGS
+            )
+        return self._launches[kernel, key]
+
+    def discard(self, kernel: Callable[..., Any], key: Hashable) -> None:
+        """Forget the recordings of a kernel."""
+        self._launches.pop((kernel, key), None)
+
+    def renew(self, version: int) -> None:
+        """Forget all unless `version`, that of the scene's `MaterialSets`, is the one before.
+
+        With another one some materials are other instances.
+        """
+        if version != self._version:
+            self._launches.clear()
+        self._version = version
 
 
 class FrozenTracer:
@@ -30,14 +62,8 @@ class FrozenTracer:
     """
 
     def __init__(self) -> None:
-        self._version: int | None = None
+        self.recordings = Recordings()
         self._sensors: dict[Hashable, mi.Sensor] = {}
-        self._launches: dict[Hashable, Any] = {}
-
-    @property
-    def recordings(self) -> int:
-        """Number of launches recorded for the current materials."""
-        return sum(int(launch.n_recordings) for launch in self._launches.values())
 
     def launch(
         self,
@@ -51,12 +77,9 @@ class FrozenTracer:
     ) -> mi.TensorXf:
         """Render `copies` independent images of a view, side by side, by `path.integrator()`.
 
-        `version` is that of the scene's `MaterialSets`: when it changes, some materials are other
-        instances, and recordings are discarded.
+        `version` is that of the scene's `MaterialSets`.
         """
-        if version != self._version:
-            self._version = version
-            self._launches.clear()
+        self.recordings.renew(version)
         names = path.integrator().aov_names()
         key = (view.width, view.height, copies, view.intrinsics.tobytes(), *names)
         if key not in self._sensors:
@@ -68,17 +91,11 @@ class FrozenTracer:
             if len(self._sensors) > _MAX_RECORDINGS:
                 oldest = next(iter(self._sensors))
                 del self._sensors[oldest]
-                self._launches.pop(oldest, None)
+                self.recordings.discard(_launch, oldest)
         sensor = self._sensors[key]
         move_sensor(sensor, view)
         # Without emitters of its own, calls to those of other open scenes could not be recorded.
-        if not scene.emitters():
-            return _launch(scene, sensor, path, spp, dr.opaque(mi.UInt32, seed))
-        if key not in self._launches:
-            self._launches[key] = dr.freeze(
-                _launch, limit=_MAX_RECORDINGS, warn_after=_MAX_RECORDINGS
-            )
-        launch = self._launches[key]
+        launch = self.recordings.of(_launch, key) if scene.emitters() else _launch
         return launch(scene, sensor, path, spp, dr.opaque(mi.UInt32, seed))
 
 

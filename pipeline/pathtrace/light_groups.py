@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.pathtrace.irradiance import SunDisc, environment_of
-from pbrnet.pipeline.pathtrace.rectangle_sampling import opaque_floats
+from pbrnet.pipeline.pathtrace.portals import opaque_floats
 from pbrnet.pipeline.render.drjit_arrays import column
 from pbrnet.scenes.contract import Light
 

@@ -22,10 +22,9 @@ import numpy as np
 
 from pbrnet.pipeline.pathtrace.emitter_sampling import EmitterSampler
 from pbrnet.pipeline.pathtrace.environment_sampling import EnvironmentSampler
-from pbrnet.pipeline.pathtrace.guided_sampling import Guidance, PathGuide
-from pbrnet.pipeline.pathtrace.guiding import GuidingPlan
+from pbrnet.pipeline.pathtrace.guiding import Guidance, GuidingPlan, PathGuide
 from pbrnet.pipeline.pathtrace.light_pilot import OUTDOOR_MARGIN, LightPlan
-from pbrnet.pipeline.pathtrace.rectangle_sampling import below_one, choose, opaque_floats
+from pbrnet.pipeline.pathtrace.portals import below_one, choose, opaque_floats
 
 _BY_VIEW = 0.2  # share of the choice that follows the view's probabilities alone
 

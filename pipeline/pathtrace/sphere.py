@@ -9,19 +9,17 @@ is recorded by `dr.freeze` and replayed with new inputs.
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.pathtrace.integrator import JointPath
+from pbrnet.pipeline.pathtrace.launches import Recordings
 from pbrnet.pipeline.render.drjit_arrays import column
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float64Array
 
-_MAX_RECORDINGS = 32  # per panorama size: sample counts and kinds of light plans
 _FAR = 1e5  # metres
 
 
@@ -29,9 +27,8 @@ class SphereTracer:
     """Sampler and recorded launches of one open scene, kept between its views."""
 
     def __init__(self) -> None:
-        self._version: int | None = None
+        self._recordings = Recordings()
         self._sampler: mi.Sampler = mi.load_dict({"type": "multijitter"})
-        self._launches: dict[Hashable, Any] = {}
 
     def launch(
         self,
@@ -50,19 +47,13 @@ class SphereTracer:
         `images` is the number of images of `path` that are wanted, linear RGB each. They are in the
         axes of `view`'s camera: the centre column is straight ahead, right of it is the camera's
         right, the top row is its up. `spp` is a power of two. `version` is that of the scene's
-        `MaterialSets`: when it changes, recordings are discarded.
+        `MaterialSets`.
         """
-        if version != self._version:
-            self._version = version
-            self._launches.clear()
+        self._recordings.renew(version)
         size = (width, copies, spp)
-        key = (*size, images, *path.parts.names)
-        if key not in self._launches and scene.emitters():
-            self._launches[key] = dr.freeze(
-                _launch, limit=_MAX_RECORDINGS, warn_after=_MAX_RECORDINGS
-            )
         # Without emitters of its own, calls to those of other open scenes could not be recorded.
-        trace = self._launches.get(key, _launch)
+        key = (*size, images, *path.parts.names)
+        trace = self._recordings.of(_launch, key) if scene.emitters() else _launch
         eye, axes = (column(mi.Float, part.ravel()) for part in (view.eye, view.pose[:3, :3]))
         seeds = dr.opaque(mi.UInt32, seed)
         found = trace(scene, self._sampler, path, eye, axes, *size, images, seeds)

@@ -3,7 +3,7 @@
 Direct light is estimated by both, combined by multiple importance sampling (Veach and Guibas 1995):
 the emitter sample with its shadow ray, and emission that the gathered direction meets. The light
 of the surface that it meets is indirect light; its caller looks it up. Directions are
-cosine-distributed, or guided to bright surfaces (`pbrnet.pipeline.pathtrace.guided_sampling`).
+cosine-distributed, or guided to bright surfaces (`pbrnet.pipeline.pathtrace.guiding`).
 """
 
 from __future__ import annotations

@@ -7,13 +7,13 @@ shapes lie in one plane, another of them may be seen; else both differ by roundi
 
 from __future__ import annotations
 
-from typing import Any
 from weakref import WeakKeyDictionary
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from pbrnet.pipeline.pathtrace.launches import Recordings
 from pbrnet.pipeline.render.drjit_arrays import column, to_numpy
 from pbrnet.pipeline.render.material_sets import MaterialSets
 from pbrnet.pipeline.render.scene import RenderScene
@@ -23,7 +23,6 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 
 SUBPIXELS = 3  # per axis
-_MAX_RECORDINGS = 32
 _TRACERS: WeakKeyDictionary[MaterialSets, _GuideTracer] = WeakKeyDictionary()
 
 
@@ -45,22 +44,18 @@ class _GuideTracer:
     def __init__(self, render_scene: RenderScene) -> None:
         self._tables = ShapeTables(render_scene.geometry)
         self._scene = render_scene.geometry.scene
-        self._launches: dict[tuple[int, int], Any] = {}
+        self._recorded = Recordings().of
         self.version = render_scene.materials.version
 
     def guides(self, view: View) -> tuple[Float32Array, Float32Array]:
         """Return the guides of a view."""
         size = (view.width, view.height)
-        if size not in self._launches:
-            self._launches[size] = dr.freeze(
-                _trace, limit=_MAX_RECORDINGS, warn_after=_MAX_RECORDINGS
-            )
         rotation = view.pose[:3, :3]
         matrix = rotation @ np.linalg.inv(view.intrinsics)
         rows = (view.eye, matrix.ravel(), rotation.ravel())
         eye, pixels, axes = (column(mi.Float, values) for values in rows)
         bands = to_numpy(
-            *self._launches[size](self._scene, self._tables, (eye, pixels), axes, size)
+            *self._recorded(_trace, size)(self._scene, self._tables, (eye, pixels), axes, size)
         )
         image = np.stack(bands, axis=-1).reshape(view.height, view.width, 6)
         return np.ascontiguousarray(image[..., :3]), np.ascontiguousarray(image[..., 3:])

@@ -6,13 +6,11 @@ tenth of a second or more to trace it through all materials.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from pbrnet.pipeline.pathtrace.launches import Recordings
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.pathtrace.panes import panes_of
 from pbrnet.pipeline.render.bsdf_tables import partner_table
@@ -33,7 +31,6 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, Float32Array, Float64Array
 from pbrnet.scenes.seeds import derive32
 
-_MAX_RECORDINGS = 32  # per kernel and image size: kinds of light plans
 _SMOOTHED = ("direct", "indirect", "specular")
 
 Size = tuple[int, int]  # width, height
@@ -47,7 +44,7 @@ class TransportLauncher:
         self._tables = ShapeTables(render_scene.geometry)
         self._scene = render_scene.neutral(None).mitsuba
         self._panes = panes_of(render_scene.scene.portals)
-        self._launches: dict[Hashable, Any] = {}
+        self._recorded = Recordings().of
         self.version = render_scene.materials.version
 
     def surfels(self, lights: PlannedLights, view: View, size: Size, seed: int) -> Surfels:
@@ -106,14 +103,6 @@ class TransportLauncher:
     def _kernel(self, lights: PlannedLights, cache: LightTable, view: View) -> Kernel:
         size = (view.width, view.height)
         return Kernel(self._world(lights), cache, _camera(view, size), size, self._panes)
-
-    def _recorded(self, kernel: Callable[..., object], key: Hashable) -> Callable[..., Any]:
-        """Return the recorded launches of a kernel."""
-        if (kernel, key) not in self._launches:
-            self._launches[kernel, key] = dr.freeze(
-                kernel, limit=_MAX_RECORDINGS, warn_after=_MAX_RECORDINGS
-            )
-        return self._launches[kernel, key]
 
 
 def _camera(view: View, size: Size) -> tuple[mi.Float, mi.Float]:

@@ -71,7 +71,7 @@ def fresh(scene: RenderScene, view: View, **options: Any) -> Any:
 
 
 def recordings(scene: RenderScene) -> int:
-    return tracer_of(scene).recordings
+    return len(tracer_of(scene).recordings)
 
 
 @pytest.mark.slow
