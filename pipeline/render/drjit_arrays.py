@@ -6,6 +6,7 @@ avoid that, so that one kernel serves arrays of every length.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import drjit as dr
@@ -47,15 +48,17 @@ def to_numpy(*values: Any) -> tuple[AnyArray, ...]:
     )
 
 
-def registry_table(pairs: list[tuple[Any, Any]], pointer: Any, fill: int, dtype: Any) -> Any:
-    """Return a Dr.Jit array with `table[registry id of instance] = value`, `fill` elsewhere.
+def shape_table(
+    shapes: Sequence[mi.Shape], values: Iterable[int], fill: int = 0, dtype: Any = None
+) -> Any:
+    """Return a Dr.Jit array with `table[registry id of a shape] = value`, `fill` elsewhere.
 
-    `pairs` are (instance, value); `pointer` is the pointer type, for instance `mi.ShapePtr`.
+    `dtype` is `mi.UInt32` unless given.
     """
-    numbers = [registry_id(instance, pointer) for instance, _ in pairs]
-    table = np.full(max(numbers, default=0) + 1, fill, dtype=np.int64)
-    for number, (_, value) in zip(numbers, pairs, strict=True):
-        table[number] = value
+    ids = [registry_id(shape, mi.ShapePtr) for shape in shapes]
+    table = np.full(max(ids, default=0) + 1, fill, dtype=np.int64)
+    table[ids] = list(values)
+    dtype = dtype or mi.UInt32
     return dtype(table.astype(np.int32 if dtype is mi.Int32 else np.uint32))
 
 

@@ -105,8 +105,9 @@ class MaterialTable:
         """Return the values at the hits of rays from `eye` (3,), and which hits have bumps (P,).
 
         The normals are in the world and on the shading side of the camera; where a ray hits
-        nothing, all is 0. `textures` is what `raycast.textures` returns for the `slots` and these
-        rays, if it is known already; else it is evaluated if a visible material has textures.
+        nothing, all is 0. `textures` is what `raycast.textured_surfaces` returns for
+        the `slots` and these rays, if it is known already; else it is evaluated if a visible
+        material has textures.
         """
         count = len(directions)
         found = MaterialValues(*(np.zeros((count, 3) if i in (2, 3) else count) for i in range(6)))
@@ -122,7 +123,7 @@ class MaterialTable:
             values[rows] = getattr(self._constants, name)[side]
         if textured:
             if textures is None:
-                textures = raycast.textures(geometry, self.slots, eye, directions)
+                _, textures = raycast.textured_surfaces(geometry, self.slots, eye, directions)
             *sampled, s, du, dv = textures
             frames = np.stack([s, du, dv]).astype(np.float64)
         for number in textured:

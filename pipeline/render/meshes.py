@@ -8,24 +8,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
-from pbrnet.pipeline.render.drjit_arrays import column, registry_table
+from pbrnet.pipeline.render.drjit_arrays import column, shape_table
+from pbrnet.pipeline.render.raycast import triangles
 
 
 @dataclass(frozen=True)
 class Triangles:
     """Triangles of a scene of meshes."""
 
-    vertices: Any  # mi.Float, three coordinates a vertex
-    faces: Any  # mi.UInt32, three vertices a triangle
-    first: Any  # mi.UInt32: a shape's first triangle, by registry id
+    vertices: mi.Float  # three coordinates a vertex
+    faces: mi.UInt32  # three vertices a triangle
+    first: mi.UInt32  # a shape's first triangle, by registry id
 
-    def intersect(self, scene: Any, ray: Any) -> tuple[Any, Any, Any]:
+    def intersect(self, scene: mi.Scene, ray: mi.Ray3f) -> tuple[mi.Point3f, mi.Vector3f, mi.Bool]:
         """Return the first point along each ray, its geometric normal, and hit flags.
 
         Either side's normal; undefined where nothing is hit.
@@ -43,29 +42,20 @@ class Triangles:
 
 
 @lru_cache(maxsize=1)
-def triangles_of(scene: Any) -> Triangles | None:
+def triangles_of(scene: mi.Scene) -> Triangles | None:
     """Return the triangles of a Mitsuba scene; None if a shape of it is no mesh.
 
     That of the last scene is kept, until `forget`.
     """
-    shapes = [(shape, mi.traverse(shape)) for shape in scene.shapes()]
+    shapes = list(scene.shapes())
     # Rectangles pass for meshes, too, but have no vertices.
-    if not shapes or not all("vertex_positions" in params for _, params in shapes):
+    if not shapes or not all("vertex_positions" in mi.traverse(shape) for shape in shapes):
         return None
-    vertices, faces, first = [], [], []
-    vertex_count = face_count = 0
-    for shape, params in shapes:
-        points = np.array(params["vertex_positions"], dtype=np.float32)
-        corners = np.array(params["faces"], dtype=np.uint32)
-        vertices.append(points)
-        faces.append(corners + np.uint32(vertex_count))
-        first.append((shape, face_count))
-        vertex_count += len(points) // 3
-        face_count += len(corners) // 3
+    found = triangles.triangles_of(shapes)
     return Triangles(
-        column(mi.Float, np.concatenate(vertices)),
-        column(mi.UInt32, np.concatenate(faces)),
-        registry_table(first, mi.ShapePtr, 0, mi.UInt32),
+        column(mi.Float, found.vertices.ravel()),
+        column(mi.UInt32, found.faces.ravel()),
+        shape_table(shapes, found.first),
     )
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from pbrnet.scenes.arrays import BoolArray, Float32Array, Int32Array
 
+T = TypeVar("T")
 Way = Literal["eval_1", "eval", "eval_3", "eval_1_grad"]  # of evaluating a texture
 Mirror = Literal["", "front", "both"]  # sides of a shape that are a perfect mirror
 MAX_LAYERS = 16  # clear surfaces that one ray may pass: a glass cabinet, a glass door and so on
@@ -32,6 +34,13 @@ class SceneGeometry:
     mirrors: tuple[Mirror, ...]
     transmitted: Float32Array
     reflectances: tuple[Any, ...]  # reflectance twin of each shape's BSDF
+
+    def cached(self, key: str, make: Callable[[], T]) -> T:
+        """Return what `make` returned when it was first called for this key."""
+        if key not in self.__dict__:
+            object.__setattr__(self, key, make())
+        found: T = self.__dict__[key]
+        return found
 
 
 @dataclass(frozen=True)

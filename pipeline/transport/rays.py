@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
-from pbrnet.pipeline.render.drjit_arrays import registry_id, registry_table
+from pbrnet.pipeline.render.bsdf_tables import reflectance_table
+from pbrnet.pipeline.render.drjit_arrays import shape_table
 from pbrnet.pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry
 
 _WHOLE = 1 << 16  # unit of `ShapeTables.transmitted`
@@ -32,35 +34,15 @@ class ShapeTables:
     translucent: bool  # whether any shape transmits light so
 
     def __init__(self, geometry: SceneGeometry) -> None:
-        shapes = list(zip(geometry.shapes, geometry.clear, geometry.masked, strict=True))
-        self.clear = registry_table(
-            [(shape, 1 if clear else 2 * int(masked)) for shape, clear, masked in shapes],
-            mi.ShapePtr,
-            0,
-            mi.UInt32,
-        )
-        twins = zip(geometry.shapes, geometry.reflectances, strict=True)
-        numbers = registry_table(
-            [(shape, registry_id(twin, mi.BSDFPtr)) for shape, twin in twins if twin is not None],
-            mi.ShapePtr,
-            0,
-            mi.UInt32,
-        )
-        self.reflectance = dr.reinterpret_array(mi.BSDFPtr, numbers)
-        self.passable = bool(geometry.clear.any() or geometry.masked.any())
         sides = [("", "front", "both").index(mirror) for mirror in geometry.mirrors]
-        pairs = list(zip(geometry.shapes, sides, strict=True))
-        self.mirror = registry_table(pairs, mi.ShapePtr, 0, mi.UInt32)
+        through = [round(_WHOLE * share) for share in geometry.transmitted.tolist()]
+        kinds = np.where(geometry.clear, 1, 2 * geometry.masked)
+        self.clear = shape_table(geometry.shapes, kinds)
+        self.reflectance = reflectance_table(geometry)
+        self.passable = bool(geometry.clear.any() or geometry.masked.any())
+        self.mirror = shape_table(geometry.shapes, sides)
         self.mirrored = any(sides)
-        self.transmitted = registry_table(
-            [
-                (shape, round(_WHOLE * share))
-                for shape, share in zip(geometry.shapes, geometry.transmitted.tolist(), strict=True)
-            ],
-            mi.ShapePtr,
-            0,
-            mi.UInt32,
-        )
+        self.transmitted = shape_table(geometry.shapes, through)
         self.translucent = bool(geometry.transmitted.any())
 
     def reflectance_at(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Color3f:

@@ -58,23 +58,8 @@ def surfaces(
     Arguments as in `nearest`. Without `colors` the reflectance is 0, and no material needs to be
     compiled.
     """
-    trace = partial(_backend().surfaces, geometry, colors)
+    trace = partial(_backend().surfaces, geometry, colors, None)
     return Hits(*_in_chunks(trace, origins, directions))
-
-
-def textures(
-    geometry: SceneGeometry,
-    slots: tuple[TextureSlot, ...],
-    origins: npt.ArrayLike,
-    directions: npt.ArrayLike,
-) -> list[AnyArray]:
-    """Return the values of each slot where rays hit, then s, dp_du and dp_dv there, (N, 3) each.
-
-    Arguments as in `nearest`. A slot with one band gives (N,), others (N, bands); 0 where a shape
-    has no such texture. `s` is the first tangent of the shading frame, `dp_du` and `dp_dv` are the
-    derivatives of the position; 0 where nothing is hit.
-    """
-    return _in_chunks(partial(_backend().textures, geometry, slots), origins, directions)
 
 
 def textured_surfaces(
@@ -83,8 +68,13 @@ def textured_surfaces(
     origins: npt.ArrayLike,
     directions: npt.ArrayLike,
 ) -> tuple[Hits, list[AnyArray]]:
-    """Return what `surfaces` and `textures` return, from one trace."""
-    trace = partial(_backend().textured_surfaces, geometry, slots)
+    """Return what `surfaces` does, and the values of each slot, then s, dp_du and dp_dv, (N, 3).
+
+    A slot with one band gives (N,), others (N, bands); 0 where a shape has no such texture. `s` is
+    the first tangent of the shading frame, `dp_du` and `dp_dv` are the derivatives of the position;
+    0 where nothing is hit.
+    """
+    trace = partial(_backend().surfaces, geometry, True, slots)
     found = _in_chunks(trace, origins, directions)
     count = len(fields(Hits))
     return Hits(*found[:count]), found[count:]

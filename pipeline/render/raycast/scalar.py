@@ -53,16 +53,21 @@ def nearest_from_cameras(geometry: SceneGeometry, poses: AnyArray, local: AnyArr
 
 
 def surfaces(
-    geometry: SceneGeometry, colors: bool, origins: AnyArray, directions: AnyArray
+    geometry: SceneGeometry,
+    colors: bool,
+    slots: tuple[TextureSlot, ...] | None,
+    origins: AnyArray,
+    directions: AnyArray,
 ) -> tuple[AnyArray, ...]:
-    """Return the fields of `Hits`, in order."""
+    """Return the fields of `Hits`, in order; with slots their values, s, dp_du and dp_dv, too."""
     count = len(directions)
     hits = Hits(
         np.full(count, -1, np.int32),
         np.full(count, np.inf, np.float32),
         *(np.zeros((count, 3), np.float32) for _ in range(4)),
     )
-    numbers = _shape_numbers(geometry)
+    values = [np.zeros((count, slot.bands), np.float32) for slot in slots or ()]
+    tangents = [np.zeros((count, 3), np.float32) for _ in range(3)]
     for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
         shape, distance, hit, ray = _first_hit(geometry, _ray(o, d), True)
         if shape < 0:
@@ -72,44 +77,17 @@ def surfaces(
         hits.position[i], hits.geometric_normal[i] = si.p, si.n
         hits.shading_normal[i] = si.sh_frame.n
         if colors:
-            twin = geometry.reflectances[numbers[si.shape.ptr]]
+            twin = geometry.reflectances[_shape_numbers(geometry)[si.shape.ptr]]
             hits.reflectance[i] = np.clip(twin.eval_diffuse_reflectance(si), 0, 1)
-    return tuple(vars(hits).values())
-
-
-def textures(
-    geometry: SceneGeometry,
-    slots: tuple[TextureSlot, ...],
-    origins: AnyArray,
-    directions: AnyArray,
-) -> tuple[AnyArray, ...]:
-    """Return the values of each slot, then s, dp_du and dp_dv (N, 3)."""
-    count = len(directions)
-    values = [np.zeros((count, slot.bands), np.float32) for slot in slots]
-    tangents = tuple(np.zeros((count, 3), np.float32) for _ in range(3))
-    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
-        shape, _, hit, ray = _first_hit(geometry, _ray(o, d), True)
-        if shape < 0:
-            continue
-        si = hit.compute_surface_interaction(ray)
-        for place, slot in enumerate(slots):
+        for array, slot in zip(values, slots or (), strict=True):
             if slot.textures[shape] is not None:
-                values[place][i] = getattr(slot.textures[shape], slot.way)(si)
+                array[i] = getattr(slot.textures[shape], slot.way)(si)
         for array, vector in zip(tangents, (si.sh_frame.s, si.dp_du, si.dp_dv), strict=True):
             array[i] = vector
-    single = (array[:, 0] if array.shape[1] == 1 else array for array in values)
-    return (*single, *tangents)
-
-
-def textured_surfaces(
-    geometry: SceneGeometry,
-    slots: tuple[TextureSlot, ...],
-    origins: AnyArray,
-    directions: AnyArray,
-) -> tuple[AnyArray, ...]:
-    """Return the fields of `Hits`, in order, then what `textures` returns."""
-    hits = surfaces(geometry, True, origins, directions)
-    return *hits, *textures(geometry, slots, origins, directions)
+    found = tuple(vars(hits).values())
+    if slots is None:
+        return found
+    return *found, *(a[:, 0] if a.shape[1] == 1 else a for a in values), *tangents
 
 
 def objects_along(
@@ -289,30 +267,21 @@ def _passes(geometry: SceneGeometry, shape: int, hit: Any, ray: Any) -> bool:
 
 
 def _triangles(geometry: SceneGeometry) -> Triangles:
-    """Return the triangles of all shapes; cached on the geometry."""
-    triangles: Triangles | None = geometry.__dict__.get("triangles")
-    if triangles is None:
-        triangles = triangles_of(geometry.shapes)
-        object.__setattr__(geometry, "triangles", triangles)
-    return triangles
+    return geometry.cached("triangles", lambda: triangles_of(geometry.shapes))
 
 
 def _partners(geometry: SceneGeometry, same_side: bool) -> tuple[AnyArray, AnyArray]:
-    """Return `partners_of` all faces; cached on the geometry."""
-    key = f"partners_{same_side}"
-    if key not in geometry.__dict__:
-        opaque = ~(geometry.clear | geometry.masked)
-        clear = geometry.clear if same_side else None
-        found = partners_of(_triangles(geometry), opaque, same_side, clear)
-        object.__setattr__(geometry, key, found)
-    partners: tuple[AnyArray, AnyArray] = geometry.__dict__[key]
-    return partners
+    """Return `partners_of` all faces."""
+    opaque = ~(geometry.clear | geometry.masked)
+    clear = geometry.clear if same_side else None
+    return geometry.cached(
+        f"partners_{same_side}",
+        lambda: partners_of(_triangles(geometry), opaque, same_side, clear),
+    )
 
 
 def _shape_numbers(geometry: SceneGeometry) -> dict[int, int]:
-    """Return the shape index by instance pointer; cached on the geometry."""
-    numbers: dict[int, int] | None = geometry.__dict__.get("numbers")
-    if numbers is None:
-        numbers = {shape.ptr: index for index, shape in enumerate(geometry.shapes)}
-        object.__setattr__(geometry, "numbers", numbers)
-    return numbers
+    """Return the shape index by instance pointer."""
+    return geometry.cached(
+        "numbers", lambda: {shape.ptr: index for index, shape in enumerate(geometry.shapes)}
+    )

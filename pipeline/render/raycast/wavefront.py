@@ -16,10 +16,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from pbrnet.pipeline.render.bsdf_tables import reflectance_table
 from pbrnet.pipeline.render.drjit_arrays import (
     column,
     registry_id,
-    registry_table,
+    shape_table,
     to_numpy,
     vector,
 )
@@ -58,97 +59,46 @@ def nearest_from_cameras(geometry: SceneGeometry, poses: AnyArray, local: AnyArr
 
 
 def surfaces(
-    geometry: SceneGeometry, colors: bool, origins: AnyArray, directions: AnyArray
-) -> tuple[AnyArray, ...]:
-    """Return the fields of `Hits`, in order."""
-    ray = _ray(origins, directions)
-    if colors:
-        found = _recorded(geometry, _surfaces)(_tables(geometry)["twins"], ray)
-    else:
-        found = _surfaces(geometry, None, ray)
-    *others, colour = to_numpy(*found)
-    return *others, np.clip(colour, 0, 1)
-
-
-def _surfaces(geometry: SceneGeometry, twins: Any, ray: Any) -> list[Any]:
-    """Return the fields of `Hits`; `twins` are the reflectance twins, None without colours."""
-    return _hits(twins, *_met(geometry, ray))
-
-
-def _met(geometry: SceneGeometry, ray: Any) -> tuple[Any, Any, Any]:
-    """Return shape, distance and surface interaction of the first surface along rays."""
-    shape, distance, hit, ray = _first_hit(geometry, ray, True)
-    return shape, distance, hit.compute_surface_interaction(ray, mi.RayFlags.All, shape >= 0)
-
-
-def _hits(twins: Any, shape: Any, distance: Any, si: Any) -> list[Any]:
-    """Return the fields of `Hits` of what was met; `twins` as in `_surfaces`."""
-    valid = shape >= 0
-    reflectance = mi.Color3f(0)
-    if twins is not None:
-        bsdf = dr.gather(mi.BSDFPtr, twins, dr.reinterpret_array(mi.UInt32, si.shape), valid)
-        reflectance = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, valid))
-    vectors = si.p, si.n, si.sh_frame.n, mi.Color3f(reflectance)
-    return [shape, distance, *(dr.select(valid, vector, 0) for vector in vectors)]
-
-
-def textures(
     geometry: SceneGeometry,
-    slots: tuple[TextureSlot, ...],
+    colors: bool,
+    slots: tuple[TextureSlot, ...] | None,
     origins: AnyArray,
     directions: AnyArray,
 ) -> tuple[AnyArray, ...]:
-    """Return the values of each slot, then s, dp_du and dp_dv (N, 3)."""
-    numbers = [column(mi.UInt32, _texture_numbers(slot)) for slot in slots]
-    ray = _ray(origins, directions)
-    return to_numpy(*_recorded(geometry, _textures)(slots, numbers, ray))
-
-
-def _textures(
-    geometry: SceneGeometry, slots: tuple[TextureSlot, ...], numbers: list[Any], ray: Any
-) -> list[Any]:
-    """Return what `textures` does; `numbers` are those of `_texture_numbers`."""
-    shape, _, si = _met(geometry, ray)
-    return _texture_values(slots, numbers, shape, si)
-
-
-def textured_surfaces(
-    geometry: SceneGeometry,
-    slots: tuple[TextureSlot, ...],
-    origins: AnyArray,
-    directions: AnyArray,
-) -> tuple[AnyArray, ...]:
-    """Return the fields of `Hits`, in order, then what `textures` returns."""
-    numbers = [column(mi.UInt32, _texture_numbers(slot)) for slot in slots]
-    trace = _recorded(geometry, _textured_surfaces)
-    found = to_numpy(*trace(_tables(geometry)["twins"], slots, numbers, _ray(origins, directions)))
+    """Return the fields of `Hits`, in order; with slots their values, s, dp_du and dp_dv, too."""
+    numbers = [column(mi.UInt32, _texture_numbers(slot)) for slot in slots or ()]
+    twins = _tables(geometry)["twins"] if colors else None
+    trace = _recorded(geometry, _surfaces) if colors else partial(_surfaces, geometry)
+    found = to_numpy(*trace(twins, slots, numbers, _ray(origins, directions)))
     *others, colour = found[:_HIT_FIELDS]
     return *others, np.clip(colour, 0, 1), *found[_HIT_FIELDS:]
 
 
-def _textured_surfaces(
+def _surfaces(
     geometry: SceneGeometry,
-    twins: Any,
-    slots: tuple[TextureSlot, ...],
-    numbers: list[Any],
-    ray: Any,
+    twins: mi.BSDFPtr | None,
+    slots: tuple[TextureSlot, ...] | None,
+    numbers: list[mi.UInt32],
+    ray: mi.Ray3f,
 ) -> list[Any]:
-    """Return what `_surfaces` and `_textures` do, from one trace."""
-    shape, distance, si = _met(geometry, ray)
-    return [*_hits(twins, shape, distance, si), *_texture_values(slots, numbers, shape, si)]
+    """Return what `surfaces` does.
 
-
-def _texture_values(
-    slots: tuple[TextureSlot, ...], numbers: list[Any], shape: Any, si: Any
-) -> list[Any]:
-    """Return what `textures` does, where surfaces were met."""
+    `twins` are the reflectance twins, None without colours; `numbers` those of `_texture_numbers`.
+    """
+    shape, distance, hit, ray = _first_hit(geometry, ray, True)
     valid = shape >= 0
-    values = (
-        _evaluated(slot, number, shape, si, valid)
-        for slot, number in zip(slots, numbers, strict=True)
-    )
-    tangents = (dr.select(valid, v, 0) for v in (si.sh_frame.s, si.dp_du, si.dp_dv))
-    return [*values, *tangents]
+    si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
+    reflectance = mi.Color3f(0)
+    if twins is not None:
+        bsdf = dr.gather(mi.BSDFPtr, twins, dr.reinterpret_array(mi.UInt32, si.shape), valid)
+        reflectance = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(si, valid))
+    vectors = [si.p, si.n, si.sh_frame.n, mi.Color3f(reflectance)]
+    values = []
+    if slots is not None:
+        places = zip(slots, numbers, strict=True)
+        values = [_evaluated(slot, number, shape, si, valid) for slot, number in places]
+        values += [dr.select(valid, vector, 0) for vector in (si.sh_frame.s, si.dp_du, si.dp_dv)]
+    return [shape, distance, *(dr.select(valid, vector, 0) for vector in vectors), *values]
 
 
 def _evaluated(slot: TextureSlot, numbers: Any, shape: Any, si: Any, valid: Any) -> Any:
@@ -197,14 +147,8 @@ class _Recorded:
 
 def _recorded(geometry: SceneGeometry, function: Callable[..., list[Any]]) -> _Recorded:
     """Return the recorded form of a function; cached on the geometry."""
-    known = geometry.__dict__.get("recorded")
-    if known is None:
-        known = {}
-        object.__setattr__(geometry, "recorded", known)
-    if function not in known:
-        known[function] = _Recorded(geometry, function)
-    recorded: _Recorded = known[function]
-    return recorded
+    key = f"recorded {function.__name__}"
+    return geometry.cached(key, lambda: _Recorded(geometry, function))
 
 
 def objects_along(
@@ -532,38 +476,24 @@ def _emission(shape: Any, ray: Any, hit: Any, active: Any) -> Any:
 
 def _tables(geometry: SceneGeometry) -> dict[str, Any]:
     """Return shape properties by registry id; cached on the geometry."""
-    tables = geometry.__dict__.get("tables")
-    if tables is None:
-        numbers = list(enumerate(geometry.shapes))
-        triangles = triangles_of(geometry.shapes)
-        ids = np.array([registry_id(s, mi.ShapePtr) for _, s in numbers], dtype=np.int64)
-        tables = {
-            "vertices": mi.Float(triangles.vertices.ravel()),
-            "faces": mi.UInt32(triangles.faces.ravel()),
-            "owner": mi.UInt32(ids[owners_of(triangles)]),
-            "ties": _partners(geometry, triangles),
-            "first": registry_table(
-                [(s, int(triangles.first[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
-            ),
-            "shape": registry_table([(s, i) for i, s in numbers], mi.ShapePtr, -1, mi.Int32),
-            "clear": registry_table(
-                [(s, int(geometry.clear[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
-            ),
-            "masked": registry_table(
-                [(s, int(geometry.masked[i])) for i, s in numbers], mi.ShapePtr, 0, mi.UInt32
-            ),
-            **_mask_tables(geometry),
-            "twins": dr.reinterpret_array(mi.BSDFPtr, _twin_numbers(geometry)),
-        }
-        object.__setattr__(geometry, "tables", tables)
-    return tables
+    return geometry.cached("tables", lambda: _make_tables(geometry))
 
 
-def _twin_numbers(geometry: SceneGeometry) -> Any:
-    """Return the registry ids of the reflectance twins by registry id of the shape."""
-    twins = zip(geometry.shapes, geometry.reflectances, strict=True)
-    pairs = [(shape, registry_id(twin, mi.BSDFPtr)) for shape, twin in twins if twin is not None]
-    return registry_table(pairs, mi.ShapePtr, 0, mi.UInt32)
+def _make_tables(geometry: SceneGeometry) -> dict[str, Any]:
+    shapes, triangles = geometry.shapes, triangles_of(geometry.shapes)
+    ids = np.array([registry_id(shape, mi.ShapePtr) for shape in shapes], dtype=np.int64)
+    return {
+        "vertices": mi.Float(triangles.vertices.ravel()),
+        "faces": mi.UInt32(triangles.faces.ravel()),
+        "owner": mi.UInt32(ids[owners_of(triangles)]),
+        "ties": _partners(geometry, triangles),
+        "first": shape_table(shapes, triangles.first),
+        "shape": shape_table(shapes, range(len(shapes)), -1, mi.Int32),
+        "clear": shape_table(shapes, geometry.clear),
+        "masked": shape_table(shapes, geometry.masked),
+        **_mask_tables(geometry),
+        "twins": reflectance_table(geometry),
+    }
 
 
 def _touching_objects(geometry: SceneGeometry, numbers: AnyArray) -> tuple[Any, Any] | None:
@@ -595,16 +525,16 @@ class _Touching:
 
 def _touching(geometry: SceneGeometry) -> _Touching:
     """Return the pairs of faces that overlap in a plane, on either side; cached on the geometry."""
-    if "touching" not in geometry.__dict__:
-        triangles = triangles_of(geometry.shapes)
-        opaque = ~(geometry.clear | geometry.masked)
-        starts, partner = partners_of(triangles, opaque, same_side=False)
-        face = np.repeat(np.arange(len(triangles.faces)), np.diff(starts))
-        owner = owners_of(triangles)
-        pairs = _Touching(len(triangles.faces), face, partner, owner[face], owner[partner])
-        object.__setattr__(geometry, "touching", pairs)
-    touching: _Touching = geometry.__dict__["touching"]
-    return touching
+    return geometry.cached("touching", lambda: _find_touching(geometry))
+
+
+def _find_touching(geometry: SceneGeometry) -> _Touching:
+    triangles = triangles_of(geometry.shapes)
+    opaque = ~(geometry.clear | geometry.masked)
+    starts, partner = partners_of(triangles, opaque, same_side=False)
+    face = np.repeat(np.arange(len(triangles.faces)), np.diff(starts))
+    owner = owners_of(triangles)
+    return _Touching(len(triangles.faces), face, partner, owner[face], owner[partner])
 
 
 def _partners(geometry: SceneGeometry, triangles: Triangles) -> tuple[Any, Any] | None:
@@ -620,9 +550,8 @@ def _partners(geometry: SceneGeometry, triangles: Triangles) -> tuple[Any, Any] 
 def _mask_tables(geometry: SceneGeometry) -> dict[str, Any]:
     """Return `mask`, the number of each masked shape, and `masks`, their null transmissions."""
     shapes = [shape for shape, has in zip(geometry.shapes, geometry.masked, strict=True) if has]
-    numbers = [(shape, number) for number, shape in enumerate(shapes)]
     return {
-        "mask": registry_table(numbers, mi.ShapePtr, 0, mi.UInt32),
+        "mask": shape_table(shapes, range(len(shapes))),
         "masks": [partial(_null_transmission, shape) for shape in shapes],
     }
 
