@@ -15,18 +15,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pbrnet.pipeline.export.images import exposures, write_picture
-from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.parts import Advance, Format, Job, scene_parts
 from pbrnet.pipeline.export.points import Points, scene_points
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.images import tone_picture
 from pbrnet.scenes.arrays import Int64Array
-
-
-def _parts(job: Job) -> Sequence[Part]:
-    return [
-        Part(scene, len(rows), partial(_write, job, rows))
-        for scene, rows in job.rows.scenes().items()
-    ]
 
 
 def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) -> None:
@@ -98,6 +91,6 @@ FORMAT = Format(
     "colmap",
     "COLMAP text model: cameras, images, points from depth",
     ("color", "depth"),
-    _parts,
+    partial(scene_parts, _write),
     uses=("exposure", "points"),
 )

@@ -23,20 +23,13 @@ from pbrnet.pipeline.export.images import (
     write_exr,
     write_picture,
 )
-from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.parts import Advance, Format, Job, scene_parts
 from pbrnet.pipeline.export.points import Points, scene_points
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.images import tone_picture
 from pbrnet.scenes.files import write_json
 
 _MILLIMETRES = 1000.0
-
-
-def _parts(job: Job) -> Sequence[Part]:
-    return [
-        Part(scene, len(rows), partial(_write, job, rows))
-        for scene, rows in job.rows.scenes().items()
-    ]
 
 
 def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) -> None:
@@ -102,24 +95,23 @@ def _transforms(frames: list[dict[str, Any]]) -> dict[str, Any]:
 
 def write_ply(path: Path, points: Points) -> None:
     """Write a point cloud as binary PLY: x, y, z, red, green, blue."""
-    places = [(name, "<f4") for name in "xyz"]
-    bands = [(name, "u1") for name in ("red", "green", "blue")]
-    vertices = np.zeros(len(points.positions), dtype=[*places, *bands])
-    for axis, (name, _) in enumerate(places):
-        vertices[name] = points.positions[:, axis]
-    for band, (name, _) in enumerate(bands):
-        vertices[name] = points.colors[:, band]
-    properties = [f"property float {name}" for name, _ in places]
-    properties += [f"property uchar {name}" for name, _ in bands]
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
-    header = "\n".join([*lines, *properties, "end_header", ""])
-    path.write_bytes(header.encode("ascii") + vertices.tobytes())
+    places, bands = ("x", "y", "z"), ("red", "green", "blue")
+    types = [*((name, "<f4") for name in places), *((name, "u1") for name in bands)]
+    columns = [*points.positions.T, *points.colors.T]
+    vertices = np.rec.fromarrays(columns, dtype=types)
+    lines = [
+        *("ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"),
+        *(f"property float {name}" for name in places),
+        *(f"property uchar {name}" for name in bands),
+        *("end_header", ""),
+    ]
+    path.write_bytes("\n".join(lines).encode("ascii") + vertices.tobytes())
 
 
 FORMAT = Format(
     "nerfstudio",
     "nerfstudio and instant-ngp: transforms.json, images, depths, points",
     ("color", "depth"),
-    _parts,
+    partial(scene_parts, _write),
     uses=("images", "exposure", "points"),
 )

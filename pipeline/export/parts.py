@@ -10,10 +10,11 @@ import shutil
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.export.rows import DatasetRows, ViewRow
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
@@ -81,6 +82,14 @@ class Format:
     panoramas: bool = False  # can say equirectangular views
 
 
+def scene_parts(
+    write: Callable[[Job, Sequence[ViewRow], Path, Advance], None], job: Job
+) -> Sequence[Part]:
+    """Return a folder for each scene, which `write` fills."""
+    scenes = job.rows.scenes().items()
+    return [Part(scene, len(rows), partial(write, job, rows)) for scene, rows in scenes]
+
+
 @dataclass(frozen=True)
 class Exported:
     """Result of an export: views and parts that it holds, and parts that were there already."""
@@ -116,8 +125,8 @@ def run_export(form: Format, job: Job) -> Exported:
                     kept += 1
                     progress.advance(part.views)
                     continue
-                with _writing(part, target) as partial:
-                    part.write(partial, progress.advance)
+                with _writing(part, target) as path:
+                    part.write(path, progress.advance)
         form.finish(job)
     return Exported(sum(part.views for part in parts), len(parts), kept)
 

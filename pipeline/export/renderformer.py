@@ -22,7 +22,7 @@ import trimesh
 
 from pbrnet.pipeline.export.images import opengl_pose
 from pbrnet.pipeline.export.libraries import library
-from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.parts import Advance, Format, Job, scene_parts
 from pbrnet.pipeline.export.room_mesh import Soup, cut_room, within_budget
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.render import raycast
@@ -50,13 +50,6 @@ def _check(job: Job) -> None:
                 f"{job.scenes / scene}: renderformer needs the scene's geometry, which is not "
                 "there; make it with: pbrnet scenes, or name its folder with --data"
             )
-
-
-def _parts(job: Job) -> Sequence[Part]:
-    return [
-        Part(scene, len(rows), partial(_write, job, rows))
-        for scene, rows in job.rows.scenes().items()
-    ]
 
 
 def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) -> None:
@@ -276,7 +269,7 @@ FORMAT = Format(
     "renderformer",
     "RenderFormer: triangles, materials and cameras of each room",
     ("depth",),
-    _parts,
+    partial(scene_parts, _write),
     check=_check,
     uses=("triangles",),
 )

@@ -52,7 +52,6 @@ class ViewRow:
     that of `color` in the renderer's unit.
     """
 
-    number: int  # of the row in the selection, from 0
     scene_id: str
     view_id: str
     split: str
@@ -100,12 +99,11 @@ class DatasetRows:
         self.columns = frozenset(set.intersection(*names))
         _check_known(self.folder, "split", splits, {row.split for row in rows})
         _check_known(self.folder, "scene", scenes, {row.scene_id for row in rows})
-        chosen = [
+        self.rows = [
             row
             for row in rows
             if (not splits or row.split in splits) and (not scenes or row.scene_id in scenes)
         ]
-        self.rows = [_numbered(row, number) for number, row in enumerate(chosen)]
         if not self.rows:
             raise InputError(f"{self.folder}: no rows in this selection")
         self._cached: tuple[Any, pa.Table] | None = None
@@ -203,7 +201,6 @@ def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:
             if not is_scale(scale):
                 raise InputError(f"{path}: a radiance_scale that is no power of two")
             yield ViewRow(
-                0,
                 check_name(cells["scene_id"], "a scene's id", str(path), InputError),
                 check_name(cells["view_id"], "a view's id", str(path), InputError),
                 cells["split"],
@@ -218,10 +215,6 @@ def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:
 
 def _matrix(cell: Any, side: int) -> Float64Array:
     return np.array(cell, dtype=np.float64).reshape(side, side)
-
-
-def _numbered(row: ViewRow, number: int) -> ViewRow:
-    return ViewRow(**{**row.__dict__, "number": number})
 
 
 def _check_known(folder: Path, what: str, wanted: Sequence[str], known: set[str]) -> None:

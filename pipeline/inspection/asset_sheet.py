@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pbrnet.pipeline.images import Picture, contact_sheet, enlarge, read_picture
+from pbrnet.pipeline.inspection.sections import rows_of
 from pbrnet.scenes.assets.index import PREVIEW, Asset, AssetIndex, IndexEntry
 from pbrnet.scenes.procedural.furnishing.asset_sampler import build_kind_index
 
@@ -21,15 +22,12 @@ def describe_index(index: AssetIndex) -> dict[str, Any]:
     """Return sections on libraries, pieces by category and licence, and refused pieces."""
     return {
         "Libraries": [
-            {
-                "library": library.key,
-                "pieces": library.pieces,
-                "usable": library.usable,
-                "version": library.version,
-                "licence": library.licence,
-                "from": library.package or library.file,
-            }
-            for library in index.libraries
+            {**row, "from": library.package or library.file}
+            for row, library in zip(
+                rows_of(index.libraries, "library=key", "pieces", "usable", "version", "licence"),
+                index.libraries,
+                strict=True,
+            )
         ],
         "Categories": dict(Counter(piece.category for piece in index.pieces).most_common()),
         "Licences": dict(Counter(piece.licence for piece in index.pieces).most_common()),
@@ -37,10 +35,7 @@ def describe_index(index: AssetIndex) -> dict[str, Any]:
             kind: len(pieces) for kind, pieces in build_kind_index(index).kinds.items() if pieces
         },
         "Triangles": _triangles(index.pieces),
-        "Refused": [
-            {"piece": piece.key, "name": piece.name, "reason": piece.reason}
-            for piece in index.refused
-        ],
+        "Refused": rows_of(index.refused, "piece=key", "name", "reason"),
     }
 
 
@@ -73,14 +68,8 @@ def describe_asset(asset: Asset) -> dict[str, Any]:
             "provider": origin.provider,
         },
         "Parts": [
-            {
-                "mesh": part.mesh,
-                "kind": part.kind,
-                "triangles": part.triangles,
-                "texture": part.texture or "",
-                "lumens": part.lumens,
-            }
-            for part in asset.parts
+            {**row, "texture": row["texture"] or ""}
+            for row in rows_of(asset.parts, "mesh", "kind", "triangles", "texture", "lumens")
         ],
         "Support surfaces": [
             {
@@ -118,11 +107,10 @@ def draw_index(index: AssetIndex) -> Picture:
     if not strips:
         return contact_sheet([], 1)
     width = max(strip.shape[1] for strip in strips)
-    sheet = np.tile(_GAP, (sum(strip.shape[0] for strip in strips), width, 1))
-    top = 0
-    for strip in strips:
-        sheet[top : top + strip.shape[0], : strip.shape[1]] = strip
-        top += strip.shape[0]
+    sheet = np.tile(_GAP, (sum(len(strip) for strip in strips), width, 1))
+    tops = np.cumsum([0, *(len(strip) for strip in strips)])
+    for top, strip in zip(tops, strips, strict=False):
+        sheet[top : top + len(strip), : strip.shape[1]] = strip
     return sheet
 
 

@@ -46,9 +46,7 @@ _WALL_MARGIN = 0.02  # metres inside a room's outline that count as wall
 _CUT = 0.15  # metres below a storey's lowest ceiling, above which items are removed
 _BACKGROUND = np.array([246.0, 245.0, 241.0])
 _SURROUNDINGS = ("ground", "outdoors", "tree", "house", "hedge")
-_QUICK = GroundTruthParams(
-    spp=16, block_spp=8, denoise="oidn", joint=False
-)  # only colour is needed
+_QUICK = GroundTruthParams(spp=16, block_spp=8, denoise="oidn", joint=False)  # colour alone
 _QUICK_WIDTH = 320
 
 
@@ -176,13 +174,8 @@ def _cutaway_scene(
             shape.remove(emitter)
         if item is not None and item.is_structure and item.bbox_max[2] > cut:
             _cut_open(shape, cut, scene.rooms, root, folder)
-    emitter = Element("emitter", {"type": "constant"})
-    emitter.append(Element("rgb", {"name": "radiance", "value": "1"}))
-    path = Element("integrator", {"type": "path"})
-    path.append(Element("integer", {"name": "max_depth", "value": str(_DEPTH)}))
-    path.append(Element("boolean", {"name": "hide_emitters", "value": "true"}))
-    for node in (_sensor(low, high), emitter, path):
-        root.insert(0, node)
+    for number, node in enumerate(_rendering(low, high)):
+        root.insert(number, node)
     target = folder / "scene.xml"
     ElementTree(root).write(target, encoding="utf-8", xml_declaration=True)
     return target
@@ -215,20 +208,14 @@ def _cut_open(
     file.set("value", str(target))
 
 
-def _sensor(low: np.ndarray, high: np.ndarray) -> Element:
-    """Return an orthographic sensor that frames the box from `low` to `high` (3,)."""
-    back = np.array(
-        [
-            math.cos(_ELEVATION) * math.cos(_AZIMUTH),
-            math.cos(_ELEVATION) * math.sin(_AZIMUTH),
-            math.sin(_ELEVATION),
-        ]
-    )
+def _rendering(low: np.ndarray, high: np.ndarray) -> Element:
+    """Return integrator, sky, and an orthographic sensor that frames the box (3,) to (3,)."""
+    flat = math.cos(_ELEVATION)
+    back = np.array([flat * math.cos(_AZIMUTH), flat * math.sin(_AZIMUTH), math.sin(_ELEVATION)])
     side = np.array([-math.sin(_AZIMUTH), math.cos(_AZIMUTH), 0.0])
     up = np.cross(back, side)
     corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
-    flat = np.stack([corners @ side, corners @ up], axis=1)
-    half = 0.5 * np.ptp(flat, axis=0)
+    half = 0.5 * np.ptp(np.stack([corners @ side, corners @ up], axis=1), axis=0)
     middle = 0.5 * (low + high)
     diagonal = float(np.linalg.norm(high - low))
     pose = np.eye(4)
@@ -236,18 +223,26 @@ def _sensor(low: np.ndarray, high: np.ndarray) -> Element:
     pose[:3, 0], pose[:3, 1], pose[:3, 2] = -side * half[0], up * half[0], -back
     pose[:3, 3] = middle + (diagonal + 10.0) * back
     height = int(min(max(_WIDTH * half[1] / half[0], 200), 2 * _WIDTH))
-    made = Element("sensor", {"type": "orthographic"})
-    transform = Element("transform", {"name": "to_world"})
     text = " ".join(f"{value:.9g}" for value in pose.ravel())
-    transform.append(Element("matrix", {"value": text}))
-    film = Element("film", {"type": "hdrfilm"})
-    for name, value in (("width", _WIDTH), ("height", height)):
-        film.append(Element("integer", {"name": name, "value": str(value)}))
-    film.append(Element("string", {"name": "pixel_format", "value": "rgb"}))
-    film.append(Element("rfilter", {"type": "box"}))
-    far = Element("float", {"name": "far_clip", "value": f"{2 * diagonal + 100:.6g}"})
-    made.extend([transform, far, Element("sampler", {"type": "multijitter"}), film])
-    return made
+    found: Element = defusedxml.ElementTree.fromstring(f"""<scene>
+        <integrator type="path">
+            <integer name="max_depth" value="{_DEPTH}"/>
+            <boolean name="hide_emitters" value="true"/>
+        </integrator>
+        <emitter type="constant"><rgb name="radiance" value="1"/></emitter>
+        <sensor type="orthographic">
+            <transform name="to_world"><matrix value="{text}"/></transform>
+            <float name="far_clip" value="{2 * diagonal + 100:.6g}"/>
+            <sampler type="multijitter"/>
+            <film type="hdrfilm">
+                <integer name="width" value="{_WIDTH}"/>
+                <integer name="height" value="{height}"/>
+                <string name="pixel_format" value="rgb"/>
+                <rfilter type="box"/>
+            </film>
+        </sensor>
+    </scene>""")
+    return found
 
 
 def _guides() -> object:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections import Counter
 from collections.abc import Sequence, Sized
@@ -10,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -47,7 +47,7 @@ from pbrnet.pipeline.images import (
 from pbrnet.pipeline.inspection.dollhouse import draw_dollhouse, quick_renders
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.views import CameraFile, View
-from pbrnet.scenes.contract import Point2, Room, Scene
+from pbrnet.scenes.contract import Room, Scene
 
 ROOM_COLORS = {
     "living": "#f2d6a2",
@@ -57,6 +57,7 @@ ROOM_COLORS = {
     "study": "#d9ceec",
     "dining": "#e6e2a8",
 }
+_CENTRED: dict[str, Any] = {"ha": "center", "va": "center"}
 _SHEET_PICTURES = 24
 # Channels that `draw_frame` draws in a form of their own; all others look alike.
 _DRAWN = (
@@ -83,55 +84,8 @@ def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
     levels = sorted({round(room.floor_z, 1) for room in scene.rooms}) or [0.0]
     figure = Figure(figsize=(9 * len(levels), 8.5), dpi=110, layout="constrained")
     all_axes = figure.subplots(1, len(levels), squeeze=False)[0]
-    emitting = {shape for light in scene.lights for shape in light.shapes}
     for axes, level, above in zip(all_axes, levels, [*levels[1:], math.inf], strict=True):
-        for room in scene.rooms:
-            if round(room.floor_z, 1) == level:
-                _draw_room(axes, room)
-        here = [
-            item
-            for item in scene.objects
-            if level - 0.5 <= item.bbox_min[2] < above - 0.3 and not item.is_structure
-        ]
-        # The largest first, so that small items on furniture stay visible.
-        for item in sorted(here, key=lambda item: -_footprint(item)):
-            (left, bottom, _), (right, top, _) = item.bbox_min, item.bbox_max
-            lit = not emitting.isdisjoint(item.shapes)
-            axes.add_patch(
-                Rectangle(
-                    (left, bottom),
-                    right - left,
-                    top - bottom,
-                    facecolor="#ffd84d" if lit else "#ffffff",
-                    edgecolor="#8a6d00" if lit else "#666666",
-                    alpha=0.9 if lit else 0.55,
-                    linewidth=0.8,
-                )
-            )
-            if min(right - left, top - bottom) > 0.45:
-                axes.text(
-                    (left + right) / 2,
-                    (bottom + top) / 2,
-                    item.category,
-                    fontsize=6,
-                    ha="center",
-                    va="center",
-                    clip_on=True,
-                )
-        for portal in scene.portals:
-            points = np.array(portal.polygon)
-            if level - 0.5 <= points[:, 2].mean() < above:
-                ends = _extent(points[:, :2])
-                color = "#0b84d8" if portal.clear else "#7a8b99"
-                axes.plot(ends[:, 0], ends[:, 1], color=color, linewidth=4, solid_capstyle="butt")
-        for view in views:
-            if level - 0.5 <= view.eye[2] < above:
-                _draw_camera(axes, view)
-        axes.set_aspect("equal")
-        axes.autoscale_view()
-        axes.set_xlabel("x, metres")
-        axes.set_ylabel("y, metres")
-        axes.grid(alpha=0.25, linewidth=0.5)
+        _draw_storey(axes, scene, views, level, above)
         storey = f", floor at {level:g} m" if len(levels) > 1 else ""
         axes.set_title(
             f"{scene.scene_id}{storey} · {scene.lighting} · {counted(views, 'view')}", fontsize=10
@@ -244,15 +198,7 @@ def picture_of(figure: Figure) -> Picture:
     """Render a figure to pixels."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    stream = io.BytesIO()
-    canvas.print_png(stream)
-    return read_picture(stream.getvalue())
-
-
-def floor_area(polygon: Sequence[Point2]) -> float:
-    """Return the area of a polygon in square metres (shoelace formula)."""
-    x, y = np.array(polygon).T
-    return float(0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def counted(items: Sized, noun: str) -> str:
@@ -260,20 +206,55 @@ def counted(items: Sized, noun: str) -> str:
     return f"{len(items)} {noun}{'' if len(items) == 1 else 's'}"
 
 
+def _draw_storey(
+    axes: Axes, scene: Scene, views: Sequence[View], level: float, above: float
+) -> None:
+    """Draw what stands between a storey's floor and the one above."""
+    emitting = {shape for light in scene.lights for shape in light.shapes}
+    for room in scene.rooms:
+        if round(room.floor_z, 1) == level:
+            _draw_room(axes, room)
+    here = [
+        item
+        for item in scene.objects
+        if level - 0.5 <= item.bbox_min[2] < above - 0.3 and not item.is_structure
+    ]
+    # The largest first, so that small items on furniture stay visible.
+    for item in sorted(here, key=lambda item: -_footprint(item)):
+        (left, bottom, _), (right, top, _) = item.bbox_min, item.bbox_max
+        lit = not emitting.isdisjoint(item.shapes)
+        width, depth = right - left, top - bottom
+        fill, edge, alpha = ("#ffd84d", "#8a6d00", 0.9) if lit else ("#ffffff", "#666666", 0.55)
+        style = {"facecolor": fill, "edgecolor": edge, "alpha": alpha, "linewidth": 0.8}
+        axes.add_patch(Rectangle((left, bottom), width, depth, **style))
+        if min(width, depth) > 0.45:
+            middle = (left + right) / 2, (bottom + top) / 2
+            axes.text(*middle, item.category, fontsize=6, clip_on=True, **_CENTRED)
+    for portal in scene.portals:
+        points = np.array(portal.polygon)
+        if level - 0.5 <= points[:, 2].mean() < above:
+            ends = _extent(points[:, :2])
+            color = "#0b84d8" if portal.clear else "#7a8b99"
+            axes.plot(ends[:, 0], ends[:, 1], color=color, linewidth=4, solid_capstyle="butt")
+    for view in views:
+        if level - 0.5 <= view.eye[2] < above:
+            _draw_camera(axes, view)
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_xlabel("x, metres")
+    axes.set_ylabel("y, metres")
+    axes.grid(alpha=0.25, linewidth=0.5)
+
+
 def _draw_room(axes: Axes, room: Room) -> None:
+    color = ROOM_COLORS.get(room.type, "#dddddd")
     axes.add_patch(
-        Polygon(
-            room.floor,
-            facecolor=ROOM_COLORS.get(room.type, "#dddddd"),
-            edgecolor="#222222",
-            linewidth=2,
-            alpha=0.8,
-        )
+        Polygon(room.floor, facecolor=color, edgecolor="#222222", linewidth=2, alpha=0.8)
     )
     # In the corner, because furniture covers the middle.
     corner = max(room.floor, key=lambda point: point[1] - point[0])
     axes.annotate(
-        f"{room.name}, {floor_area(room.floor):.1f} m²",
+        f"{room.name}, {shapely.Polygon(room.floor).area:.1f} m²",
         corner,
         (5, -5),
         textcoords="offset points",
@@ -303,9 +284,8 @@ def _draw_camera(axes: Axes, view: View) -> None:
         view.view_id,
         fontsize=6,
         color="#8b0000",
-        ha="center",
-        va="center",
         zorder=6,
+        **_CENTRED,
     )
 
 

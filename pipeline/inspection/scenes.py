@@ -6,6 +6,8 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+from shapely.geometry import Polygon
+
 from pbrnet.pipeline.inspection.asset_sheet import (
     describe_asset,
     describe_index,
@@ -17,9 +19,8 @@ from pbrnet.pipeline.inspection.drawings import (
     draw_cameras,
     draw_plan,
     draw_scene,
-    floor_area,
 )
-from pbrnet.pipeline.inspection.sections import Inspection, Table
+from pbrnet.pipeline.inspection.sections import Inspection, Table, rows_of
 from pbrnet.pipeline.inspection.sizes import scene_sizes
 from pbrnet.pipeline.render.leaks import find_leaks
 from pbrnet.pipeline.render.scene import open_scene, set_variant
@@ -42,7 +43,7 @@ def inspect_scene(folder: Path, renders: bool = True) -> Inspection:
             "room": room.id,
             "name": room.name,
             "type": room.type,
-            "m2": round(floor_area(room.floor), 1),
+            "m2": round(Polygon(room.floor).area, 1),
             "height m": round(room.ceiling_z - room.floor_z, 2),
             "light": "yes" if room.has_light else "no",
             "objects": sum(item.room == room.id for item in scene.objects),
@@ -82,16 +83,7 @@ def inspect_scene(folder: Path, renders: bool = True) -> Inspection:
                 }
                 for portal in scene.portals
             ],
-            "Credits": [
-                {
-                    "part": credit.part,
-                    "title": credit.title,
-                    "author": credit.author,
-                    "licence": credit.licence,
-                    "source": credit.source,
-                }
-                for credit in scene.credits
-            ],
+            "Credits": rows_of(scene.credits, "part", "title", "author", "licence", "source"),
             "Changed or lost in import": list(scene.changes),
         },
         lambda: draw_scene(scene, views) if renders else draw_plan(scene, views),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,12 @@ from pbrnet.pipeline.images import Picture
 Table = list[dict[str, Any]]
 # A section is a mapping of names to values, a table, or a list of sentences.
 Section = dict[str, Any] | Table | list[str]
+
+
+def rows_of(items: Iterable[object], *columns: str) -> Table:
+    """Return a table of attributes; a column is named after its own, or by `name=attribute`."""
+    pairs = [column.rpartition("=")[::2] for column in columns]
+    return [{name or key: getattr(item, key) for name, key in pairs} for item in items]
 
 
 @dataclass(frozen=True)
@@ -47,20 +53,16 @@ def _section_lines(section: Section) -> list[str]:
         return [f"  - {sentence}" for sentence in section]
     rows = [row for row in section if isinstance(row, dict)]
     names = list(rows[0])
-    widths = {name: max(len(name), *(len(str(row[name])) for row in rows)) for name in names}
-    numeric = {name: all(isinstance(row[name], (int, float)) for row in rows) for name in names}
-    lines = ["  " + "  ".join(_pad(name, widths[name], numeric[name]) for name in names).rstrip()]
-    lines += [
-        "  " + "  ".join(_pad(row[name], widths[name], numeric[name]) for name in names).rstrip()
-        for row in rows
+    table = [dict(zip(names, names, strict=True)), *rows]
+    widths = {name: max(len(str(row[name])) for row in table) for name in names}
+    right = {name: all(isinstance(row[name], (int, float)) for row in rows) for name in names}
+    cells = [
+        [f"{row[name]!s:{'>' if right[name] else '<'}{widths[name]}}" for name in names]
+        for row in table
     ]
-    return lines
+    return ["  " + "  ".join(line).rstrip() for line in cells]
 
 
 def _shorten(value: Any, most: int = 120) -> str:
     text = str(value)
     return text if len(text) <= most else f"{text[: most - 1]}…"
-
-
-def _pad(value: Any, width: int, right: bool) -> str:
-    return f"{value!s:>{width}}" if right else f"{value!s:<{width}}"

@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import mitsuba as mi
 import numpy as np
@@ -72,6 +72,8 @@ class MaterialValues:
 
 
 _FIELDS = fields(MaterialValues)
+Number = Float64Array | float  # of P points, or of all
+Values = tuple[Number, Number, Number]  # roughness, metalness, specular colour
 
 
 class MaterialTable:
@@ -282,64 +284,70 @@ class _Leaf:
                 return np.array(self._params[key], dtype=np.float64).ravel()
         return np.array([default])
 
+    def tint(self) -> Float64Array:
+        """Return the tint (P, 3) of a principled material's dielectric lobe."""
+        if self.is_zero("spec_tint"):
+            return np.ones((self.count, 3))
+        base = self.color("base_color", 0.5)
+        light = luminance(base)[:, None]
+        hue = np.divide(base, light, out=np.ones_like(base), where=light > 0)
+        return 1 + self.scalar("spec_tint", 0.0)[:, None] * (hue - 1)
 
-def _lambertian(leaf: _Leaf) -> MaterialValues:
-    return _made(leaf, 1.0, 0.0, 0.0)
+    def from_alpha(self) -> Float64Array:
+        """Return perceptual roughness: the root of alpha, or of the mean of alpha_u and alpha_v."""
+        if self.has("alpha_u"):
+            area = self.scalar("alpha_u", 0.1) * self.scalar("alpha_v", 0.1)
+            return np.asarray(np.maximum(area, 0) ** 0.25)
+        return np.sqrt(np.maximum(self.scalar("alpha", 0.1), 0))
 
 
-def _smooth_dielectric(leaf: _Leaf) -> MaterialValues:
-    return _made(leaf, 0.0, 0.0, _coloured(leaf, leaf.interface()))
+def _lambertian(leaf: _Leaf) -> Values:
+    return 1.0, 0.0, 0.0
 
 
-def _rough_dielectric(leaf: _Leaf) -> MaterialValues:
-    return _made(leaf, _from_alpha(leaf), 0.0, _coloured(leaf, leaf.interface()))
+def _dielectric(leaf: _Leaf, rough: bool) -> Values:
+    specular = leaf.interface()[:, None] * leaf.color("specular_reflectance", 1.0)
+    return leaf.from_alpha() if rough else 0.0, 0.0, specular
 
 
-def _smooth_conductor(leaf: _Leaf) -> MaterialValues:
-    return _made(leaf, 0.0, 1.0, leaf.metal() * leaf.color("specular_reflectance", 1.0))
-
-
-def _rough_conductor(leaf: _Leaf) -> MaterialValues:
+def _conductor(leaf: _Leaf, rough: bool) -> Values:
     specular = leaf.metal() * leaf.color("specular_reflectance", 1.0)
-    return _made(leaf, _from_alpha(leaf), 1.0, specular)
+    return leaf.from_alpha() if rough else 0.0, 1.0, specular
 
 
-def _principled(leaf: _Leaf) -> MaterialValues:
+def _principled(leaf: _Leaf) -> Values:
     metalness = leaf.scalar("metallic", 0.0)
     # `specular` is the reflectance at normal incidence in units of 8 %.
     reflectance = 0.08 * leaf.scalar("specular", 0.5) if leaf.has("specular") else leaf.interface()
-    dielectric = reflectance[:, None] * _tint(leaf)
+    dielectric = reflectance[:, None] * leaf.tint()
     specular = (1 - metalness)[:, None] * dielectric
     if not leaf.is_zero("metallic"):
         specular = specular + metalness[:, None] * leaf.color("base_color", 0.5)
-    return _made(leaf, leaf.scalar("roughness", 0.5), metalness, specular)
+    return leaf.scalar("roughness", 0.5), metalness, specular
 
 
-def _principled_thin(leaf: _Leaf) -> MaterialValues:
+def _principled_thin(leaf: _Leaf) -> Values:
+    roughness = leaf.scalar("roughness", 0.5)
     if leaf.is_zero("spec_trans"):  # the weight of the specular lobes
-        return _made(leaf, leaf.scalar("roughness", 0.5), 0.0, 0.0)
+        return roughness, 0.0, 0.0
     lobe = leaf.scalar("spec_trans", 0.0) * leaf.interface()
-    return _made(leaf, leaf.scalar("roughness", 0.5), 0.0, lobe[:, None] * _tint(leaf))
-
-
-def _nothing(leaf: _Leaf) -> MaterialValues:
-    return replace(_made(leaf, 0.0, 0.0, 0.0), presence=np.zeros(leaf.count))
+    return roughness, 0.0, lobe[:, None] * leaf.tint()
 
 
 # BSDF type -> rule. The wrappers twosided, mask, bumpmap, normalmap and blendbsdf are in `_values`.
-RULES: dict[str, Callable[[_Leaf], MaterialValues]] = {
+RULES: dict[str, Callable[[_Leaf], Values]] = {
     "diffuse": _lambertian,
-    "plastic": _smooth_dielectric,
-    "roughplastic": _rough_dielectric,
-    "pplastic": _rough_dielectric,
-    "dielectric": _smooth_dielectric,
-    "thindielectric": _smooth_dielectric,
-    "roughdielectric": _rough_dielectric,
-    "conductor": _smooth_conductor,
-    "roughconductor": _rough_conductor,
+    "plastic": partial(_dielectric, rough=False),
+    "roughplastic": partial(_dielectric, rough=True),
+    "pplastic": partial(_dielectric, rough=True),
+    "dielectric": partial(_dielectric, rough=False),
+    "thindielectric": partial(_dielectric, rough=False),
+    "roughdielectric": partial(_dielectric, rough=True),
+    "conductor": partial(_conductor, rough=False),
+    "roughconductor": partial(_conductor, rough=True),
     "principled": _principled,
     "principledthin": _principled_thin,
-    "null": _nothing,
+    "null": lambda leaf: (0.0, 0.0, 0.0),
 }
 
 
@@ -363,7 +371,8 @@ def _values(graph: Graph, index: int, points: SurfacePoints) -> MaterialValues:
     rule = RULES.get(plugin)
     if rule is None:
         return replace(_plain(count, 0.0, 0.0, 0.0), known=np.zeros(count))
-    return rule(_Leaf(graph, index, points))
+    found = _plain(count, *rule(_Leaf(graph, index, points)))
+    return replace(found, presence=np.zeros(count)) if plugin == "null" else found
 
 
 def _two_sided(graph: Graph, children: list[int], points: SurfacePoints) -> MaterialValues:
@@ -421,21 +430,7 @@ def _perturbed(graph: Graph, index: int, points: SurfacePoints) -> Float64Array:
     return normal
 
 
-def _made(
-    leaf: _Leaf,
-    roughness: Float64Array | float,
-    metalness: Float64Array | float,
-    specular: Float64Array | float,
-) -> MaterialValues:
-    return _plain(leaf.count, roughness, metalness, specular)
-
-
-def _plain(
-    count: int,
-    roughness: Float64Array | float,
-    metalness: Float64Array | float,
-    specular: Float64Array | float,
-) -> MaterialValues:
+def _plain(count: int, roughness: Number, metalness: Number, specular: Number) -> MaterialValues:
     """Return known values of `count` points, clipped to [0, 1], without bumps."""
     return MaterialValues(
         np.clip(np.broadcast_to(roughness, count), 0, 1),
@@ -445,28 +440,6 @@ def _plain(
         np.ones(count),
         np.ones(count),
     )
-
-
-def _coloured(leaf: _Leaf, reflectance: Float64Array) -> Float64Array:
-    return reflectance[:, None] * leaf.color("specular_reflectance", 1.0)
-
-
-def _from_alpha(leaf: _Leaf) -> Float64Array:
-    """Return perceptual roughness: the root of alpha, or of the mean of alpha_u and alpha_v."""
-    if leaf.has("alpha_u"):
-        area = leaf.scalar("alpha_u", 0.1) * leaf.scalar("alpha_v", 0.1)
-        return np.asarray(np.maximum(area, 0) ** 0.25)
-    return np.sqrt(np.maximum(leaf.scalar("alpha", 0.1), 0))
-
-
-def _tint(leaf: _Leaf) -> Float64Array:
-    """Return the tint (P, 3) of a principled material's dielectric lobe."""
-    if leaf.is_zero("spec_tint"):
-        return np.ones((leaf.count, 3))
-    base = leaf.color("base_color", 0.5)
-    light = luminance(base)[:, None]
-    hue = np.divide(base, light, out=np.ones_like(base), where=light > 0)
-    return 1 + leaf.scalar("spec_tint", 0.0)[:, None] * (hue - 1)
 
 
 def _two_points(wanted: dict[Way, list[int]]) -> SurfacePoints:

@@ -83,16 +83,17 @@ def spread_fireflies(
 
 def _neighbours(size: tuple[int, int]) -> list[tuple[mi.UInt32, mi.Bool]]:
     """Return indices of the 3 x 3 pixels around each, and which of them lie in the image."""
+    steps = (-1, 0, 1)
+    return [_shifted(size, across, down) for down in steps for across in steps]
+
+
+def _shifted(size: tuple[int, int], across: int, down: int) -> tuple[mi.UInt32, mi.Bool]:
+    """Return indices of the pixels so far from each, and which of them lie in the image."""
     width, height = size
     index = dr.arange(mi.UInt32, width * height)
-    column, row = mi.Int32(index % width), mi.Int32(index // width)
-    found = []
-    for down in (-1, 0, 1):
-        for across in (-1, 0, 1):
-            x, y = column + across, row + down
-            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-            found.append((mi.UInt32(dr.select(inside, y * width + x, 0)), inside))
-    return found
+    x, y = mi.Int32(index % width) + across, mi.Int32(index // width) + down
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    return mi.UInt32(dr.select(inside, y * width + x, 0)), inside
 
 
 class _Taps:
@@ -107,15 +108,11 @@ class _Taps:
         size: tuple[int, int],
     ) -> None:
         self.normal, self.position, self.scale, self.lit = normal, position, scale, lit
-        self.width, self.height = size
-        index = dr.arange(mi.UInt32, self.width * self.height)
-        self.column, self.row = mi.Int32(index % self.width), mi.Int32(index // self.width)
+        self.size = size
 
     def at(self, across: int, down: int, step: int) -> tuple[mi.UInt32, mi.Bool, mi.Float]:
         """Return index, validity and weight of the neighbour so many steps away."""
-        x, y = self.column + across * step, self.row + down * step
-        inside = (x >= 0) & (x < self.width) & (y >= 0) & (y < self.height)
-        index = mi.UInt32(dr.select(inside, y * self.width + x, 0))
+        index, inside = _shifted(self.size, across * step, down * step)
         kernel = _KERNEL[down + 2] * _KERNEL[across + 2]
         if (across, down) == (0, 0):
             return index, inside, kernel * dr.maximum(self.lit, 1e-4)
