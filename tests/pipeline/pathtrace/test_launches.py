@@ -14,14 +14,13 @@ from pbrnet.pipeline.passes.groundtruth import render_both, render_truth, tracer
 from pbrnet.pipeline.pathtrace import launches
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene
 from pbrnet.pipeline.views import View
+from tests.fixtures.joint import LAMP, sunsky
 from tests.fixtures.params import plain_truth
 from tests.fixtures.render import (
     WINDOW,
     ball,
     diffuse,
-    glow,
     make_view,
-    quad,
     room_walls,
     write_scene,
 )
@@ -35,11 +34,7 @@ VIEWS = [
     make_view((0.5, 1.2, 1.2), (-0.3, -1, -0.2), size=SIZE),
     make_view((-1.0, 0.0, 1.8), (1, 0.3, -0.4), size=SIZE),
 ]
-LAMP = quad("lamp", (-1.2, 0.5, 2.9), (0, 0, -1), (0.15, 0.15), glow("8,6,4"), (0, 1, 0))
-SKY = (
-    '<emitter type="sunsky"><vector name="sun_direction" x="-0.3" y="0.7" z="0.5"/>'
-    '<float name="sun_scale" value="0.02"/><float name="sky_scale" value="4"/></emitter>'
-)
+SKY = sunsky()
 
 # Another kind of emitter, with a kernel that compiles fast.
 WHITE_SKY = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'

@@ -18,7 +18,17 @@ from pbrnet.pipeline.pathtrace.light_pilot import plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.scenes.contract import Light
-from tests.fixtures.joint import bsdf, deviations, in_parts, number, plain, region_means, rgb
+from tests.fixtures.joint import (
+    blocks,
+    bsdf,
+    deviations,
+    in_parts,
+    number,
+    plain,
+    region_means,
+    rgb,
+    sunsky,
+)
 from tests.fixtures.params import plain_truth
 from tests.fixtures.render import (
     WINDOW,
@@ -35,21 +45,13 @@ pytestmark = pytest.mark.usefixtures("wavefront")
 
 VIEW = make_view((0, -1.8, 1.5), (0.1, 1, -0.1), size=(24, 18))
 COPIES, SPP = 16, 64
-SUN = (
-    '<emitter type="sunsky"><vector name="sun_direction" x="-0.3" y="0.7" z="0.5"/>'
-    '<float name="sun_scale" value="{sun}"/><float name="sky_scale" value="{sky}"/></emitter>'
-)
 LIGHTS = (
     Light("far", "area", ("ball",), "elsewhere"),
     Light("ceiling", "area", ("lamp", "strip"), "r"),
     Light("bulb", "point", (), "r"),
     Light("outdoors", "sky"),
 )
-REGIONS = {
-    f"{row}, {column}": np.arange(18)[:, None] // 6 + 3 * (np.arange(24) // 6) == row + 3 * column
-    for row in range(3)
-    for column in range(4)
-}
+REGIONS = blocks(24, 18, 3, 4)
 
 
 def lit_room(folder: Path, *shining: str) -> RenderScene:
@@ -71,7 +73,7 @@ def lit_room(folder: Path, *shining: str) -> RenderScene:
         )
     if "sky" in shining or "sun" in shining:
         scales = {name: scale * (name in shining) for name, scale in (("sun", 0.2), ("sky", 40))}
-        body += SUN.format(**scales)
+        body += sunsky(**scales)
     return open_scene(write_scene(folder, body, portals=[WINDOW], lights=LIGHTS))
 
 

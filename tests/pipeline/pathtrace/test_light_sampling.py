@@ -26,12 +26,15 @@ from pbrnet.scenes.contract import Portal
 from tests.fixtures.joint import (
     ALBEDO,
     FAITHFUL,
+    LAMP,
     PARTING,
+    blocks,
     deviations,
     joined,
     plain,
     region_means,
     shelf,
+    sunsky,
 )
 from tests.fixtures.params import plain_truth
 from tests.fixtures.render import (
@@ -49,11 +52,7 @@ pytestmark = pytest.mark.usefixtures("wavefront")
 
 SPP, COPIES = 64, 16
 VIEW = make_view((0, -1.8, 1.5), (0.2, 1, -0.1), size=(24, 18))
-LAMP = quad("lamp", (-1.2, 0.5, 2.9), (0, 0, -1), (0.15, 0.15), glow("8,6,4"), (0, 1, 0))
-SUN = (
-    '<emitter type="sunsky"><vector name="sun_direction" x="-0.3" y="0.7" z="0.5"/>'
-    '<float name="sun_scale" value="0.02"/><float name="sky_scale" value="4"/></emitter>'
-)
+SUN = sunsky()
 SKY = SUN.replace('y="0.7"', 'y="-0.7"')  # the sun stands behind the house
 # Lamps in a second room, behind the wall y = 2 and beside the window: none reaches the view.
 HIDDEN = "".join(
@@ -85,7 +84,7 @@ def guided(scene: RenderScene, kind: type[PlannedLights] = PlannedLights) -> Pla
     return lights
 
 
-REGIONS = {f"row{row}": np.arange(18)[:, None] // 6 == np.full((18, 24), row) for row in range(3)}
+REGIONS = blocks(24, 18, 3, 1)
 _REFERENCES: dict[str, np.ndarray] = {}
 
 

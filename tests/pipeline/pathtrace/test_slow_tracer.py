@@ -9,7 +9,7 @@ from pbrnet.pipeline.pathtrace.integrator import available
 from pbrnet.pipeline.pathtrace.light_pilot import plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
-from tests.fixtures.joint import ALBEDO, MAX_DEPTH, deviations, joined, region_means
+from tests.fixtures.joint import ALBEDO, MAX_DEPTH, blocks, deviations, joined, region_means
 from tests.fixtures.render import make_view, write_scene
 from tests.fixtures.slow_tracer import Ball, Material, Rectangle, Surface, picture
 
@@ -17,11 +17,7 @@ COPIES, SPP = 12, 256
 VIEW = make_view((0, -1.8, 1.5), (0.1, 1, -0.1), size=(16, 12))
 FLAT = (0.0, 1.0, 0.0)
 LAMP = Material("diffuse", (0, 0, 0), (6, 5, 3))
-REGIONS = {
-    f"{row}, {column}": np.arange(12)[:, None] // 4 + 3 * (np.arange(16) // 4) == row + 3 * column
-    for row in range(3)
-    for column in range(4)
-}
+REGIONS = blocks(16, 12, 3, 4)
 
 
 def walls(*colours: tuple[float, float, float], light: float = 0) -> list[Surface]:
