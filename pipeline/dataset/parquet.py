@@ -95,6 +95,19 @@ def image_cell(image: AnyArray) -> bytes:
     return _header(image.dtype, planes.shape) + planes.tobytes()
 
 
+def decode_image(cell: bytes) -> AnyArray:
+    """Return the image in a cell, (H, W), (H, W, C) or (n, H, W, C), of its own type.
+
+    Raises `InputError` for bytes that are no such cell.
+    """
+    try:
+        planes = np.load(io.BytesIO(cell), allow_pickle=False)
+        dtype = np.dtype(planes.dtype.names[0])
+        return np.stack(planes, -1).view(dtype)[..., 0]
+    except (EOFError, TypeError, ValueError) as error:
+        raise InputError(f"a cell that holds no image: {error}") from None
+
+
 def image_type(path: Path, field: pa.Field) -> tuple[np.dtype[Any], tuple[int, ...]]:
     """Return NumPy type and shape, (H, W), (H, W, C) or (n, H, W, C), that an image column states.
 
