@@ -58,9 +58,9 @@ from pbrnet.pipeline.images import contact_sheet, jpeg_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality, denoise
 from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
-from pbrnet.pipeline.passes.preparation import sample_guides
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import transport_of
+from pbrnet.pipeline.passes.truth import sample_guides
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.tonemap import exposure_of, to_bytes, tonemap

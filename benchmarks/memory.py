@@ -24,16 +24,14 @@ from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
-from pbrnet.pipeline.stages.illumination import run_illumination
-from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.pipeline.views import load_cameras, save_cameras
 from pbrnet.scenes.contract import load_scene, save_scene, scene_folders
 from pbrnet.scenes.files import atomic_file
 from pbrnet.scenes.params import SceneParams
 
-STAGES = {"inputs": run_inputs, "illumination": run_illumination, "truth": run_groundtruth}
+STAGES = {"inputs": "inputs", "illumination": "illumination", "truth": "groundtruth"}
 _COLORS = ("#1f6fb2", "#c9541a", "#2c8a4b")
 
 
@@ -83,7 +81,7 @@ def measure(
     run_cameras(folder, params)
     multiply(folder, scenes)
     for stage in stages:
-        STAGES[stage](folder, params)
+        run_frames(STAGES[stage], folder, params)
     return courses(folder, homes, stages)
 
 

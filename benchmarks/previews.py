@@ -9,9 +9,14 @@ from benchmarks.bench import Bench, resized
 from benchmarks.rows import Row, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
 from pbrnet.pipeline.passes.denoise import guides
-from pbrnet.pipeline.passes.registry import render_noisy, render_samples
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.transport import transport_of
+from pbrnet.pipeline.passes.truth import (
+    noisy_settings,
+    noisy_trace,
+    render_noisy,
+    render_samples,
+)
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.transport.guides import fast_guides
 
@@ -30,8 +35,8 @@ def preview_rows(bench: Bench) -> Iterator[Row]:
         "large": lambda: transport_of(scene, view, bench.params.transport, 0),
         "guides": lambda: guides(scene, view),
         "fast": lambda: fast_guides(scene, view),
-        "sample": lambda: render_samples(scene, view, single, 0),
-        "frame": lambda: render_noisy(scene, view, single, 0),
+        "sample": lambda: render_samples(scene, view, noisy_trace(single), 0),
+        "frame": lambda: render_noisy(scene, view, noisy_settings(single), 0),
     }
     for work in ways.values():  # compiles; the round that is not counted records once more
         work()

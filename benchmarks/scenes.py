@@ -16,6 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import click
@@ -29,9 +30,7 @@ from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.render.leaks import Leak, find_leaks
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
-from pbrnet.pipeline.stages.illumination import run_illumination
-from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scene_jobs import scene_name
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of
@@ -203,7 +202,12 @@ def main(
         not cost.error and cost.seconds <= most_seconds and cost.megabytes <= 1024 * most_gib
         for cost in costs.values()
     )
-    for stage in (run_cameras, run_inputs, run_illumination, run_groundtruth):
+    for stage in (
+        run_cameras,
+        partial(run_frames, "inputs"),
+        partial(run_frames, "illumination"),
+        partial(run_frames, "groundtruth"),
+    ):
         fine &= attempt(stage, data, params)
     pack_dataset(data, params)
     with (data / "dataset" / "scenes.csv").open(newline="", encoding="utf-8") as stream:

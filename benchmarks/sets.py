@@ -16,18 +16,18 @@ from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import KINDS, ChannelSet, Kind
 from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.pack import pack_dataset
-from pbrnet.pipeline.frames import frame_path, kinds_of, write_frame
+from pbrnet.pipeline.frames import Result, frame_path, kinds_of, write_frame
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import (
-    PASSES,
     SURFACES,
-    Result,
+    TRACED,
+    TRUTHS,
     camera_of,
-    pass_seed,
-    render_surfaces,
-    render_truths,
+    render,
+    trace_seed,
 )
 from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, View, as_matrix, save_cameras
@@ -148,10 +148,10 @@ def _ways(scene: RenderScene, view: View, params: Params) -> dict[str, Callable[
     single = replace(params, light=LightParams())
     return {
         **{name: partial(render_surfaces, scene, view, kinds) for name, kinds in traces.items()},
-        "truth": partial(render_truths, scene, view, params, seed),
-        "light": partial(render_truths, scene, view, single, seed, light=True),
-        _GROUPS: partial(render_truths, scene, view, params, seed, light=True),
-        **{kind: partial(PASSES[kind].render, scene, view, params, seed) for kind in alone},
+        "truth": partial(render, TRUTHS, scene, view, params, seed),
+        "light": partial(render, TRACED, scene, view, single, seed),
+        _GROUPS: partial(render, TRACED, scene, view, params, seed),
+        **{kind: partial(render, (kind,), scene, view, params, seed) for kind in alone},
     }
 
 
@@ -178,14 +178,14 @@ def _sums(*parts: list[Spent]) -> list[Spent]:
 
 def _write_frames(data: Path, scene: RenderScene, view: View, params: Params) -> None:
     """Render and write all frames of a view."""
-    seeds = {kind: pass_seed(kind, view, params.seed) for kind in KINDS}
+    seeds = {kind: trace_seed(kind, view, params.seed) for kind in KINDS}
     frames: dict[Kind, Result] = {
         **render_surfaces(scene, view, SURFACES),
-        **render_truths(scene, view, params, seeds["color"], light=True),
+        **render(TRACED, scene, view, params, seeds["color"]),
     }
     for kind in kinds_of(params):
         if kind not in frames:
-            frames[kind] = PASSES[kind].render(scene, view, params, seeds[kind])
+            frames[kind] = render([kind], scene, view, params, seeds[kind])[kind]
         channels, about = frames[kind]
         path = frame_path(data, kind, view)
         write_frame(path, kind, channels, camera_of(view, kind), **about, fingerprint="")

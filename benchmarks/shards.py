@@ -33,9 +33,7 @@ from pbrnet.pipeline.dataset.shards import LZ4_LEVEL
 from pbrnet.pipeline.frames import frame_path, read_frame, write_pixels
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
-from pbrnet.pipeline.stages.illumination import run_illumination
-from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import View, load_cameras
 
 KINDS: tuple[Kind, ...] = ("inputs", "illumination", "visibility", "shading", "color")
@@ -72,7 +70,12 @@ def frames_of(
     )
     data.mkdir()
     (data / "scenes").symlink_to(bench.data / "scenes")
-    for stage in (run_cameras, run_inputs, run_illumination, run_groundtruth):
+    for stage in (
+        run_cameras,
+        partial(run_frames, "inputs"),
+        partial(run_frames, "illumination"),
+        partial(run_frames, "groundtruth"),
+    ):
         stage(data, params)
     return data, params
 

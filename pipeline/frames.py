@@ -50,6 +50,7 @@ from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.files import atomic_file, digest_bytes, parse_json, regular_file
 
 Channels = dict[str, AnyArray]
+Result = tuple[Channels, dict[str, Any]]  # channels, and further entries of the attribute
 
 MAX_BYTES = 2**32  # of a frame file
 

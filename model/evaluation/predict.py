@@ -36,10 +36,10 @@ from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import inputs_of, visible_surfaces
 from pbrnet.pipeline.passes.materials import materials_of
-from pbrnet.pipeline.passes.preparation import Preparation, prepare
-from pbrnet.pipeline.passes.registry import render_samples, render_truths
+from pbrnet.pipeline.passes.registry import TRUTHS, render
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.transport import render_transport
+from pbrnet.pipeline.passes.truth import Preparation, noisy_trace, prepare, render_samples
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
@@ -325,7 +325,7 @@ def write_radiance(
 def trace_truth(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Channels]:
     """Path-traced shading and colour of a view."""
     seed = derive(params.seed, "predict", view.scene_id, view.view_id)
-    truths = render_truths(scene, view, params, seed)
+    truths = render(TRUTHS, scene, view, params, seed)
     return truths["shading"][0], truths["color"][0]
 
 
@@ -374,8 +374,8 @@ def trace_samples(
 ) -> Channels:
     """Noisy samples of a view, raw and denoised; colour only."""
     seed = _seed_of(view, params, "noisy")
-    params = replace(params, noisy=NoisyParams(spp))
-    return render_samples(scene, view, params, seed, prepared)
+    trace = noisy_trace(replace(params, noisy=NoisyParams(spp)))
+    return render_samples(scene, view, trace, seed, prepared)
 
 
 def with_noisy_samples(example: Example, noisy: Channels, spp: int) -> Example:

@@ -15,8 +15,8 @@ from pbrnet.pipeline.frames import Channels, write_pixels
 from pbrnet.pipeline.images import Picture, contact_sheet, error_picture
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality
-from pbrnet.pipeline.passes.registry import trace_denoised
 from pbrnet.pipeline.passes.transport import Transport, transport_of
+from pbrnet.pipeline.passes.truth import trace_denoised
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.tonemap import exposure_of, tonemap

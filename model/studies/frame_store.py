@@ -14,13 +14,7 @@ from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.frames import Channels, Frame, frame_path, holds, read_frame, write_frame
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.illumination import render_illumination
-from pbrnet.pipeline.passes.registry import (
-    TRUTHS,
-    camera_of,
-    frame_fingerprint,
-    pass_seed,
-    render_truths,
-)
+from pbrnet.pipeline.passes.registry import TRUTHS, camera_of, frame_fingerprint, render, trace_seed
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene, renderer_version
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.arrays import AnyArray
@@ -47,8 +41,8 @@ class FrameStore:
 
     def render(self, scene: RenderScene, view: View, digest: str) -> None:
         """Path-trace shading and colour of the view and write both frames."""
-        for kind, (channels, stats) in render_truths(
-            scene, view, self.params, pass_seed("color", view, self.params.seed)
+        for kind, (channels, stats) in render(
+            TRUTHS, scene, view, self.params, trace_seed("color", view, self.params.seed)
         ).items():
             self.write(kind, channels, view, digest, **stats)
 
@@ -62,7 +56,7 @@ class FrameStore:
             channels,
             camera_of(view, kind),
             **stats,
-            seed=pass_seed(kind, view, self.params.seed),
+            seed=trace_seed(kind, view, self.params.seed),
             renderer=renderer_version(),
             fingerprint=self.fingerprint(kind, view, digest),
         )

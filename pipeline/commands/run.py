@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import click
@@ -13,9 +14,7 @@ from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
-from pbrnet.pipeline.stages.illumination import run_illumination
-from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.scenes.errors import PbrnetError
@@ -29,9 +28,9 @@ STAGES: dict[str, Callable[[Path, Params, str | None], object]] = {
     "assets": run_assets,
     "scenes": run_scenes,
     "cameras": run_cameras,
-    "inputs": run_inputs,
-    "illumination": run_illumination,
-    "groundtruth": run_groundtruth,
+    "inputs": partial(run_frames, "inputs"),
+    "illumination": partial(run_frames, "illumination"),
+    "groundtruth": partial(run_frames, "groundtruth"),
     "dataset": _dataset,
 }
 

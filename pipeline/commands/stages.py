@@ -10,9 +10,7 @@ from pbrnet.pipeline.commands.options import common_options, farm_options
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
-from pbrnet.pipeline.stages.illumination import run_illumination
-from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.runner import Summary
 from pbrnet.pipeline.stages.scenes import run_scenes
 
@@ -72,7 +70,7 @@ def inputs(params: Params, data: Path, scheduler: str | None) -> None:
 
     With channels also renders materials (roughness, metalness and so on) and labels.
     """
-    _print_summary(run_inputs(data, params, scheduler))
+    _print_summary(run_frames("inputs", data, params, scheduler))
 
 
 @click.command(epilog="Example:  pbrnet illumination --workers 4")
@@ -83,7 +81,7 @@ def illumination(params: Params, data: Path, scheduler: str | None) -> None:
 
     With illumination.shadow_rays also renders how much of their light reaches each pixel.
     """
-    _print_summary(run_illumination(data, params, scheduler))
+    _print_summary(run_frames("illumination", data, params, scheduler))
 
 
 @click.command(
@@ -100,7 +98,7 @@ def groundtruth(params: Params, data: Path, scheduler: str | None) -> None:
     With channels also the parts of the light, and a panorama of all that the camera position sees.
     Frames that are up to date are kept, so an interrupted run resumes where it stopped.
     """
-    _print_summary(run_groundtruth(data, params, scheduler))
+    _print_summary(run_frames("groundtruth", data, params, scheduler))
 
 
 @click.command(epilog="Example:  pbrnet shading --workers 4")
@@ -111,7 +109,7 @@ def shading(params: Params, data: Path, scheduler: str | None) -> None:
 
     'pbrnet groundtruth' renders shading and colour from one trace, at the cost of one of them.
     """
-    _print_summary(run_groundtruth(data, params, scheduler, truths=("shading",)))
+    _print_summary(run_frames("shading", data, params, scheduler))
 
 
 @click.command(epilog="Example:  pbrnet color --workers 4")
@@ -122,7 +120,7 @@ def color(params: Params, data: Path, scheduler: str | None) -> None:
 
     'pbrnet groundtruth' renders shading and colour from one trace, at the cost of one of them.
     """
-    _print_summary(run_groundtruth(data, params, scheduler, truths=("color",)))
+    _print_summary(run_frames("color", data, params, scheduler))
 
 
 def _print_summary(summary: Summary) -> None:

@@ -10,13 +10,15 @@ centre, noise-free and past clear glass as in the inputs.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pbrnet.pipeline.channels import NORMAL, RGB
-from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.channels import NORMAL, RGB, Kind
+from pbrnet.pipeline.frames import Channels, Result
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import SUBPIXELS, Image, denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import panorama_launch, render_blocks
 from pbrnet.pipeline.passes.illumination import Panorama
@@ -29,6 +31,31 @@ from pbrnet.scenes.arrays import AnyArray, Float32Array, Float64Array
 from pbrnet.scenes.geometry.directions import equirectangular_directions, turned
 
 _MANTISSA = 10  # bits of a stored radiance, as in half floats; the exponent is that of float32
+
+
+@dataclass(frozen=True)
+class EnvironmentSettings:
+    """What the trace may read; `denoiser` is the denoiser's version, None without one."""
+
+    panorama: EnvironmentParams
+    trace: GroundTruthParams
+    denoiser: str | None
+
+
+def settings(params: Params) -> dict[Kind, EnvironmentSettings]:
+    """Return the panorama's settings and those of the ground truth that its paths share."""
+    truth, panorama = params.groundtruth, params.environment
+    denoiser = None if truth.denoise == "none" else denoiser_version()
+    trace = replace(truth, spp=panorama.spp, noise=0.0, min_spp=1, train_spp=0, joint=True)
+    return {"environment": EnvironmentSettings(panorama, trace, denoiser)}
+
+
+def render(
+    scene: RenderScene, view: View, settings: Mapping[Kind, EnvironmentSettings], seed: int
+) -> dict[Kind, Result]:
+    """Render the frame; see `render_environment`."""
+    own = settings["environment"]
+    return {"environment": render_environment(scene, view, own.panorama, own.trace, seed)}
 
 
 def render_environment(

@@ -17,13 +17,15 @@ or through frosted glass, and absorption by tinted clear glass.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from pbrnet.pipeline.channels import TINT
-from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.channels import TINT, Kind
+from pbrnet.pipeline.frames import Channels, Result
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.lights import Lights
@@ -38,6 +40,18 @@ _NARROW = 1.5  # pixels: sources of less mean width are narrow
 _MAX_MULTIPLE = 64  # of `light_samples`: most points on one long, thin source
 _PROBE_WIDTH = 128  # columns of the coarse panorama that searches for openings
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # R2 sequence: 1/g, 1/g^2, g^3 = g + 1
+
+
+def settings(params: Params) -> dict[Kind, IlluminationParams]:
+    """Return what the trace reads: those of the panorama, without the rays for shadows."""
+    return {"illumination": replace(params.illumination, shadow_rays=0)}
+
+
+def render(
+    scene: RenderScene, view: View, settings: Mapping[Kind, IlluminationParams], seed: int
+) -> dict[Kind, Result]:
+    """Render the frame; see `render_illumination`."""
+    return {"illumination": (render_illumination(scene, view, settings["illumination"]), {})}
 
 
 def render_illumination(

@@ -16,7 +16,7 @@ import numpy as np
 
 from pbrnet.pipeline.channels import channels_of
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.passes.inputs import VisibleSurfaces, object_index, visible_surfaces
+from pbrnet.pipeline.passes.inputs import VisibleSurfaces, object_index
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
@@ -60,17 +60,12 @@ RENDERERS: dict[str, Callable[[VisibleSurfaces], AnyArray]] = {
 }
 
 
-def render_labels(render_scene: RenderScene, view: View) -> tuple[Channels, dict[str, Any]]:
+def labels_of(surfaces: VisibleSurfaces) -> tuple[Channels, dict[str, Any]]:
     """Return the channels of a `labels` frame, each (H, W), and the tables that explain them.
 
     The tables are `instances`, `light_sources` and `material_names`; see `describe_instances` and
     `describe_lights`.
     """
-    return labels_of(visible_surfaces(render_scene, view, colors=False))
-
-
-def labels_of(surfaces: VisibleSurfaces) -> tuple[Channels, dict[str, Any]]:
-    """Return what `render_labels` does, from surfaces that are traced already."""
     view = surfaces.view
     bands: Channels = {}
     for channel in channels_of("labels"):

@@ -16,11 +16,9 @@ import numpy as np
 
 from pbrnet.pipeline.channels import channels_of
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.passes.inputs import VisibleSurfaces, facing_normals, visible_surfaces
+from pbrnet.pipeline.passes.inputs import VisibleSurfaces, facing_normals
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.materials import MaterialValues
-from pbrnet.pipeline.render.scene import RenderScene
-from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, BoolArray
 from pbrnet.scenes.geometry.directions import turned
 
@@ -115,15 +113,10 @@ RENDERERS: dict[str, Callable[[VisibleMaterials], AnyArray]] = {
 }
 
 
-def render_materials(render_scene: RenderScene, view: View) -> tuple[Channels, dict[str, Any]]:
-    """Return the channels of a `materials` frame, each (H, W), and the names of the materials."""
-    return materials_of(visible_surfaces(render_scene, view, colors=False))
-
-
 def materials_of(
     surfaces: VisibleSurfaces, channels: Collection[str] = tuple(RENDERERS)
 ) -> tuple[Channels, dict[str, Any]]:
-    """Return some channels of `render_materials`, from surfaces that are traced already."""
+    """Return some channels of a `materials` frame, each (H, W), and the names of the materials."""
     materials, view = VisibleMaterials(surfaces), surfaces.view
     shape = (view.height, view.width)
     bands: Channels = {}

@@ -12,15 +12,17 @@ reflectance has a filter of its own (`pbrnet.pipeline.transport.smoothing`), whi
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
-from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.passes.denoise import Quality, denoise
-from pbrnet.pipeline.passes.preparation import Preparation, prepare
+from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT, Kind
+from pbrnet.pipeline.frames import Channels, Result
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.denoise import Quality, denoise, denoiser_version
+from pbrnet.pipeline.passes.truth import Preparation, prepare
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.drjit_arrays import to_numpy
@@ -77,6 +79,26 @@ class Transport:
     def parts(self) -> Float32Array:
         """Sum of the parts: albedo x (direct + indirect) + specular + emitted."""
         return self.albedo * (self.direct + self.indirect) + self.specular + self.emitted
+
+
+@dataclass(frozen=True)
+class TransportSettings:
+    """What the trace may read, and the denoiser's version."""
+
+    transport: TransportParams
+    denoiser: str
+
+
+def settings(params: Params) -> dict[Kind, TransportSettings]:
+    """Return the settings of a `transport` frame."""
+    return {"transport": TransportSettings(params.transport, denoiser_version())}
+
+
+def render(
+    scene: RenderScene, view: View, settings: Mapping[Kind, TransportSettings], seed: int
+) -> dict[Kind, Result]:
+    """Render the frame; see `render_transport`."""
+    return {"transport": render_transport(scene, view, settings["transport"].transport, seed)}
 
 
 def render_transport(

@@ -14,10 +14,9 @@ import numpy as np
 from pbrnet.pipeline.cameras.reprojection import reproject
 from pbrnet.pipeline.channels import VIDEO_BANDS
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.passes.inputs import VisibleSurfaces, depth, visible_surfaces
+from pbrnet.pipeline.passes.inputs import VisibleSurfaces, depth
 from pbrnet.pipeline.render import raycast
-from pbrnet.pipeline.render.scene import RenderScene
-from pbrnet.pipeline.views import Matrix, View
+from pbrnet.pipeline.views import Matrix
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.geometry.directions import unit
 
@@ -26,16 +25,11 @@ _TOLERANCE = 2e-4
 _GRID = 1024  # parts of a pixel to which flow is rounded, so that it compresses
 
 
-def render_video(render_scene: RenderScene, view: View) -> Channels:
+def video_of(surfaces: VisibleSurfaces) -> Channels:
     """Return the channels of a `video` frame, each (H, W).
 
     A view that has no neighbour on one side has no flow there, and `outside` is 1.
     """
-    return video_of(visible_surfaces(render_scene, view, colors=False))
-
-
-def video_of(surfaces: VisibleSurfaces) -> Channels:
-    """Return what `render_video` does, from surfaces that are traced already."""
     view = surfaces.view
     bands: Channels = {}
     for way, pose in (("forward", view.pose_after), ("backward", view.pose_before)):

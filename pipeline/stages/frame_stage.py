@@ -18,7 +18,7 @@ from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.dataset.splits import split_sampling
 from pbrnet.pipeline.frames import frame_path, holds, kinds_of
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import SURFACES, TRACED, frame_fingerprint, traced_together
+from pbrnet.pipeline.passes.registry import TRACE_OF, frame_fingerprint, trace_seed
 from pbrnet.pipeline.records import Failure, data_lock
 from pbrnet.pipeline.stages.cameras import camera_fingerprints
 from pbrnet.pipeline.stages.render_jobs import FrameJob, render_frames
@@ -34,13 +34,22 @@ from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import remove_partials
 
+# Kinds of frames that each stage renders: those that the parameters ask for, of each its folder.
+FRAME_STAGES: dict[str, tuple[Kind, ...]] = {
+    "inputs": ("inputs", "materials", "labels", "video"),
+    "illumination": ("illumination", "visibility"),
+    "groundtruth": ("shading", "color", "light", "noisy", "environment", "transport"),
+    "shading": ("shading",),  # half of groundtruth, as the next one
+    "color": ("color",),
+}
 
-def run_frames(
-    stage: str, kinds: tuple[Kind, ...], data: Path, params: Params, scheduler: str | None
-) -> Summary:
-    """Bring the frames of these kinds up to date for all views of `data`."""
+
+def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = None) -> Summary:
+    """Bring the frames of a stage of `FRAME_STAGES` up to date for all views of `data`."""
     started = time.monotonic()
-    data = Path(data).resolve()
+    data, kinds = Path(data).resolve(), FRAME_STAGES[stage]
+    for kind in kinds[1:]:  # DVC expects every output folder of a stage, also an empty one
+        (data / kind).mkdir(parents=True, exist_ok=True)
     with data_lock(data, stage):
         renderer = active_renderer(params)
         wanted = [kind for kind in kinds if kind in kinds_of(params)]
@@ -62,9 +71,17 @@ def run_frames(
         stale = _stale(expected, params.farm.checksums)
         plan.kept = len(expected) - len(stale)
         for paths in _by_trace(stale, params):
-            view = expected[paths[0]].view
-            fingerprints = {expected[path].kind: expected[path].fingerprint for path in paths}
-            job = FrameJob(data, view, digests[view.scene_id], params_of(view), fingerprints)
+            frames = [expected[path] for path in paths]
+            view, first = frames[0].view, frames[0].kind
+            settings = TRACE_OF[first].settings(params_of(view))
+            job = FrameJob(
+                data,
+                view,
+                digests[view.scene_id],
+                {frame.kind: settings[frame.kind] for frame in frames},
+                {frame.kind: frame.fingerprint for frame in frames},
+                trace_seed(first, view, params.seed),
+            )
             plan.add(job, *(expected[path].target(path) for path in paths))
         made = execute(data, params, scheduler, plan, renderer)
         # A worker of an earlier run may still have been alive and have overwritten a frame.
@@ -94,12 +111,12 @@ def _by_trace(frames: dict[Path, _ExpectedFrame], params: Params) -> list[list[P
 
     In this order a worker changes scenes and kernels as rarely as possible.
     """
-    truths = dict.fromkeys(TRACED, "truth") if traced_together(params) else {}
-    traces = truths | dict.fromkeys(SURFACES, "surfaces")
     groups: dict[tuple[str, str, str], list[Path]] = defaultdict(list)
     for path, frame in frames.items():
-        trace = traces.get(frame.kind, frame.kind)
-        groups[frame.view.scene_id, trace, frame.view.view_id].append(path)
+        trace = TRACE_OF[frame.kind]
+        joint = trace.together(trace.settings(params)[frame.kind])
+        name = trace.kinds[0] if joint else frame.kind
+        groups[frame.view.scene_id, name, frame.view.view_id].append(path)
     return [groups[key] for key in sorted(groups)]
 
 

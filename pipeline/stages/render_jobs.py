@@ -27,17 +27,9 @@ from pbrnet.pipeline.farm.workspace import (
     use_workspace,
     writing,
 )
-from pbrnet.pipeline.frames import Channels, frame_path, write_frame
+from pbrnet.pipeline.frames import Channels, Result, frame_path, write_frame
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import (
-    PASSES,
-    SURFACES,
-    Result,
-    camera_of,
-    pass_seed,
-    render_surfaces,
-    render_truths,
-)
+from pbrnet.pipeline.passes.registry import SURFACES, TRACE_OF, camera_of
 from pbrnet.pipeline.render.scene import (
     RenderScene,
     free_memory,
@@ -74,13 +66,14 @@ class CameraJob:
 
 @dataclass(frozen=True)
 class FrameJob:
-    """Render one kind of frame of one view, or those that one trace makes together."""
+    """Render kinds of frames of one view that one trace makes."""
 
     data: Path
     view: View
     scene_digest: str
-    params: Params
-    fingerprints: dict[Kind, str]  # of the frames to write
+    settings: dict[Kind, Any]  # of the trace, of the frames to write
+    fingerprints: dict[Kind, str]
+    seed: int
 
 
 def use_code(code: str, workspace: Workspace, threads: int) -> None:
@@ -135,8 +128,8 @@ def sample_scene(job: CameraJob) -> dict[str, Any]:
 def render_frames(job: FrameJob) -> dict[str, Any]:
     """Render a job's frames and write them; return costs, failures and files to send.
 
-    Shading and colour have the same pixels whether they are rendered alone or together. If one of
-    them cannot be rendered, the other still is; `failed` holds the message by kind.
+    If one of several frames cannot be rendered, the others still are; `failed` holds the message by
+    kind.
     """
     opened, opening = _opened(job.data / "scenes" / job.view.scene_id, job.scene_digest)
     rendered, failed = _rendered(opened, job)
@@ -148,32 +141,20 @@ def render_frames(job: FrameJob) -> dict[str, Any]:
 
 def _rendered(opened: RenderScene, job: FrameJob) -> tuple[dict[Kind, Result], dict[Kind, str]]:
     """Return the job's frames by kind, and the error messages of those that failed."""
-    if len(job.fingerprints) > 1:
-        with contextlib.suppress(InputError):
-            return _together(opened, job), {}
+    trace = TRACE_OF[next(iter(job.settings))]
+    try:
+        return trace.render(opened, job.view, job.settings, job.seed), {}
+    except InputError:
+        if len(job.settings) == 1:
+            raise
     rendered: dict[Kind, Result] = {}
     failed: dict[Kind, str] = {}
-    for kind in job.fingerprints:
+    for kind, own in job.settings.items():
         try:
-            rendered[kind] = PASSES[kind].render(opened, job.view, job.params, _seed(job, kind))
+            rendered |= trace.render(opened, job.view, {kind: own}, job.seed)
         except InputError as error:
-            if len(job.fingerprints) == 1:
-                raise
             failed[kind] = str(error)
     return rendered, failed
-
-
-def _together(opened: RenderScene, job: FrameJob) -> dict[Kind, Result]:
-    """Return the job's frames by kind, from one trace."""
-    if job.fingerprints.keys() <= set(SURFACES):
-        return render_surfaces(opened, job.view, tuple(job.fingerprints))
-    light = "light" in job.fingerprints
-    traced = render_truths(opened, job.view, job.params, _seed(job, "color"), light)
-    return {kind: traced[kind] for kind in job.fingerprints}
-
-
-def _seed(job: FrameJob, kind: Kind) -> int:
-    return pass_seed(kind, job.view, job.params.seed)
 
 
 def _write(
@@ -191,7 +172,7 @@ def _write(
             channels,
             camera_of(job.view, kind),
             **stats,
-            **({"seed": _seed(job, kind)} if PASSES[kind].seeded else {}),
+            **({"seed": job.seed} if TRACE_OF[kind].seed else {}),
             renderer=renderer_version(),
             **({} if kind in SURFACES else {"instruction_set": instruction_set()}),
             fingerprint=job.fingerprints[kind],

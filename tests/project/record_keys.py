@@ -24,7 +24,7 @@ import yaml
 
 from pbrnet.model.studies.registry import STUDIES
 from pbrnet.pipeline.keys import table
-from pbrnet.pipeline.passes.registry import PASSES
+from pbrnet.pipeline.passes.registry import TRACES
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.stages.camera_files import make_cameras
 from pbrnet.scenes.checked import plain
@@ -93,7 +93,7 @@ def entries() -> dict[str, tuple[str, ...]]:
         "render": ("pipeline/render/scene.py",),
         "guides": ("pipeline/transport/guides.py",),
         **{name: (f"pipeline/passes/{name}.py",) for name in passes},
-        "groundtruth": ("pipeline/passes/registry.py",),
+        "groundtruth": ("pipeline/passes/truth.py",),
         "dataset": ("pipeline/dataset/pack.py",),
         "exports": ("pipeline/export/registry.py",),
         "backbone": ("model/training/backbone.py",),
@@ -186,7 +186,7 @@ OUTPUTS: dict[str, Callable[[], str]] = {"scenes.homes": home, "cameras": camera
 
 def faults(changed: set[str], raised: set[str], same: set[str]) -> list[str]:
     """Say which keys with changed code must be raised, or need a decision."""
-    pixels = {"render", "guides", *(one.key for one in PASSES.values())}
+    pixels = {"render"}.union(*(names for trace in TRACES for names in trace.keys.values()))
     wrong = [
         f"{name}: another output under the same key: raise it in keys.yaml"
         for name, output in OUTPUTS.items()
@@ -194,7 +194,7 @@ def faults(changed: set[str], raised: set[str], same: set[str]) -> list[str]:
     ]
     if changed & pixels and "render" not in raised:
         found, before = recorded.frames(), recorded.known()
-        under = [kind for kind in before if PASSES[kind].key not in raised]
+        under = [kind for kind in before if not raised & {*recorded.keys_of(kind)}]
         wrong += filter(None, (recorded.fault(kind, before[kind], found[kind]) for kind in under))
     return wrong + [
         f"{name}: its code changed; raise it in keys.yaml if what it makes changes, else: "

@@ -11,7 +11,7 @@ import yaml
 from pbrnet.model.methods import METHODS
 from pbrnet.pipeline.channels import KINDS
 from pbrnet.pipeline.keys import table
-from pbrnet.pipeline.passes.registry import PASSES
+from pbrnet.pipeline.passes.registry import TRACE_OF
 from tests.fixtures.paths import ROOT
 from tests.project import record_keys
 
@@ -43,8 +43,7 @@ def test_the_stage_of_a_frame_has_its_keys(kind: str) -> None:
     (stage,) = (
         name for name, one in STAGES.items() if any(f"data/{kind}" in out for out in one["outs"])
     )
-    key = PASSES[kind].key
-    assert {"render", key} <= keys_of(stage)
+    assert {"render", *TRACE_OF[kind].keys[kind]} <= keys_of(stage)
 
 
 def test_networks_of_one_form_have_one_number() -> None:

@@ -43,7 +43,7 @@ from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import denoiser_version
 from pbrnet.pipeline.passes.illumination import render_illumination
-from pbrnet.pipeline.passes.registry import PASSES, pass_seed
+from pbrnet.pipeline.passes.registry import render, trace_seed
 from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
@@ -215,8 +215,8 @@ def _render(
     if settings.shadow_rays:
         store.write("visibility", render_visibility(opened, view, settings, panorama), view, digest)
     for kind in further:
-        seed = pass_seed(kind, view, store.params.seed)
-        channels, stats = PASSES[kind].render(opened, view, store.params, seed)
+        seed = trace_seed(kind, view, store.params.seed)
+        channels, stats = render([kind], opened, view, store.params, seed)[kind]
         store.write(kind, channels, view, digest, **stats)
     if store.missing(view, digest):
         store.render(opened, view, digest)

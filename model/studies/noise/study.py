@@ -31,7 +31,8 @@ from pbrnet.model.studies.trials.derived_splits import TRUTHS, TruthImages, writ
 from pbrnet.model.studies.trials.plan import STAGES, TrainingSource, Trial, TrialStudy, Variant
 from pbrnet.pipeline.farm.scene_digest import scene_digest
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import pass_seed, postprocessed, render_truths
+from pbrnet.pipeline.passes.registry import render, trace_seed
+from pbrnet.pipeline.passes.truth import postprocessed, truth_settings
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.views import View
@@ -165,10 +166,11 @@ class NoisyTruthStore:
                         opened, scene.folder, self.views[name, first], packed, self.params
                     )
                     for view in (view for view in due if view.scene_id == name):
-                        seed = pass_seed("color", view, self.params.seed)
-                        for kind, truth in render_truths(opened, view, raw.params, seed).items():
+                        smoothed = truth_settings(denoised.params)
+                        seed = trace_seed("color", view, self.params.seed)
+                        for kind, truth in render(TRUTHS, opened, view, raw.params, seed).items():
                             raw.write(kind, truth[0], view, digest, **truth[1])
-                            smooth = postprocessed(kind, truth, opened, view, denoised.params)
+                            smooth = postprocessed(kind, truth, opened, view, smoothed[kind])
                             denoised.write(kind, smooth[0], view, digest, **smooth[1])
                         progress.advance()
 

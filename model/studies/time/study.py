@@ -72,9 +72,9 @@ from pbrnet.pipeline.passes.denoise import denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.preparation import sample_guides
-from pbrnet.pipeline.passes.registry import render_truths, traced_together
+from pbrnet.pipeline.passes.registry import TRUTHS, render
 from pbrnet.pipeline.passes.transport import samples_for
+from pbrnet.pipeline.passes.truth import sample_guides, truth_settings
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pbrnet.pipeline.tonemap import tonemap
@@ -234,7 +234,7 @@ class ViewBenchmark:
             self._renderer_turn(samples)
         if truths:
             seed = derive(self.seed, "truths")
-            self._timed("truths", partial(render_truths, self.scene, self.view, self.params, seed))
+            self._timed("truths", partial(render, TRUTHS, self.scene, self.view, self.params, seed))
         seconds = {part: tuple(turns) for part, turns in self.seconds.items()} if repeats else {}
         return ViewMeasurement(seconds, dict(self.errors), self.noise)
 
@@ -293,12 +293,12 @@ class ViewBenchmark:
         scene, view, params = self.scene, self.view, self.params
         albedo, normal = self._timed("guides", lambda: sample_guides(scene, view))
         renderers: dict[str, Callable[[Params], Channels]] = {"mitsuba": self._plain}
-        if traced_together(params):
+        if truth_settings(params)["color"].joint:
             renderers["planned"] = self._planned
         for spp in samples:
             settings = with_samples(params, spp, denoise=False)
-            for name, render in renderers.items():
-                image = self._timed(f"{name}_{spp}", partial(render, settings))
+            for name, draw in renderers.items():
+                image = self._timed(f"{name}_{spp}", partial(draw, settings))
                 clean = self._timed("denoiser", partial(denoise, image, albedo, normal))
                 self._measure(name, spp, self._displayed(image))
                 self._measure(f"{name}_denoised", spp, self._displayed(clean))

@@ -39,7 +39,7 @@ from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.frames import read_frame, write_frame
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import PASSES
+from pbrnet.pipeline.passes.registry import render
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.tonemap import Exposure, tonemap
@@ -346,7 +346,7 @@ def test_it_predicts_from_a_scene_whose_samples_it_traces(
     kinds: tuple[Kind, ...] = ("inputs", "illumination", "transport", "noisy")
     frames = {kind: tmp_path / f"{kind}.exr" for kind in kinds}
     for kind, path in frames.items():
-        channels, stats = PASSES[kind].render(opened, camera, params, 1)
+        channels, stats = render([kind], opened, camera, params, 1)[kind]
         write_frame(path, kind, channels, camera, **stats, fingerprint="")
     given = [word for kind, path in frames.items() for word in (f"--{kind}", path)]
     for arguments in (

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,7 @@ import pytest
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
-from pbrnet.pipeline.stages.illumination import run_illumination
-from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from tests.fixtures.dask_processes import dask_cluster, dask_scheduler, dask_worker, workers_of
 from tests.fixtures.paths import ROOT
 from tests.fixtures.stages import write_room
@@ -36,9 +35,9 @@ groundtruth: {spp: 64, block_spp: 16, max_depth: 5}
 STAGES = ("inputs", "illumination", "groundtruth", "dataset")
 RUN: dict[str, Callable[[Path, Params], object]] = {
     "cameras": run_cameras,
-    "inputs": run_inputs,
-    "illumination": run_illumination,
-    "groundtruth": run_groundtruth,
+    "inputs": partial(run_frames, "inputs"),
+    "illumination": partial(run_frames, "illumination"),
+    "groundtruth": partial(run_frames, "groundtruth"),
     "dataset": pack_dataset,
 }
 BEFORE_TRUTH = ("inputs", "illumination", "visibility")

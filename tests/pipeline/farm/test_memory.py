@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.memory import Course, courses, draw, measure, parameters
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from tests.fixtures.stages import write_room
 
 
@@ -29,7 +29,7 @@ def test_memory_is_flat_over_rooms(tmp_path: Path) -> None:
         write_room(room, size=(4.0, 3.0 + number % 5 / 5, 2.6), lamp=5.0 + number)
     params = parameters(homes=1)
     run_cameras(tmp_path, params)
-    run_groundtruth(tmp_path, params)
+    run_frames("groundtruth", tmp_path, params)
     found = {course.stage: course for course in courses(tmp_path, 10, ("cameras", "truth"))}
     assert len(found["cameras"].memory) == 40
     for stage in ("cameras", "truth"):

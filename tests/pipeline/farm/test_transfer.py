@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,7 @@ import pytest
 
 from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
-from pbrnet.pipeline.stages.illumination import run_illumination
-from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.scenes.errors import MachineError
 from tests.fixtures.dask_processes import (
@@ -41,9 +40,9 @@ groundtruth: {spp: 16, block_spp: 8, max_depth: 4}
 RUN: dict[str, Callable[[Path, Params, str | None], object]] = {
     "scenes": run_scenes,
     "cameras": run_cameras,
-    "inputs": run_inputs,
-    "illumination": run_illumination,
-    "groundtruth": run_groundtruth,
+    "inputs": partial(run_frames, "inputs"),
+    "illumination": partial(run_frames, "illumination"),
+    "groundtruth": partial(run_frames, "groundtruth"),
 }
 STAGES = ("cameras", "inputs", "illumination", "groundtruth")
 RESULTS = ("cameras", "inputs", "illumination", "visibility", "shading", "color")

@@ -20,7 +20,7 @@ from pbrnet.pipeline.passes.denoise import denoise
 from pbrnet.pipeline.passes.environment import render_environment, rounded
 from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import PASSES, frame_fingerprint
+from pbrnet.pipeline.passes.registry import TRACE_OF, frame_fingerprint
 from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import View
@@ -266,6 +266,6 @@ def test_rounding_keeps_range_and_precision() -> None:
 def test_no_other_frame_depends_on_the_set() -> None:
     paper = pbrs_params()
     wanted = pbrs_params(channels=("environment",), environment=EnvironmentParams(64))
-    for kind in PASSES:
+    for kind in TRACE_OF:
         digests = [frame_fingerprint(kind, IN_ROOM, params, "s", "r") for params in (paper, wanted)]
         assert (digests[0] == digests[1]) == (kind not in SETS["environment"]), kind

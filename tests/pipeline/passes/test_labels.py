@@ -14,7 +14,8 @@ from PIL import Image
 from pbrnet.pipeline.channels import channels_of
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.labels import RENDERERS, render_labels
+from pbrnet.pipeline.passes.labels import RENDERERS
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.boxes import Box, box_around
 from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.scenes.contract import Light
@@ -39,7 +40,7 @@ def labels(
     objects = {name: (name,) for name in shapes}
     body = "".join(shapes.values())
     scene = open_scene(write_scene(folder / "scene", body, objects, **more))
-    channels, facts = render_labels(scene, make_view())
+    channels, facts = render_surfaces(scene, make_view(), ["labels"])["labels"]
     return channels, {entry["object"]: entry for entry in facts["instances"]}
 
 
@@ -211,7 +212,7 @@ def test_instances_are_the_objects_of_the_inputs(tmp_path: Path) -> None:
     }
     objects = {name: (name,) for name in shapes}
     scene = open_scene(write_scene(tmp_path / "s", "".join(shapes.values()), objects))
-    channels, _ = render_labels(scene, make_view())
+    channels, _ = render_surfaces(scene, make_view(), ["labels"])["labels"]
     np.testing.assert_array_equal(channels["instance"], render_inputs(scene, make_view())["object"])
 
 
@@ -227,7 +228,9 @@ def test_lights_have_place_and_power(tmp_path: Path) -> None:
         Light("sky", "environment"),
     )
     scene = open_scene(write_scene(tmp_path / "s", lamp + bulb, {"lamp": ("lamp",)}, lights=lights))
-    panel, point, sky = render_labels(scene, make_view())[1]["light_sources"]
+    panel, point, sky = render_surfaces(scene, make_view(), ["labels"])["labels"][1][
+        "light_sources"
+    ]
     assert (panel["light"], panel["room"], panel["lumens"]) == ("panel", "r", 800.0)
     np.testing.assert_allclose(panel["centre"], (0, 2, 2), atol=1e-6)
     np.testing.assert_allclose(panel["size"], (1, 0.5, 0), atol=1e-6)

@@ -13,7 +13,8 @@ from PIL import Image
 from pbrnet.pipeline.channels import channels_of
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.materials import RENDERERS, render_materials
+from pbrnet.pipeline.passes.materials import RENDERERS
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.drjit_arrays import vector
 from pbrnet.pipeline.render.materials import RULES
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
@@ -50,7 +51,9 @@ def scene_of(folder: Path, body: str, **files: bytes) -> RenderScene:
 
 
 def materials(folder: Path, body: str, view: View | None = None, **files: bytes) -> Channels:
-    return render_materials(scene_of(folder, body, **files), view or make_view())[0]
+    return render_surfaces(scene_of(folder, body, **files), view or make_view(), ["materials"])[
+        "materials"
+    ][0]
 
 
 def wall(material: str, towards: tuple[float, float, float] = (0, -1, 0)) -> str:
@@ -174,7 +177,7 @@ def test_emission_is_marked_where_a_lamp_shines_and_not_behind_it(tmp_path: Path
     turned = quad("back", (0.5, 2, 1.5), (0, 1, 0), (0.3, 0.3), glow())
     off = quad("off", (0, 2, 1.9), (0, -1, 0), (0.1, 0.1), glow(0))
     scene = scene_of(tmp_path, lamp + turned + off)
-    got, facts = render_materials(scene, make_view())
+    got, facts = render_surfaces(scene, make_view(), ["materials"])["materials"]
     names = np.array(["", *facts["material_names"]])[got["material"]]
     for shape, shines in (("lamp", 1), ("back", 0), ("off", 0)):
         pixels = got["emission"][names == f"{shape}: twosided"]
@@ -189,7 +192,7 @@ def test_ids_are_in_the_order_of_the_file_and_names_are_distinct(tmp_path: Path)
         + quad("b", (0, 2, 1.5), (0, -1, 0), (0.4, 0.4), '<ref id="paint"/>')
         + quad("c", (1, 2, 1.5), (0, -1, 0), (0.4, 0.4), '<ref id="paint"/>')
     )
-    got, facts = render_materials(scene_of(tmp_path, body), make_view())
+    got, facts = render_surfaces(scene_of(tmp_path, body), make_view(), ["materials"])["materials"]
     assert facts["material_names"] == ["paint", "a: diffuse"]
     middle = got["material"][12]
     assert list(dict.fromkeys(middle[middle > 0])) == [2, 1]
@@ -220,7 +223,7 @@ def test_bumped_normals_are_those_that_shade(kind: str, outside: bool, tmp_path:
     for name, towards in (("front", (0.2, -1.0, 0.1)), ("back", (-0.2, 1.0, -0.1))):
         scene = scene_of(tmp_path / name, wall(material, towards), t=bumps)
         view = make_view()
-        got = render_materials(scene, view)[0]
+        got = render_surfaces(scene, view, ["materials"])["materials"][0]
         plain = render_inputs(scene, view)
         normal = np.stack([got[f"bumped.{axis}"] for axis in "XYZ"], -1) @ view.pose[:3, :3].T
         flat = np.stack([plain[f"N.{axis}"] for axis in "XYZ"], -1) @ view.pose[:3, :3].T
@@ -264,7 +267,7 @@ def test_the_maps_of_a_gltf_file_arrive(tmp_path: Path) -> None:
     made.texture(np.full((2, 2, 3), (204, 128, 230), dtype=np.uint8))
     scene = import_scene(made.save(tmp_path / "in" / "model.glb"), tmp_path / "out")
     view = make_view((4, -4, 1), (0, 0, -1), focal=200, up=(0, 1, 0))
-    got, facts = render_materials(open_scene(scene), view)
+    got, facts = render_surfaces(open_scene(scene), view, ["materials"])["materials"]
     assert facts["material_names"][got["material"].min() - 1] == "material_paint"
     metalness = 60 / 255
     np.testing.assert_allclose(got["roughness"], 100 / 255, atol=1e-5)

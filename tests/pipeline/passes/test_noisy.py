@@ -20,20 +20,13 @@ from pbrnet.pipeline.dataset.parquet import images_of
 from pbrnet.pipeline.dataset.splits import split_sampling
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import Channels, Frame, frame_path, read_frame
-from pbrnet.pipeline.passes import registry
 from pbrnet.pipeline.passes.denoise import denoiser_version
-from pbrnet.pipeline.passes.registry import (
-    PASSES,
-    frame_fingerprint,
-    pass_seed,
-    render_noisy,
-    render_samples,
-    render_truths,
-)
+from pbrnet.pipeline.passes.registry import TRACE_OF, TRUTHS, frame_fingerprint, render, trace_seed
 from pbrnet.pipeline.passes.settings import NoisyParams
+from pbrnet.pipeline.passes.truth import noisy_trace, render_samples
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.files import digest_folder
@@ -69,7 +62,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_room(data / "scenes" / "alpha")
     write_room(data / "scenes" / "beta", size=(4.4, 3.2, 2.5))
     run_cameras(data, PARAMS)
-    assert run_groundtruth(data, PARAMS).made == 12
+    assert run_frames("groundtruth", data, PARAMS).made == 12
     return data
 
 
@@ -106,7 +99,7 @@ def both(channels: dict[str, np.ndarray]) -> np.ndarray:
 
 def traced(room: tuple[RenderScene, View], spp: int, seed: int) -> np.ndarray:
     params = replace(PARAMS, noisy=NoisyParams(spp=spp))
-    return both(render_noisy(*room, params, seed)[0])
+    return both(render(["noisy"], *room, params, seed)["noisy"][0])
 
 
 def halves(channels: Channels) -> tuple[np.ndarray, np.ndarray]:
@@ -120,7 +113,7 @@ def halves(channels: Channels) -> tuple[np.ndarray, np.ndarray]:
 def test_half_of_the_samples_tells_the_noise_of_all(room: tuple[RenderScene, View]) -> None:
     """Two halves a and b: whole - half is (b - a) / 2, whose variance is that of the whole."""
     seeds = range(12)
-    apart = [halves(render_samples(*room, PARAMS, seed)) for seed in seeds]
+    apart = [halves(render_samples(*room, noisy_trace(PARAMS), seed)) for seed in seeds]
     wholes = np.stack([whole for _, whole in apart])
     told = np.mean([(whole - half) ** 2 for half, whole in apart])
     assert told == pytest.approx(wholes.var(axis=0, ddof=1).mean(), rel=0.35)
@@ -131,10 +124,12 @@ def test_samples_for_a_picture_are_those_of_colour_alone(
     room: tuple[RenderScene, View], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Other samples than a frame's, of the same expectation, without a trace of shading."""
-    frame = render_noisy(*room, PARAMS, 3)[0]
+    frame = render(["noisy"], *room, PARAMS, 3)["noisy"][0]
     with monkeypatch.context() as patch:
-        patch.setattr(registry, "render_both", lambda *_: pytest.fail("traces shading"))
-        picture = render_samples(*room, PARAMS, 3)
+        patch.setattr(
+            "pbrnet.pipeline.passes.truth.render_both", lambda *_: pytest.fail("traces shading")
+        )
+        picture = render_samples(*room, noisy_trace(PARAMS), 3)
     shading = {*IMAGES["noisy_shading"], *IMAGES["denoised_shading"]}
     assert set(frame) - set(picture) == shading
     assert all(values.shape == frame[name].shape for name, values in picture.items())
@@ -143,7 +138,10 @@ def test_samples_for_a_picture_are_those_of_colour_alone(
         [
             [np.mean([channels[band].mean() for band in "RGB"]) for channels in (ours, theirs)]
             for ours, theirs in (
-                (render_samples(*room, many, seed), render_noisy(*room, many, 50 + seed)[0])
+                (
+                    render_samples(*room, noisy_trace(many), seed),
+                    render(["noisy"], *room, many, 50 + seed)["noisy"][0],
+                )
                 for seed in range(12)
             )
         ]
@@ -155,7 +153,7 @@ def test_samples_for_a_picture_are_those_of_colour_alone(
 
 def truth_of(room: tuple[RenderScene, View], spp: int, seed: int) -> np.ndarray:
     settings = replace(PARAMS.groundtruth, spp=spp, block_spp=spp)
-    found = render_truths(*room, replace(PARAMS, groundtruth=settings), seed)
+    found = render(TRUTHS, *room, replace(PARAMS, groundtruth=settings), seed)
     return np.concatenate(
         [Frame(found[kind][0], {}).rgb for kind in ("color", "shading")], axis=-1
     ).astype(np.float64)
@@ -166,10 +164,10 @@ def test_noisy_frames_are_unbiased_and_have_nothing_of_the_truths_noise(
     room: tuple[RenderScene, View], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        registry, "denoise", lambda image, *_, **__: image
+        "pbrnet.pipeline.passes.truth.denoise", lambda image, *_, **__: image
     )  # not looked at, and slow
     _, view = room
-    seeds = {kind: pass_seed(kind, view, 0) for kind in ("noisy", "color", "shading")}
+    seeds = {kind: trace_seed(kind, view, 0) for kind in ("noisy", "color", "shading")}
     assert seeds["color"] == seeds["shading"] != seeds["noisy"]
     settled = truth_of(room, 2048, derive(0, "settled"))
     images = np.stack([traced(room, 2, derive(k, "noisy")) for k in range(48)])
@@ -196,7 +194,7 @@ def test_colour_and_shading_lie_in_one_frame_that_describes_itself(finished: Pat
     rows = {tuple(row[name] for name in names) for row in read_ledger(finished).to_pylist()}
     for view in views_of(finished):
         frame = read_frame(frame_path(finished, "noisy", view))
-        assert (frame.meta["spp"], frame.meta["seed"]) == (2, pass_seed("noisy", view, 0))
+        assert (frame.meta["spp"], frame.meta["seed"]) == (2, trace_seed("noisy", view, 0))
         assert frame.meta["denoiser"] == denoiser_version()
         for bands in IMAGES.values():
             assert frame.stack(*bands).mean() > 0
@@ -205,7 +203,7 @@ def test_colour_and_shading_lie_in_one_frame_that_describes_itself(finished: Pat
 
 def test_the_denoised_are_nearer_to_the_truth(room: tuple[RenderScene, View]) -> None:
     settled = truth_of(room, 1024, derive(0, "settled"))
-    channels, _ = render_noisy(*room, PARAMS, 3)
+    channels, _ = render(["noisy"], *room, PARAMS, 3)["noisy"]
     images = {name: np.stack([channels[b] for b in bands], -1) for name, bands in IMAGES.items()}
     for name, truth in (("color", settled[..., :3]), ("shading", settled[..., 3:])):
         errors = [abs(images[f"{state}_{name}"] - truth).mean() for state in ("noisy", "denoised")]
@@ -218,12 +216,12 @@ def test_one_worker_and_a_resumed_run_give_the_same_bytes(data: Path, tmp_path: 
     alone = tmp_path / "alone"
     shutil.copytree(data / "scenes", alone / "scenes")
     shutil.copytree(data / "cameras", alone / "cameras")
-    run_groundtruth(alone, replace(PARAMS, farm=FarmParams(workers=1, batch=1)))
+    run_frames("groundtruth", alone, replace(PARAMS, farm=FarmParams(workers=1, batch=1)))
     assert files_of(alone) == before
     paths = sorted((data / "noisy").rglob("*.exr"))
     paths[0].unlink()
     paths[1].write_bytes(paths[1].read_bytes()[:-9])
-    summary = run_groundtruth(data, PARAMS)
+    summary = run_frames("groundtruth", data, PARAMS)
     assert (summary.made, summary.kept) == (2, 10)
     assert files_of(data) == before
 
@@ -232,7 +230,7 @@ def test_one_worker_and_a_resumed_run_give_the_same_bytes(data: Path, tmp_path: 
 def test_asking_for_them_or_not_leaves_the_truth_alone(data: Path) -> None:
     before = files_of(data, "shading", "color")
     view = views_of(data)[0]
-    for kind in PASSES:
+    for kind in TRACE_OF:
         marks = {
             frame_fingerprint(kind, view, replace(PARAMS, noisy=NoisyParams(spp=spp)), "d", "r")
             for spp in (0, 1, 4)
@@ -242,17 +240,17 @@ def test_asking_for_them_or_not_leaves_the_truth_alone(data: Path) -> None:
     assert frame_fingerprint("noisy", view, more, "d", "r") == frame_fingerprint(
         "noisy", view, PARAMS, "d", "r"
     )
-    summary = run_groundtruth(data, WITHOUT)
+    summary = run_frames("groundtruth", data, WITHOUT)
     assert (summary.made, summary.kept, summary.removed) == (0, 8, 4)
     assert files_of(data) == before
     assert list((data / "noisy").iterdir()) == []
-    summary = run_groundtruth(data, PARAMS)
+    summary = run_frames("groundtruth", data, PARAMS)
     assert (summary.made, summary.kept) == (4, 8)
 
 
 def test_each_alone_where_the_variant_traces_them_apart(room: tuple[RenderScene, View]) -> None:
     apart = replace(PARAMS, groundtruth=replace(PARAMS.groundtruth, joint=False))
-    one, stats = render_noisy(*room, apart, 5)
+    one, stats = render(["noisy"], *room, apart, 5)["noisy"]
     assert stats["spp"] == 2
     means = [image.mean(axis=(0, 1)) for image in (both(one), traced(room, 64, 6))]
     np.testing.assert_allclose(*means, rtol=0.2)
@@ -269,7 +267,7 @@ def test_training_views_have_samples_of_their_own(data: Path) -> None:
     params_of = split_sampling(scenes, params)
     changed = [view for view in views if params_of(view).groundtruth.spp == 6]
     assert {view.scene_id for view in changed} in ({"alpha"}, {"beta"})
-    run_groundtruth(data, params)
+    run_frames("groundtruth", data, params)
     after = files_of(data)
     assert {name.split("/")[1] for name in after if after[name] != before[name]} == {
         changed[0].scene_id
@@ -285,7 +283,7 @@ def test_training_views_have_samples_of_their_own(data: Path) -> None:
     expected = 400 * np.diff(np.log(np.arange(1, 10))) / np.log(9)
     assert counts[0] == 0 and len(counts) == 9
     assert (np.abs(counts[1:] - expected) < 4 * np.sqrt(expected)).all()
-    assert run_groundtruth(data, params).made == 0
+    assert run_frames("groundtruth", data, params).made == 0
 
 
 def box_data(folder: Path, noisy: bool) -> Path:

@@ -19,8 +19,9 @@ from pbrnet.pipeline.frames import Frame
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.environment import render_environment
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import render_surfaces, render_truths
+from pbrnet.pipeline.passes.registry import TRACED, render
 from pbrnet.pipeline.passes.settings import EnvironmentParams
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.stages.view_sampling import sample_cameras
@@ -78,7 +79,7 @@ def test_its_geometry_is_that_of_its_environment(home: RenderScene) -> None:
 
 def test_its_light_is_that_of_its_environment_and_adds_up(home: RenderScene) -> None:
     """Without roulette both are the same paths; the neutral twin is traced along with them."""
-    made = render_truths(home, VIEW, PARAMS, 1, light=True)
+    made = render(TRACED, home, VIEW, PARAMS, 1)
     around, _ = render_environment(home, FLAT, EnvironmentParams(WIDTH, 4), TRUTH, 1)
     color = np.stack([made["color"][0][band] for band in RGB])
     np.testing.assert_allclose(color, np.stack([around[band] for band in RGB]), rtol=1e-3)

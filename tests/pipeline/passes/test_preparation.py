@@ -9,10 +9,9 @@ import pytest
 
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes import groundtruth
-from pbrnet.pipeline.passes.preparation import prepare
-from pbrnet.pipeline.passes.registry import render_samples
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.transport import render_transport
+from pbrnet.pipeline.passes.truth import noisy_trace, prepare, render_samples
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
@@ -45,12 +44,12 @@ def test_pictures_of_a_prepared_view_are_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     room = opened(tmp_path / "a", LAMP)
-    samples = render_samples(*room, PARAMS, 3)
+    samples = render_samples(*room, noisy_trace(PARAMS), 3)
     transport = render_transport(*room, PARAMS.transport, 3)[0]
     prepared = prepare(*room, 3)
     assert isinstance(prepared.lights, PlannedLights)
     monkeypatch.setattr(groundtruth, "plan_lights", lambda *_: pytest.fail("plans again"))
-    assert equal(render_samples(*room, PARAMS, 3, prepared), samples)
+    assert equal(render_samples(*room, noisy_trace(PARAMS), 3, prepared), samples)
     assert equal(render_transport(*room, PARAMS.transport, 3, prepared)[0], transport)
     assert np.concatenate([samples[band] for band in "RGB"]).any()
 
@@ -60,9 +59,9 @@ def test_samples_of_uniform_lights_take_the_guides_alone(tmp_path: Path) -> None
     uniform = pbrs_params(
         groundtruth=plain_truth(max_depth=3, lights="uniform"), noisy=NoisyParams(spp=2)
     )
-    known = render_samples(*room, uniform, 3)
-    assert equal(render_samples(*room, uniform, 3, prepare(*room, 4)), known)
-    assert not equal(render_samples(*room, PARAMS, 3, prepare(*room, 4)), known)
+    known = render_samples(*room, noisy_trace(uniform), 3)
+    assert equal(render_samples(*room, noisy_trace(uniform), 3, prepare(*room, 4)), known)
+    assert not equal(render_samples(*room, noisy_trace(PARAMS), 3, prepare(*room, 4)), known)
 
 
 def test_nothing_is_planned_without_lights_or_in_a_scalar_variant(

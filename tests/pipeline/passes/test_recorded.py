@@ -33,5 +33,5 @@ def test_a_changed_channel_is_noticed(kind: Kind, frames: dict[Kind, Channels]) 
             assert fault(kind, before, {**frames[kind], band: other}), band
             noticed += 1
     assert noticed
-    stale = {**before, "key": before["key"] + 1}
+    stale = {**before, "keys": {}}
     assert "record its pixels" in str(fault(kind, stale, frames[kind]))

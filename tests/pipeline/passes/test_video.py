@@ -14,7 +14,7 @@ from pbrnet.pipeline.channels import VIDEO_BANDS
 from pbrnet.pipeline.dataset.flow_checks import flow_fault
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.video import render_video
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View, as_matrix, look
 from tests.fixtures.render import diffuse, make_view, quad, room_walls, write_scene
@@ -23,6 +23,10 @@ pytestmark = pytest.mark.usefixtures("variant")
 FOCAL = 32 * 0.8
 ROUNDED = 0.5 / 1024 + 1e-6  # pixels
 X, Y, HIDDEN, OUTSIDE = VIDEO_BANDS["forward"]
+
+
+def render_video(scene: RenderScene, view: View) -> Channels:
+    return render_surfaces(scene, view, ["video"])["video"][0]
 
 
 def opened(folder: Path, shapes: dict[str, str]) -> RenderScene:

@@ -14,8 +14,7 @@ from PIL import Image
 
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.materials import render_materials
-from pbrnet.pipeline.passes.registry import render_surfaces
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.raycast import wavefront
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View
@@ -117,7 +116,9 @@ def test_neither_another_scene_nor_new_materials_disturb_them(
 def test_one_trace_of_surfaces_and_textures_has_the_bits_of_two(tmp_path: Path) -> None:
     scene = room(tmp_path / "a", quad("leaf", (0, 2.5, 1.5), (0, -1, 0), (1, 1), LEAF))
     for view in VIEWS:
-        apart = render_inputs(scene, view) | render_materials(scene, view)[0]
+        apart = (
+            render_inputs(scene, view) | render_surfaces(scene, view, ["materials"])["materials"][0]
+        )
         assert same(images(scene, view), apart)
 
 

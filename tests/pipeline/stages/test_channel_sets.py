@@ -13,7 +13,7 @@ from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path
 from pbrnet.pipeline.passes.registry import frame_fingerprint
 from pbrnet.pipeline.stages.cameras import camera_fingerprint, run_cameras
-from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.params import SceneParams
@@ -43,10 +43,10 @@ def test_sets_are_added_and_removed_and_change_no_other_frame(
     data = tmp_path / "data"
     write_room(data / "scenes" / "alpha")
     run_cameras(data, PAPER)
-    assert run_inputs(data, PAPER).made == 2
+    assert run_frames("inputs", data, PAPER).made == 2
     paper = files(data)
     assert len(paper) == 2 and (data / "labels").is_dir()
-    run = run_inputs(data, ALL)
+    run = run_frames("inputs", data, ALL)
     assert (run.made, run.kept) == (4, 2)
     both = files(data)
     assert len(both) == 6 and both.items() >= paper.items()
@@ -58,7 +58,7 @@ def test_sets_are_added_and_removed_and_change_no_other_frame(
     frame_path(data, "labels", view).unlink()
     broken = frame_path(data, "materials", view)
     broken.write_bytes(broken.read_bytes()[:-40])
-    run = run_inputs(data, ALL)
+    run = run_frames("inputs", data, ALL)
     assert (run.made, run.kept) == (2, 4) and files(data) == both
 
     # The same through dask, by workers that get scenes sent and send frames back.
@@ -67,10 +67,10 @@ def test_sets_are_added_and_removed_and_change_no_other_frame(
     for folder in ("scenes", "cameras"):
         (data / folder).rename(far / folder)
     monkeypatch.setenv("PBRNET_CACHE", str(tmp_path / "cache"))
-    run_inputs(far, replace(ALL, farm=FarmParams(workers=1, transfer="send")))
+    run_frames("inputs", far, replace(ALL, farm=FarmParams(workers=1, transfer="send")))
     assert files(far) == both
 
-    run = run_inputs(far, PAPER)
+    run = run_frames("inputs", far, PAPER)
     assert (run.made, run.kept, run.removed) == (0, 2, 4) and files(far) == paper
 
 
@@ -86,10 +86,10 @@ def test_trajectories_are_frames_like_others(tmp_path: Path) -> None:
     frames = [view for view in views if view.trajectory]
     assert [view.view_id for view in frames] == [f"path-00-{n:04d}" for n in range(4)]
     assert frames[2].eye.tolist() == [1.1, 1.2, 1.5] and frames[0].room == "living"
-    assert run_inputs(data, film).made == 6 + 6
+    assert run_frames("inputs", data, film).made == 6 + 6
     whole = files(data)
     frame_path(data, "video", frames[1]).unlink()
-    run = run_inputs(data, film)
+    run = run_frames("inputs", data, film)
     assert (run.made, run.kept) == (1, 11) and files(data) == whole
     for kind, changes in (("inputs", False), ("color", False), ("video", True)):
         moved = replace(frames[1], pose_after=frames[1].camera_to_world)

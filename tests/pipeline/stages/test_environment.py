@@ -13,7 +13,7 @@ from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, read_meta
 from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
@@ -42,10 +42,10 @@ def test_the_set_is_added_and_removed_and_changes_no_other_frame(
     data = tmp_path / "data"
     write_room(data / "scenes" / "alpha")
     run_cameras(data, PAPER)
-    assert run_groundtruth(data, PAPER).made == 4
+    assert run_frames("groundtruth", data, PAPER).made == 4
     paper = files(data)
     assert len(paper) == 4 and (data / "environment").is_dir()
-    run = run_groundtruth(data, MORE)
+    run = run_frames("groundtruth", data, MORE)
     assert (run.made, run.kept) == (2, 4)
     both = files(data)
     assert len(both) == 6 and both.items() >= paper.items()
@@ -58,7 +58,7 @@ def test_the_set_is_added_and_removed_and_changes_no_other_frame(
 
     # A damaged frame is rendered again, to the same bytes.
     path.write_bytes(path.read_bytes()[:-40])
-    run = run_groundtruth(data, MORE)
+    run = run_frames("groundtruth", data, MORE)
     assert (run.made, run.kept) == (1, 5) and files(data) == both
 
     # The same through dask, by one worker that gets scenes sent and sends frames back.
@@ -67,8 +67,8 @@ def test_the_set_is_added_and_removed_and_changes_no_other_frame(
     for folder in ("scenes", "cameras"):
         (data / folder).rename(far / folder)
     monkeypatch.setenv("PBRNET_CACHE", str(tmp_path / "cache"))
-    run_groundtruth(far, replace(MORE, farm=FarmParams(workers=1, transfer="send")))
+    run_frames("groundtruth", far, replace(MORE, farm=FarmParams(workers=1, transfer="send")))
     assert files(far) == both
 
-    run = run_groundtruth(far, PAPER)
+    run = run_frames("groundtruth", far, PAPER)
     assert (run.made, run.kept, run.removed) == (0, 4, 2) and files(far) == paper

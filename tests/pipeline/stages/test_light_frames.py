@@ -15,11 +15,11 @@ from pbrnet.pipeline.channels import DIFFUSE, DIRECT, light_bands
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, read_frame
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes import registry
-from pbrnet.pipeline.passes.registry import frame_fingerprint, render_truths
+from pbrnet.pipeline.passes.registry import TRACED, frame_fingerprint, render
 from pbrnet.pipeline.passes.settings import LightParams
+from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError, ParameterError
@@ -50,13 +50,13 @@ def test_light_frames_are_added_and_removed_and_change_no_other_frame(tmp_path: 
     write_room(data / "scenes" / "alpha")
     run_cameras(data, PAPER)
     shutil.copytree(data, other)
-    assert run_groundtruth(data, PAPER).made == 2
+    assert run_frames("groundtruth", data, PAPER).made == 2
     paper = files(data)
-    run = run_groundtruth(data, LIGHT)  # the light frame alone
+    run = run_frames("groundtruth", data, LIGHT)  # the light frame alone
     assert (run.made, run.kept) == (1, 2)
     all_frames = files(data)
     assert len(all_frames) == 3 and all_frames.items() > paper.items()
-    assert run_groundtruth(other, LIGHT).made == 3  # all of one trace
+    assert run_frames("groundtruth", other, LIGHT).made == 3  # all of one trace
     assert files(other) == all_frames
 
     (view,) = load_cameras(data / "cameras" / "alpha.json").views
@@ -68,13 +68,13 @@ def test_light_frames_are_added_and_removed_and_change_no_other_frame(tmp_path: 
     assert 0 < light.meta["noise_indirect"] < 1
 
     grouped = replace(LIGHT, light=LightParams(groups=1))
-    run = run_groundtruth(data, grouped)
+    run = run_frames("groundtruth", data, grouped)
     assert (run.made, run.kept) == (1, 2)
     light = read_frame(frame_path(data, "light", view))
     assert light.meta["light_names"] == ["", "", "lamp", ""]
     np.testing.assert_array_equal(light.stack(*light_bands(2)), color.rgb)
 
-    run = run_groundtruth(data, PAPER)
+    run = run_frames("groundtruth", data, PAPER)
     assert (run.kept, run.removed) == (2, 1) and files(data) == paper
 
 
@@ -88,7 +88,7 @@ def test_fingerprints_of_colour_do_not_know_of_light() -> None:
 def test_light_needs_a_joint_trace(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ParameterError, match="joint"):
         build(Params, {"channels": ["light"], "groundtruth": {"joint": False}})
-    monkeypatch.setattr(registry, "traced_together", lambda params: False)
+    monkeypatch.setattr(integrator, "available", lambda: False)
     nothing: Any = None
     with pytest.raises(InputError, match="scalar_rgb"):
-        render_truths(nothing, nothing, LIGHT, 0, light=True)
+        render(TRACED, nothing, nothing, LIGHT, 0)

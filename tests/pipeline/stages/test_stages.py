@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,7 @@ from pbrnet.pipeline.passes.registry import frame_fingerprint
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.groundtruth import run_groundtruth
-from pbrnet.pipeline.stages.illumination import run_illumination
-from pbrnet.pipeline.stages.inputs import run_inputs
+from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.pipeline.views import View, load_cameras, save_cameras
@@ -50,9 +49,9 @@ PARAMS = pbrs_params(
 KINDS: tuple[Kind, ...] = ("inputs", "illumination", "visibility", "shading", "color")
 STAGES: dict[str, Callable[..., Any]] = {
     "cameras": run_cameras,
-    "inputs": run_inputs,
-    "illumination": run_illumination,
-    "groundtruth": run_groundtruth,
+    "inputs": partial(run_frames, "inputs"),
+    "illumination": partial(run_frames, "illumination"),
+    "groundtruth": partial(run_frames, "groundtruth"),
 }
 
 
@@ -138,7 +137,7 @@ def test_missing_truncated_and_foreign_frames_are_rendered_again(data: Path) -> 
     paths[0].unlink()
     paths[1].write_bytes(paths[1].read_bytes()[:-7])
     paths[2].write_text("not an EXR at all")
-    summary = run_groundtruth(data, PARAMS, truths=("color",))
+    summary = run_frames("color", data, PARAMS)
     assert (summary.made, summary.kept) == (3, 1)
     assert _files(data) == before
 
@@ -150,8 +149,8 @@ def test_a_frame_that_rots_on_the_disk_is_found_and_made_again(data: Path) -> No
     rotten[-len(whole) // 4] ^= 0x10
     path.write_bytes(rotten)
     trusting = replace(PARAMS, farm=replace(PARAMS.farm, checksums=False))
-    assert run_groundtruth(data, trusting).made == 0
-    assert run_groundtruth(data, PARAMS).made == 1
+    assert run_frames("groundtruth", data, trusting).made == 0
+    assert run_frames("groundtruth", data, PARAMS).made == 1
     assert path.read_bytes() == whole
 
 
@@ -160,7 +159,7 @@ def test_halves_are_the_whole(data: Path) -> None:
     before = _files(data)
     for kind in ("shading", "color"):
         shutil.rmtree(data / kind)
-        assert run_groundtruth(data, PARAMS, truths=(kind,)).made == 4
+        assert run_frames(kind, data, PARAMS).made == 4
     assert _files(data) == before
 
 
@@ -169,12 +168,12 @@ def test_without_twin_there_is_colour_but_no_shading(data: Path) -> None:
     hair = '<shape type="sphere" id="hairy"><float name="radius" value="0.1"/><bsdf type="hair"/>'
     scene.write_text(scene.read_text().replace("</scene>", hair + "</shape></scene>"))
     with pytest.raises(StageError, match=r"2 failed, 2 made, 4 kept(.|\n)*'hair'"):
-        run_groundtruth(data, PARAMS)
+        run_frames("groundtruth", data, PARAMS)
     before = _files(data, "color")
     assert len(list((data / "color" / "alpha").glob("*.exr"))) == 2
     assert not list((data / "shading" / "alpha").glob("*.exr"))
     shutil.rmtree(data / "color" / "alpha")
-    assert run_groundtruth(data, PARAMS, truths=("color",)).made == 2
+    assert run_frames("color", data, PARAMS).made == 2
     assert _files(data, "color") == before
 
 
@@ -182,7 +181,7 @@ def test_two_renders_differ_from_one_trace_by_noise_only(data: Path) -> None:
     view = _views(data)[0]
     one = [read_frame(frame_path(data, kind, view)).rgb for kind in ("shading", "color")]
     apart = replace(PARAMS, groundtruth=replace(PARAMS.groundtruth, joint=False))
-    assert run_groundtruth(data, apart).made == 8
+    assert run_frames("groundtruth", data, apart).made == 8
     two = [read_frame(frame_path(data, kind, view)).rgb for kind in ("shading", "color")]
     for first, second in zip(one, two, strict=True):
         assert first.mean() == pytest.approx(second.mean(), rel=0.1)
@@ -198,7 +197,7 @@ def test_strangers_are_removed_and_files_of_others_are_not(
     (data / "inputs" / "alpha" / ".partial-x.exr").write_text("half")
     notes = data / "inputs" / "alpha" / "my notes.txt"
     notes.write_text("keep me")
-    summary = run_inputs(data, PARAMS)
+    summary = run_frames("inputs", data, PARAMS)
     assert (summary.made, summary.kept, summary.removed) == (0, 4, 4)
     assert notes.read_text() == "keep me"
     assert "my notes.txt" in capsys.readouterr().err
@@ -209,9 +208,9 @@ def test_strangers_are_removed_and_files_of_others_are_not(
 def test_changed_samples_render_ground_truth_only(data: Path) -> None:
     more = replace(PARAMS, groundtruth=replace(PARAMS.groundtruth, spp=8))
     assert run_cameras(data, more).made == 0
-    assert run_inputs(data, more).made == 0
-    assert run_illumination(data, more).made == 0
-    assert run_groundtruth(data, more).made == 8
+    assert run_frames("inputs", data, more).made == 0
+    assert run_frames("illumination", data, more).made == 0
+    assert run_frames("groundtruth", data, more).made == 8
     path = next((data / "color").rglob("*.exr"))
     assert read_meta(path)["spp"] == 8
 
@@ -273,7 +272,7 @@ def test_a_changed_scene_renews_its_own_cameras_and_frames_only(data: Path) -> N
     before = _files(data)
     write_room(data / "scenes" / "beta", size=(4.4, 3.2, 2.5), lamp=20.0)
     assert run_cameras(data, PARAMS).made == 1
-    assert run_groundtruth(data, PARAMS).kept == 4
+    assert run_frames("groundtruth", data, PARAMS).kept == 4
     after = _files(data)
     assert all(after[name] == before[name] for name in before if "/alpha" in name)
     assert all(after[name] != before[name] for name in after if name.startswith("color/beta"))
@@ -285,7 +284,7 @@ def test_a_failing_scene_is_named_and_stops_nobody(data: Path) -> None:
     scene.write_text(whole.replace('type="cube"', 'type="no-such-shape"', 1))
     write_room(data / "scenes" / "beta", size=(4.4, 3.2, 2.5), lamp=20.0)
     with pytest.raises(StageError, match=r"4 failed, 4 made, 0 kept") as failed:
-        run_groundtruth(data, PARAMS)
+        run_frames("groundtruth", data, PARAMS)
     assert failed.value.exit_code == 1
     assert "alpha/living" in str(failed.value) and "no-such-shape" in str(failed.value)
     listed = json.loads((data / "failures" / "groundtruth.json").read_text())
@@ -297,14 +296,14 @@ def test_a_failing_scene_is_named_and_stops_nobody(data: Path) -> None:
     # What is out of date and could not be renewed is not left lying about.
     assert not list((data / "color" / "alpha").glob("*.exr"))
     scene.write_text(whole)
-    assert run_groundtruth(data, PARAMS).made == 4
+    assert run_frames("groundtruth", data, PARAMS).made == 4
     assert not (data / "failures" / "groundtruth.json").exists()
 
 
 def test_a_scene_that_cannot_be_read_fails_alone_and_keeps_its_frames(data: Path) -> None:
     (data / "scenes" / "alpha" / "scene.json").write_text("{")
     with pytest.raises(StageError, match=r"1 failed, 0 made, 2 kept(.|\n)*not valid JSON"):
-        run_inputs(data, PARAMS)
+        run_frames("inputs", data, PARAMS)
     assert len(list((data / "inputs" / "alpha").glob("*.exr"))) == 2
 
 
@@ -317,7 +316,7 @@ def test_a_camera_file_cannot_lead_outside(data: Path, view_id: str, scene_id: s
     evil = replace(file.views[0], view_id=view_id, scene_id=scene_id)
     save_cameras(path, replace(file, views=(evil,)))
     with pytest.raises(StageError, match="cannot be a view"):
-        run_inputs(data, PARAMS)
+        run_frames("inputs", data, PARAMS)
     assert not list(data.parent.glob("*.exr"))
 
 
@@ -326,7 +325,7 @@ def test_order_of_the_commands_is_explained(tmp_path: Path) -> None:
         run_cameras(tmp_path / "none", PARAMS)
     write_room(tmp_path / "data" / "scenes" / "alpha")
     with pytest.raises(StageError, match="run first: pbrnet cameras"):
-        run_inputs(tmp_path / "data", PARAMS)
+        run_frames("inputs", tmp_path / "data", PARAMS)
 
 
 def test_a_scene_without_views_is_an_outcome(tmp_path: Path) -> None:
@@ -336,13 +335,13 @@ def test_a_scene_without_views_is_an_outcome(tmp_path: Path) -> None:
     assert summary.made == 2
     (why,) = [note for note in summary.notes if note.startswith("no view in dark: ")]
     assert "no lamp, window or door" in why
-    assert run_inputs(tmp_path, PARAMS).made == 2
+    assert run_frames("inputs", tmp_path, PARAMS).made == 2
 
 
 def test_a_second_run_on_the_same_folder_is_refused(data: Path) -> None:
     with data_lock(data, "groundtruth"), pytest.raises(PbrnetError, match="in use by 'pbrnet gr"):
-        run_inputs(data, PARAMS)
-    assert run_inputs(data, PARAMS).kept == 4
+        run_frames("inputs", data, PARAMS)
+    assert run_frames("inputs", data, PARAMS).kept == 4
 
 
 def test_scenes_are_made_kept_renewed_and_removed(tmp_path: Path) -> None:
@@ -396,7 +395,7 @@ def test_a_folder_that_is_read_only_is_said_and_keeps_all(data: Path, tmp_path: 
         before = _files(disk)
         subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
         with pytest.raises(MachineError, match="Read-only file system"):
-            run_groundtruth(disk, PARAMS)
+            run_frames("groundtruth", disk, PARAMS)
         assert _files(disk) == before
     finally:
         subprocess.run(["umount", disk], check=True)
@@ -416,10 +415,10 @@ def test_a_full_disk_is_said_and_the_run_goes_on_later(data: Path, tmp_path: Pat
         with ballast.open("wb", buffering=0) as stream:
             stream.write(bytes(shutil.disk_usage(disk).free - 40_000))
         with pytest.raises(MachineError, match="disk is full"):
-            run_groundtruth(disk, PARAMS)
+            run_frames("groundtruth", disk, PARAMS)
         assert not list(disk.rglob(".partial-*"))
         ballast.unlink()
-        run_groundtruth(disk, PARAMS)
+        run_frames("groundtruth", disk, PARAMS)
         assert _files(disk, "shading", "color") == _files(data, "shading", "color")
     finally:
         subprocess.run(["umount", disk], check=True)
