@@ -31,8 +31,8 @@ from pbrnet.scenes.geometry.regions import (
     thickened,
     union,
 )
+from pbrnet.scenes.geometry.section_raster import cut_off_regions
 from pbrnet.scenes.reconstruction.rooms import FoundOpening, slice_segments
-from pbrnet.scenes.reconstruction.section_raster import cut_off_regions
 
 DEPTHS = np.arange(-0.03, 0.95, 0.04)  # of the sections, metres outwards from a wall's face
 _MOST_SEEDS = 4096  # of an opening that are looked up in its sections

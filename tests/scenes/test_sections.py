@@ -7,13 +7,13 @@ import pytest
 import shapely
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.section_raster import cut_off_regions
 from pbrnet.scenes.reconstruction.aperture_sections import (
     LEAST_SEEDS,
     enclosed_air,
     merged_segments,
 )
 from pbrnet.scenes.reconstruction.rooms import MIN_OPENING
-from pbrnet.scenes.reconstruction.section_raster import cut_off_regions
 
 SEEDS = np.array([[0.5, 0.5], [0.4, 0.6], [0.6, 0.4]])
 
