@@ -10,10 +10,11 @@ coordinates near the largest float, returns a region that its docstring states.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any, Literal
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from shapely.errors import GEOSException
 from shapely.geometry import Polygon
@@ -93,7 +94,11 @@ def buffered(
 
 
 def thickened(
-    shapes: Any, half_width: float, *, cap_style: Cap = "round", quad_segs: int = 8
+    shapes: Sequence[BaseGeometry] | npt.NDArray[np.object_],
+    half_width: float,
+    *,
+    cap_style: Cap = "round",
+    quad_segs: int = 8,
 ) -> BaseGeometry:
     """The union of lines and polygons, each grown by `half_width`.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -236,7 +237,7 @@ class _Building:
         return self._surfaces.setdefault(-2, _surface("glass", _GREY, 1.0, True))
 
 
-def _surface(name: str, color: Any, transparency: float, is_display: bool) -> Surface:
+def _surface(name: str, color: Sequence[float], transparency: float, is_display: bool) -> Surface:
     """A matt surface, clear glass or a translucent one; a display colour is sRGB."""
     if transparency >= _CLEAR:
         return clear_glass(name=name)

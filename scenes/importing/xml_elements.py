@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from pbrnet.scenes.arrays import Float64Array
+
+Value = Element | tuple[float, ...] | Float64Array | bool | int | float | str
 _TAGS: dict[type, str] = {bool: "boolean", int: "integer", float: "float", str: "string"}
 
 
-def plugin(tag: str, kind: str, name: str = "", **values: Any) -> Element:
+def plugin(tag: str, kind: str, name: str = "", **values: Value | None) -> Element:
     """A plugin element whose properties are the keyword `values`, typed by their Python type.
 
     Tuples of three become colours, arrays (4, 4) transforms, and elements are nested under the
@@ -25,7 +27,7 @@ def plugin(tag: str, kind: str, name: str = "", **values: Any) -> Element:
     return made
 
 
-def prop(name: str, value: Any) -> Element:
+def prop(name: str, value: Value) -> Element:
     """One property element, see `plugin`."""
     if isinstance(value, Element):
         value.set("name", name)

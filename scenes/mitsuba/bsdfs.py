@@ -94,7 +94,7 @@ class Bsdf:
         self.note("an unknown dielectric was replaced by glass (bk7): {}", repr(text))
         return "bk7"
 
-    def interface(self) -> dict[str, Any]:
+    def interface(self) -> dict[str, float | str | None]:
         """Read the properties of the boundary between two dielectrics."""
         return {"int_ior": self.ior("int_ior"), "ext_ior": self.ior("ext_ior")}
 

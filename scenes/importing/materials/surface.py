@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import Color
-from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.importing.xml_elements import Value, plugin
 
 _CLEAR_ROUGHNESS = 0.05  # alpha up to which rough glass counts as clear
 
@@ -52,7 +51,7 @@ class Surface:
         return Surface(wrapped("blendbsdf", *parts, weight=weight), transmissive=transmissive)
 
 
-def wrapped(kind: str, *nested: Element | None, **values: Any) -> Element:
+def wrapped(kind: str, *nested: Element | None, **values: Value | None) -> Element:
     """A BSDF around nested ones, with properties as of `plugin`."""
     made = plugin("bsdf", kind, **values)
     made.extend(one for one in nested if one is not None)
