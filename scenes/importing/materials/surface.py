@@ -53,7 +53,7 @@ class Surface:
 
 def wrapped(kind: str, *nested: Element | None, **values: Value | None) -> Element:
     """A BSDF around nested ones, with properties as of `plugin`."""
-    made = plugin("bsdf", kind, **values)
+    made = plugin("bsdf", kind, "", **values)
     made.extend(one for one in nested if one is not None)
     return made
 
