@@ -41,7 +41,7 @@ import mitsuba as mi
 from pbrnet.pipeline.pathtrace.light_parts import LightParts, NoParts
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.pathtrace.panes import Panes
-from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering, power_heuristic
+from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering, mis_weight
 from pbrnet.pipeline.render.bsdf_tables import partner
 
 # Squared distance up to which two unit directions are the same one, computed twice.
@@ -234,13 +234,13 @@ class JointPath:
 
         `density` is that of the same direction by emitter sampling.
         """
-        return dr.select(state.delta, 1, power_heuristic(state.pdf, density))
+        return mis_weight(state.pdf, density, state.delta)
 
     def emitter_sampling_value(
         self, scattering: Scattering, ds: mi.DirectionSample3f
     ) -> mi.Color3f:
         """Return BSDF times cosine times MIS weight of an emitter sample."""
-        weight = dr.select(ds.delta, 1, power_heuristic(ds.pdf, scattering.pdf))
+        weight = mis_weight(ds.pdf, scattering.pdf, ds.delta)
         return scattering.value * weight
 
     def next_direction(

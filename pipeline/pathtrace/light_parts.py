@@ -27,7 +27,7 @@ import drjit as dr
 import mitsuba as mi
 
 from pbrnet.pipeline.pathtrace.light_groups import GroupTable, LightGroups
-from pbrnet.pipeline.pathtrace.scattering import Scattering
+from pbrnet.pipeline.pathtrace.scattering import Scattering, diffuse_lobes, share
 from pbrnet.pipeline.render.bsdf_tables import partner, partner_table
 from pbrnet.pipeline.render.material_sets import Lobes
 
@@ -109,8 +109,7 @@ class LightParts:
         First towards the emitter sample in world direction `light`, then along the sampled
         direction.
         """
-        context, diffuse = mi.BSDFContext(), mi.BSDFContext()
-        diffuse.type_mask = mi.BSDFFlags.Diffuse
+        context, diffuse = mi.BSDFContext(), diffuse_lobes()
         lobe = partner(self.lobes, own, active)
         towards = lobe.eval(diffuse, si, si.to_local(light), active)
         along = lobe.eval(diffuse, si, of_colour.sample.wo, active)
@@ -119,8 +118,8 @@ class LightParts:
         twin = partner(self.reflectances, own, active)
         reflectance = dr.clip(twin.eval_diffuse_reflectance(si, active), 0, 1)
         return (
-            _share(towards, of_colour.value),
-            dr.select(delta, 0, _share(along, whole)),
+            share(towards, of_colour.value),
+            dr.select(delta, 0, share(along, whole)),
             reflectance,
         )
 
@@ -219,9 +218,3 @@ class PathParts:
 def group_names(count: int) -> tuple[str, ...]:
     """Return the names of the images of this number of light groups."""
     return tuple(f"light{number:02d}" for number in range(count))
-
-
-def _share(part: mi.Color3f, whole: mi.Color3f) -> mi.Color3f:
-    """Return part / whole, at most 1; 0 where either is 0."""
-    valid = (part > 0) & (whole > 0)
-    return dr.select(valid, dr.minimum(part / whole, 1), 0)

@@ -1,6 +1,6 @@
 """What a path carries and what a material answers at a vertex, and how samples are weighted.
 
-Multiple importance sampling is written here once, for paths and for transport without paths.
+For paths and for transport without paths.
 """
 
 from __future__ import annotations
@@ -31,11 +31,26 @@ class Scattering:
     weight: mi.Color3f  # BSDF times cosine over density of the sampled direction
 
 
-def power_heuristic(one: mi.Float, other: mi.Float) -> mi.Float:
-    """Return the MIS weight of a sample of density `one`: power heuristic with exponent 2.
+def mis_weight(pdf: mi.Float, other: mi.Float, delta: mi.Bool | None = None) -> mi.Float:
+    """Return the MIS weight of a sample of density `pdf`: power heuristic with exponent 2.
 
-    Veach and Guibas, "Optimally Combining Sampling Techniques for Monte Carlo Rendering", 1995.
+    `other` is the density by which the other strategy gives the same direction. Samples of `delta`
+    distributions weigh 1, because no other strategy gives them. Veach and Guibas, "Optimally
+    Combining Sampling Techniques for Monte Carlo Rendering", 1995.
     """
-    one, other = dr.square(one), dr.square(other)
+    one, other = dr.square(pdf), dr.square(other)
     weight = one / (one + other)
-    return dr.select(dr.isfinite(weight), weight, 0)
+    weight = dr.select(dr.isfinite(weight), weight, 0)
+    return weight if delta is None else dr.select(delta, 1, weight)
+
+
+def share(part: mi.Color3f, whole: mi.Color3f) -> mi.Color3f:
+    """Return part / whole, at most 1; 0 where either is 0."""
+    return dr.select((part > 0) & (whole > 0), dr.minimum(part / whole, 1), 0)
+
+
+def diffuse_lobes() -> mi.BSDFContext:
+    """Return the context in which BSDFs evaluate their diffuse lobes alone."""
+    context = mi.BSDFContext()
+    context.type_mask = mi.BSDFFlags.Diffuse
+    return context

@@ -14,7 +14,7 @@ import drjit as dr
 import mitsuba as mi
 
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
-from pbrnet.pipeline.pathtrace.scattering import power_heuristic
+from pbrnet.pipeline.pathtrace.scattering import diffuse_lobes, mis_weight, share
 from pbrnet.pipeline.render.bsdf_tables import partner
 from pbrnet.pipeline.transport.cells import CELL, LightTable
 from pbrnet.pipeline.transport.rays import (
@@ -65,7 +65,7 @@ def gather(
         guided, random = guidance.split(random)
         direction = dr.select(guided, guidance.direction(random, square), direction)
         pdf = guidance.mixed_density(pdf, ds.d)
-    mis = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
+    mis = mis_weight(ds.pdf, pdf, ds.delta)
     direct = arriving * (towards * mis)
 
     along = dr.maximum(dr.dot(direction, normal), 0) * dr.inv_pi
@@ -74,7 +74,7 @@ def gather(
         pdf = guidance.mixed_density(pdf, direction)
     weight = dr.select(active & (pdf > 0), along / pdf, 0)
     si, emitted, density = met(world, point, direction, weight > 0, dr.full(mi.Bool, True))
-    direct += emitted * (weight * power_heuristic(pdf, density))
+    direct += emitted * (weight * mis_weight(pdf, density))
     return Gathered(direct, weight, si, direction, cosine)
 
 
@@ -90,12 +90,12 @@ def reflected(world: World, sampler: mi.Sampler, found: Gathered, active: mi.Boo
     ds, light = world.lights.sample(world.scene, point, sampler.next_2d(), active)
     arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
     towards = dr.maximum(dr.dot(ds.d, normal), 0) * dr.inv_pi
-    arriving *= towards * dr.select(ds.delta, 1, power_heuristic(ds.pdf, towards))
+    arriving *= towards * mis_weight(ds.pdf, towards, ds.delta)
     cosine = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
     pdf = mi.warp.square_to_cosine_hemisphere_pdf(cosine)
     direction = point.sh_frame.to_world(cosine)
     _, emitted, density = met(world, point, direction, active, mi.Bool(True))
-    arriving += emitted * power_heuristic(pdf, density)
+    arriving += emitted * mis_weight(pdf, density)
     albedo = rough_albedo(world.tables, si, active)
     return dr.select(active, arriving * albedo * found.weight, 0)
 
@@ -176,8 +176,7 @@ def diffuse_albedo(
     if world.tables.translucent:
         through = world.tables.transmits(si, active) > 0
     uneven = active & (is_glossy(own) | through)
-    diffuse = mi.BSDFContext()
-    diffuse.type_mask = mi.BSDFFlags.Diffuse
+    diffuse = diffuse_lobes()
     towards = si.to_local(cosine)
     density = dr.maximum(dr.abs(mi.Frame3f.cos_theta(towards)), 1e-4) * dr.inv_pi
     lobe = partner(world.lobes, own, uneven)
@@ -197,8 +196,7 @@ def reflect(
     """
     own = si.bsdf()
     active = active & is_glossy(own)
-    diffuse = mi.BSDFContext()
-    diffuse.type_mask = mi.BSDFFlags.Diffuse
+    diffuse = diffuse_lobes()
     sample, weight = own.sample(mi.BSDFContext(), si, sampler.next_1d(), sampler.next_2d(), active)
     delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
     smooth = active & ~delta
@@ -212,11 +210,6 @@ def is_glossy(bsdf: mi.BSDFPtr) -> mi.Bool:
     """Test for BSDFs with lobes that are not diffuse."""
     flags = bsdf.flags()
     return mi.has_flag(flags, mi.BSDFFlags.Glossy) | mi.has_flag(flags, mi.BSDFFlags.Delta)
-
-
-def share(part: mi.Color3f, whole: mi.Color3f) -> mi.Color3f:
-    """Return part / whole, at most 1; 0 where either is 0."""
-    return dr.select((part > 0) & (whole > 0), dr.minimum(part / whole, 1), 0)
 
 
 def sampler_of(spp: int, count: int, seed: mi.UInt32) -> mi.Sampler:

@@ -19,7 +19,7 @@ import drjit as dr
 import mitsuba as mi
 
 from pbrnet.pipeline.pathtrace.panes import PaneMirror, Panes
-from pbrnet.pipeline.pathtrace.scattering import power_heuristic
+from pbrnet.pipeline.pathtrace.scattering import diffuse_lobes, mis_weight, share
 from pbrnet.pipeline.render.bsdf_tables import partner
 from pbrnet.pipeline.transport.cells import LightTable
 from pbrnet.pipeline.transport.gather import (
@@ -33,7 +33,6 @@ from pbrnet.pipeline.transport.gather import (
     reflect,
     reflected,
     sampler_of,
-    share,
 )
 from pbrnet.pipeline.transport.radiosity import camera_ray
 from pbrnet.pipeline.transport.rays import (
@@ -264,7 +263,7 @@ def _gloss(
     active = glossy & dr.any(weight > 0)
     direction = si.to_world(sample.wo)
     other, emission, density = met(kernel.world, point, direction, active, ~delta)
-    emission *= dr.select(delta, 1, power_heuristic(sample.pdf, density))
+    emission *= mis_weight(sample.pdf, density, delta)
     radiance = lit_texture(kernel.world.tables, kernel.cache, other, direction, sampler, active)
     active_there = active & other.is_valid() & is_glossy(other.bsdf())
     there = surface_point(other.p, facing_normal(other, direction))
@@ -291,10 +290,8 @@ def _sampled_gloss(
     ds, light = kernel.world.lights.sample(kernel.world.scene, point, sampler.next_2d(), active)
     towards = si.to_local(ds.d)
     value, pdf = own.eval_pdf(mi.BSDFContext(), si, towards, active)
-    diffuse = mi.BSDFContext()
-    diffuse.type_mask = mi.BSDFFlags.Diffuse
     lobe = partner(kernel.world.lobes, own, active)
-    rest = 1 - share(lobe.eval(diffuse, si, towards, active), value)
-    mis = dr.select(ds.delta, 1, power_heuristic(ds.pdf, pdf))
+    rest = 1 - share(lobe.eval(diffuse_lobes(), si, towards, active), value)
+    mis = mis_weight(ds.pdf, pdf, ds.delta)
     arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
     return arriving * value * rest * mis
