@@ -30,7 +30,7 @@ from pbrnet.pipeline.pathtrace.guiding import (
     plan_guiding,
 )
 from pbrnet.pipeline.pathtrace.irradiance import sunlit_surfaces
-from pbrnet.pipeline.pathtrace.light_pilot import plan_lights
+from pbrnet.pipeline.pathtrace.light_plan import plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.drjit_arrays import column, vector
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant

@@ -26,11 +26,11 @@ from pbrnet.pipeline.pathtrace.integrator import JointPath
 from pbrnet.pipeline.pathtrace.launches import FrozenTracer
 from pbrnet.pipeline.pathtrace.light_groups import LightGroups
 from pbrnet.pipeline.pathtrace.light_parts import LightParts, NoParts
-from pbrnet.pipeline.pathtrace.light_pilot import EVERYWHERE, plan_lights
+from pbrnet.pipeline.pathtrace.light_plan import EVERYWHERE, plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.pathtrace.noise import BlockStatistics
 from pbrnet.pipeline.pathtrace.panes import panes_of, with_panes
-from pbrnet.pipeline.pathtrace.sphere import SphereTracer, trace_scalar
+from pbrnet.pipeline.pathtrace.panoramas import SphereTracer, trace_scalar
 from pbrnet.pipeline.render.bsdf_tables import partner_table
 from pbrnet.pipeline.render.material_sets import MaterialSets
 from pbrnet.pipeline.render.scene import RenderScene

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pbrnet.pipeline.pathtrace.light_pilot import LightPlan
+from pbrnet.pipeline.pathtrace.light_plan import LightPlan
 from pbrnet.pipeline.pathtrace.portals import RectangleSampler, geometry_factor, opaque_floats
 from pbrnet.pipeline.render.drjit_arrays import registry_id
 

@@ -1,4 +1,4 @@
-"""Path guiding towards bright indirect emitters: the targets of a view.
+"""Path guiding towards bright indirect emitters: targets of a view, and directions to them.
 
 Emitter sampling covers direct light. It does not find what the emitters light up: sunlit ground
 behind a window, a patch of sun on the floor, the wall beside a lamp. Paths meet such surfaces by
@@ -29,7 +29,7 @@ from pbrnet.pipeline.pathtrace.irradiance import (
     sun_irradiance,
     sunlit_surfaces,
 )
-from pbrnet.pipeline.pathtrace.light_pilot import ASSUMED_ALBEDO, LightPlan
+from pbrnet.pipeline.pathtrace.light_plan import ASSUMED_ALBEDO, LightPlan
 from pbrnet.pipeline.pathtrace.portals import (
     Rectangles,
     RectangleSampler,

@@ -23,7 +23,7 @@ import numpy as np
 from pbrnet.pipeline.pathtrace.emitter_sampling import EmitterSampler
 from pbrnet.pipeline.pathtrace.environment_sampling import EnvironmentSampler
 from pbrnet.pipeline.pathtrace.guiding import Guidance, GuidingPlan, PathGuide
-from pbrnet.pipeline.pathtrace.light_pilot import OUTDOOR_MARGIN, LightPlan
+from pbrnet.pipeline.pathtrace.light_plan import OUTDOOR_MARGIN, LightPlan
 from pbrnet.pipeline.pathtrace.portals import below_one, choose, opaque_floats
 
 _BY_VIEW = 0.2  # share of the choice that follows the view's probabilities alone

@@ -1,4 +1,4 @@
-"""What a path carries and what a material answers at a vertex, and how samples are weighted.
+"""Scattering at the vertices of paths: state of a path, a material's answer, MIS weights.
 
 For paths and for transport without paths.
 """

@@ -229,7 +229,7 @@ import sys
 import numpy as np
 from pathlib import Path
 from pbrnet.pipeline.passes.groundtruth import path_integrator
-from pbrnet.pipeline.pathtrace.sphere import trace_scalar
+from pbrnet.pipeline.pathtrace.panoramas import trace_scalar
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.scenes.contract import load_scene
 from tests.pipeline.passes.test_environment import IN_ROOM

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.pathtrace.integrator import available
-from pbrnet.pipeline.pathtrace.light_pilot import plan_lights
+from pbrnet.pipeline.pathtrace.light_plan import plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from tests.fixtures.joint import ALBEDO, MAX_DEPTH, blocks, deviations, joined, region_means
