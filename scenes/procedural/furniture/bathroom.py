@@ -7,7 +7,7 @@ import numpy as np
 from pbrnet.scenes.procedural.furniture.build import Builder
 from pbrnet.scenes.procedural.furniture.cabinets import add_door, add_drawer, carcass
 from pbrnet.scenes.procedural.furniture.cloth import plane, surface
-from pbrnet.scenes.procedural.furniture.drapes import dropped, hung
+from pbrnet.scenes.procedural.furniture.drapes import dropped, hanging, hung, ripples
 from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
@@ -36,6 +36,7 @@ from pbrnet.scenes.procedural.furniture.style import (
     hex_color,
 )
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.seeds import Draw
 
 
 def _tap(spout: float, height: float) -> BodyMesh:
@@ -55,9 +56,9 @@ def _tap(spout: float, height: float) -> BodyMesh:
     )
 
 
-def bath_tub(rng: np.random.Generator, style: Style, width: float = 1.7) -> FurniturePiece:
+def bath_tub(draw: Draw, style: Style, width: float = 1.7) -> FurniturePiece:
     """A bath along the wall, `width` long, with a mixer and hand shower on its rim."""
-    depth, height = float(rng.uniform(0.72, 0.8)), float(rng.uniform(0.54, 0.6))
+    depth, height = draw.between(0.72, 0.8), draw.between(0.54, 0.6)
     b = Builder("bath tub", "bath", "wall", front_clearance=0.5)
     half_x, half_y = width / 2, depth / 2
     rings = [
@@ -73,16 +74,12 @@ def bath_tub(rng: np.random.Generator, style: Style, width: float = 1.7) -> Furn
         superellipse(half_x - 0.25, half_y - 0.2, 0.125, 3, 96),
     ]
     b.add(CERAMIC, loft(np.stack(rings)), name="tub")
-    side = float(rng.choice([-1.0, 1.0]))
+    side = draw.pick((-1.0, 1.0))
     x = side * (half_x - 0.33)
     b.add(CHROME, cylinder(0.028, 0.1255, 0.129, 24).moved(x), name="drain")
-    b.add(
-        CHROME,
-        cylinder(0.03, 0, 0.008, 24)
-        .turned("y", -90 * side)
-        .moved(side * (half_x - 0.094), 0, height - 0.15),
-        name="drain",
-    )
+    drain = cylinder(0.03, 0, 0.008, 24).turned("y", -90 * side)
+    drain = drain.moved(side * (half_x - 0.094), 0, height - 0.15)
+    b.add(CHROME, drain, name="drain")
     with b.holding("tap", "fitting"):
         b.add(CHROME, _tap(0.15, 0.14).moved(0, half_y - 0.033, height), name="tap")
     t = np.linspace(0, 1, 14)
@@ -95,47 +92,36 @@ def bath_tub(rng: np.random.Generator, style: Style, width: float = 1.7) -> Furn
         1,
     )
     b.add(STEEL, tube(hose, 0.006, 8), name="hose")
-    b.add(
-        CHROME,
-        bar((0.22, half_y - 0.036, height), (0.22, half_y - 0.036, height + 0.06), 0.011, 10),
-        name="shower",
-    )
-    b.add(
-        CHROME,
-        tube(
-            [
-                (0.22, half_y - 0.035, height + 0.05),
-                (0.22, half_y - 0.06, height + 0.16),
-                (0.22, half_y - 0.08, height + 0.19),
-            ],
-            [0.012, 0.012, 0.03],
-            12,
-        ),
-        name="shower",
-    )
-    if rng.random() < 0.6:
+    shower = bar((0.22, half_y - 0.036, height), (0.22, half_y - 0.036, height + 0.06), 0.011, 10)
+    b.add(CHROME, shower, name="shower")
+    path = [
+        (0.22, half_y - 0.035, height + 0.05), (0.22, half_y - 0.06, height + 0.16),
+        (0.22, half_y - 0.08, height + 0.19),
+    ]  # fmt: skip
+    b.add(CHROME, tube(path, [0.012, 0.012, 0.03], 12), name="shower")
+    if draw.chance(0.6):
         tub = np.concatenate([part.vertices[part.faces] for part in b.piece().parts])
         x = side * -0.3 * width
         near = (np.abs(tub[..., 0] - x).min(axis=1) < 0.35) & (tub[..., 1].min(axis=1) < 0.3)
+        long, out = draw.between(0.7, 0.9), draw.between(0.0, 0.05)
+        turn, tight = draw.normal(0, 5), draw.between(0.04, 0.15)
         towel = dropped(
-            rng,
+            ripples(draw),
             [surface(tub[near], 0.012), plane(2, 0.02)],
-            (0.42, float(rng.uniform(0.7, 0.9))),
-            (x, -half_y - float(rng.uniform(0.0, 0.05)), height + 0.06),
-            turn=float(rng.normal(0, 5)),
-            tight=float(rng.uniform(0.04, 0.15)),
+            (0.42, long),
+            (x, -half_y - out, height + 0.06),
+            turn=turn,
+            tight=tight,
             thickness=0.008,
         )
         b.add(style.towel, towel, name="towel")
     return b.piece()
 
 
-def wash_basin(
-    rng: np.random.Generator, style: Style, width: float | None = None
-) -> FurniturePiece:
+def wash_basin(draw: Draw, style: Style, width: float | None = None) -> FurniturePiece:
     """A wash basin with a mixer: on a cabinet, or on a pedestal."""
-    width = float(rng.uniform(0.55, 0.9)) if width is None else width
-    depth, height = 0.47, float(rng.uniform(0.83, 0.88))
+    width = draw.between(0.55, 0.9) if width is None else width
+    depth, height = 0.47, draw.between(0.83, 0.88)
     b = Builder("wash basin", "wash basin", "wall", front_clearance=0.7)
     half_x, half_y = width / 2, depth / 2
     bowl_x = min(0.27, half_x - 0.05)
@@ -145,15 +131,15 @@ def wash_basin(
         superellipse(bowl_x - 0.05, 0.105, height - 0.1, 2.6, 64, y=-0.03),
         superellipse(bowl_x - 0.15, 0.04, height - 0.125, 2.2, 64, y=-0.03),
     ]
-    if rng.random() < 0.65:
+    if draw.chance(0.65):
         low = 0.26
         finish = style.cabinet
         b.add(finish, *carcass(width - 0.02, depth - 0.02, low, height - 0.056, top=False))
         high = height - 0.058
         split = low + 0.5 * (high - low)
         parts = (style, finish, style.wood, -half_x + 0.01, half_x - 0.01)
-        pulled = float(rng.uniform(0.06, 0.2)) if rng.random() < 0.25 else 0.0
-        if rng.random() < 0.5:
+        pulled = draw.between(0.06, 0.2) if draw.chance(0.25) else 0.0
+        if draw.chance(0.5):
             add_drawer(b, *parts, low, split, depth - 0.02, pulled)
             add_drawer(b, *parts, split, high, depth - 0.02)
         else:
@@ -214,39 +200,31 @@ def wash_basin(
         b.add(CERAMIC, loft(np.stack(column)), name="pedestal")
     b.add(CHROME, cylinder(0.022, -0.1245, -0.1215, 20).moved(0, -0.03, height), name="drain")
     with b.holding("tap", "fitting"):
-        b.add(
-            CHROME if rng.random() < 0.7 else style.metal,
-            _tap(0.13, 0.15).moved(0, 0.16, height - 0.001),
-            name="tap",
-        )
+        tap = _tap(0.13, 0.15).moved(0, 0.16, height - 0.001)
+        b.add(CHROME if draw.chance(0.7) else style.metal, tap, name="tap")
     if half_x - bowl_x > 0.105:
         for side in (-1, 1):
             b.surface(side * (half_x - 0.053), -0.02, height, 0.04, 0.16)
     return b.piece()
 
 
-def toilet(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def toilet(draw: Draw, style: Style) -> FurniturePiece:
     """A toilet with its cistern; the lid is down or up."""
     b = Builder("toilet", "toilet", "wall", front_clearance=0.6, side_clearance=0.15)
     back = 0.34
-    seat = float(rng.uniform(0.4, 0.43))
+    seat = draw.between(0.4, 0.43)
 
     def ring(half_x: float, front: float, rear: float, z: float, power: float = 2.5) -> np.ndarray:
         return superellipse(half_x, (rear - front) / 2, z, power, 48, y=(front + rear) / 2)
 
     rings = [
-        ring(0.115, -0.19, back - 0.03, 0.0, 3.2),
-        ring(0.11, -0.185, back - 0.03, 0.03, 3.2),
-        ring(0.105, -0.19, back - 0.04, 0.16, 3.0),
-        ring(0.14, -0.27, back - 0.06, 0.28, 2.6),
+        ring(0.115, -0.19, back - 0.03, 0.0, 3.2), ring(0.11, -0.185, back - 0.03, 0.03, 3.2),
+        ring(0.105, -0.19, back - 0.04, 0.16, 3.0), ring(0.14, -0.27, back - 0.06, 0.28, 2.6),
         ring(0.178, -0.325, back - 0.07, seat - 0.05),
-        ring(0.185, -0.335, back - 0.07, seat - 0.02),
-        ring(0.182, -0.332, back - 0.07, seat),
-        ring(0.125, -0.27, 0.06, seat, 2.2),
-        ring(0.12, -0.265, 0.055, seat - 0.02, 2.2),
-        ring(0.08, -0.2, -0.0, seat - 0.16, 2.0),
-        ring(0.04, -0.13, -0.06, seat - 0.2, 2.0),
-    ]
+        ring(0.185, -0.335, back - 0.07, seat - 0.02), ring(0.182, -0.332, back - 0.07, seat),
+        ring(0.125, -0.27, 0.06, seat, 2.2), ring(0.12, -0.265, 0.055, seat - 0.02, 2.2),
+        ring(0.08, -0.2, -0.0, seat - 0.16, 2.0), ring(0.04, -0.13, -0.06, seat - 0.2, 2.0),
+    ]  # fmt: skip
     b.add(CERAMIC, loft(np.stack(rings)), name="bowl")
     outline = ring(0.183, -0.333, 0.12, 0)[:, :2]
     hole = ring(0.115, -0.26, 0.045, 0, 2.2)[:, :2]
@@ -256,7 +234,7 @@ def toilet(rng: np.random.Generator, style: Style) -> FurniturePiece:
         for z, shrink in ((0.0, 1.0), (0.012, 1.0), (0.018, 0.95))
     ]
     lid = loft(np.stack(lid_rings))
-    if rng.random() < 0.7:
+    if draw.chance(0.7):
         b.add(WHITE_PLASTIC, lid.moved(z=seat + 0.0195), name="lid")
     else:
         b.add(
@@ -275,26 +253,20 @@ def toilet(rng: np.random.Generator, style: Style) -> FurniturePiece:
             ),
             name="hinge",
         )
-    tank = seat + float(rng.uniform(0.36, 0.4))
-    b.add(
-        CERAMIC,
-        rounded_box((0.37, 0.16, tank - seat + 0.008), (0, back - 0.08, seat - 0.008), 0.03),
-        name="cistern",
-    )
-    b.add(
-        CERAMIC,
-        rounded_box((0.385, 0.168, 0.035), (0, back - 0.084, tank - 0.005), 0.012),
-        name="cistern",
-    )
+    tank = seat + draw.between(0.36, 0.4)
+    cistern = rounded_box((0.37, 0.16, tank - seat + 0.008), (0, back - 0.08, seat - 0.008), 0.03)
+    b.add(CERAMIC, cistern, name="cistern")
+    cistern = rounded_box((0.385, 0.168, 0.035), (0, back - 0.084, tank - 0.005), 0.012)
+    b.add(CERAMIC, cistern, name="cistern")
     b.add(CHROME, cylinder(0.022, 0, 0.006, 20).moved(0, back - 0.084, tank + 0.029), name="button")
     for side in (-1, 1):  # beside the button
         b.surface(side * 0.096, back - 0.084, tank + 0.03, 0.065, 0.055)
     return b.piece()
 
 
-def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> FurniturePiece:
+def shower(draw: Draw, style: Style, width: float = 0.9) -> FurniturePiece:
     """A corner shower: tray, glass screens and door; walls at its back (+Y) and left (-X)."""
-    half, height = width / 2, float(rng.uniform(1.9, 2.0))
+    half, height = width / 2, draw.between(1.9, 2.0)
     b = Builder("shower", "shower", "corner", front_clearance=0.6)
     rings = [
         superellipse(half, half, 0.0, 30, 64),
@@ -312,7 +284,7 @@ def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> Furnit
     )
     split = -0.02
     b.add(GLASS, span((split, -edge, 0.052), (edge - 0.012, -edge + pane, height)), name="screen")
-    ajar = float(rng.uniform(10, 50)) if rng.random() < 0.5 else 0.0
+    ajar = draw.between(10, 50) if draw.chance(0.5) else 0.0
     length = half + split - 0.03
     door = span((0.004, -pane / 2, 0.058), (length, pane / 2, height - 0.004)).turned("z", -ajar)
     hinge = (-half + 0.024, -edge + pane / 2)
@@ -322,16 +294,10 @@ def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> Furnit
         b.add(
             CHROME, knob.moved(length - 0.06, 0, 1.05).turned("z", -ajar).moved(*hinge), name="knob"
         )
-    b.add(
-        style.metal,
-        span((edge - 0.02, half - 0.02, 0.05), (edge + 0.012, half, height + 0.002)),
-        name="profile",
-    )
-    b.add(
-        style.metal,
-        span((-half, -edge - 0.01, 0.05), (-half + 0.022, -edge + 0.02, height + 0.002)),
-        name="profile",
-    )
+    profile = span((edge - 0.02, half - 0.02, 0.05), (edge + 0.012, half, height + 0.002))
+    b.add(style.metal, profile, name="profile")
+    profile = span((-half, -edge - 0.01, 0.05), (-half + 0.022, -edge + 0.02, height + 0.002))
+    b.add(style.metal, profile, name="profile")
     b.add(
         style.metal,
         bar(
@@ -351,20 +317,13 @@ def shower(rng: np.random.Generator, style: Style, width: float = 0.9) -> Furnit
         ),
         name="riser",
     )
-    b.add(
-        CHROME,
-        lathe([(0.105, 0.0), (0.11, 0.006), (0.03, 0.018), (0.018, 0.05), (0, 0.05)], 36).moved(
-            x, y - 0.31, 2.035
-        ),
-        name="head",
-    )
+    head = lathe([(0.105, 0.0), (0.11, 0.006), (0.03, 0.018), (0.018, 0.05), (0, 0.05)], 36)
+    head = head.moved(x, y - 0.31, 2.035)
+    b.add(CHROME, head, name="head")
     for z in (1.05, 1.95):
         b.add(CHROME, bar((x, half - 0.001, z), (x, y, z), 0.01, 10), name="riser")
-    b.add(
-        CHROME,
-        cylinder(0.022, -0.14, 0.14, 20, bevel=0.004).turned("y", 90).moved(x, y, 1.0),
-        name="mixer",
-    )
+    mixer = cylinder(0.022, -0.14, 0.14, 20, bevel=0.004).turned("y", 90).moved(x, y, 1.0)
+    b.add(CHROME, mixer, name="mixer")
     t = np.linspace(0, 1, 18)
     hose = np.stack(
         [
@@ -398,11 +357,9 @@ _IN_CABINET = (
 )
 
 
-def mirror_cabinet(
-    rng: np.random.Generator, style: Style, width: float | None = None
-) -> FurniturePiece:
+def mirror_cabinet(draw: Draw, style: Style, width: float | None = None) -> FurniturePiece:
     """A cabinet with mirror doors, sometimes one ajar; the origin is on its lower back edge."""
-    width = float(rng.uniform(0.55, 0.8)) if width is None else width
+    width = draw.between(0.55, 0.8) if width is None else width
     depth, height = 0.15, 0.65
     b = Builder("mirror cabinet", "mirror", "on_wall", mount_height=1.2)
     parts = Builder("", "", "free")
@@ -416,7 +373,7 @@ def mirror_cabinet(
             ),
             name="shelf",
         )
-    angle = float(rng.uniform(12, 50)) if rng.random() < 0.35 else 0.0
+    angle = draw.between(12, 50) if draw.chance(0.35) else 0.0
     each = width / 2 - 0.002
     leaf = [
         (WHITE_PAINT, span((0, -0.012, 0), (each, 0, height))),
@@ -429,20 +386,20 @@ def mirror_cabinet(
         parts.add(material, mesh.moved(-each).moved(width / 2, -depth / 2 + 0.019), name="door")
     if angle:
         outline = [(0.022, 0), (0.022, 0.1), (0.01, 0.12), (0.01, 0.14), (0, 0.14)]
-        for k, which in enumerate(rng.permutation(len(_IN_CABINET))[:5].tolist()):
+        for k, which in enumerate(draw.permutation(len(_IN_CABINET))[:5].tolist()):
             x, z = ((0.07, 0.018), (0.15, 0.2265), (0.23, 0.4465), (0.07, 0.2265), (0.14, 0.018))[k]
             with parts.holding(_IN_CABINET[which], "fitting"):
-                bottle = lathe(outline, 16).scaled(z=float(rng.uniform(0.7, 1.2)))
+                bottle = lathe(outline, 16).scaled(z=draw.between(0.7, 1.2))
                 parts.add(style.accents[k], bottle.moved(x - width / 2, 0.0, z), name="bottle")
     b.add_from(parts, y=-depth / 2)
     return b.piece()
 
 
-def towel_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def towel_rail(draw: Draw, style: Style) -> FurniturePiece:
     """A heated towel rail with one or two towels; the origin is on its lower back edge."""
-    width, height = float(rng.uniform(0.45, 0.55)), float(rng.uniform(0.8, 1.2))
+    width, height = draw.between(0.45, 0.55), draw.between(0.8, 1.2)
     b = Builder("towel rail", "towel rail", "on_wall", mount_height=0.55)
-    metal = CHROME if rng.random() < 0.6 else WHITE_PAINT
+    metal = CHROME if draw.chance(0.6) else WHITE_PAINT
     y = -0.07
     for side in (-1, 1):
         b.add(metal, bar((side * width / 2, y, 0), (side * width / 2, y, height), 0.015, 12))
@@ -454,55 +411,38 @@ def towel_rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
             z = 0.04 + 0.055 * k
             rungs.append(z)
             b.add(metal, bar((-width / 2, y - 0.008, z), (width / 2, y - 0.008, z), 0.01, 10))
-    wide, rows = float(rng.uniform(0.28, 0.34)), [rungs[-2]]
-    if rng.random() < 0.5:
+    wide, rows = draw.between(0.28, 0.34), [rungs[-2]]
+    if draw.chance(0.5):
         rows.append(rungs[len(rungs) // 3])
-    fronts = rng.uniform((0.36, 0.16), (0.5, 0.22))
+    fronts = draw.uniform((0.36, 0.16), (0.5, 0.22))
     if len(rows) == 2:  # the upper one ends above the lower one
         fronts[0] = min(float(fronts[0]), rows[0] - rows[1] - 0.09)
     for z, front, back in zip(rows, fronts, (0.2, 0.12), strict=False):
-        towel = hung(rng, wide, float(front), back, 0.018, 0.06)
-        x = float(rng.uniform(-0.02, 0.02))
+        towel = hung(hanging(draw), wide, float(front), back, 0.018, 0.06)
+        x = draw.between(-0.02, 0.02)
         with b.holding("towel", "towel"):
             b.add(style.towel, towel.moved(x, y - 0.008, z), name="towel")
     return b.piece()
 
 
-def washing_machine(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def washing_machine(draw: Draw, style: Style) -> FurniturePiece:
     """A front-loading washing machine."""
-    width, depth, height = 0.6, float(rng.uniform(0.54, 0.6)), float(rng.uniform(0.845, 0.855))
+    width, depth, height = 0.6, draw.between(0.54, 0.6), draw.between(0.845, 0.855)
     b = Builder("washing machine", "washing machine", "wall", front_clearance=0.7)
     f = -depth / 2
-    b.add(
-        WHITE_PAINT,
-        span((-width / 2, f + 0.01, 0.02), (width / 2, depth / 2, height), 0.008),
-        name="case",
-    )
-    b.add(
-        BLACK_PLASTIC,
-        span((-width / 2 + 0.03, f + 0.04, 0), (width / 2 - 0.03, depth / 2 - 0.03, 0.021)),
-        name="foot",
-    )
+    case = span((-width / 2, f + 0.01, 0.02), (width / 2, depth / 2, height), 0.008)
+    b.add(WHITE_PAINT, case, name="case")
+    foot = span((-width / 2 + 0.03, f + 0.04, 0), (width / 2 - 0.03, depth / 2 - 0.03, 0.021))
+    b.add(BLACK_PLASTIC, foot, name="foot")
     rim = [
-        (0.185, -0.002),
-        (0.185, 0.02),
-        (0.17, 0.034),
-        (0.145, 0.036),
-        (0.14, 0.02),
-        (0.14, 0.004),
-    ]
+        (0.185, -0.002), (0.185, 0.02), (0.17, 0.034), (0.145, 0.036), (0.14, 0.02), (0.14, 0.004),
+    ]  # fmt: skip
     at = (0.0, f + 0.01, 0.43)
-    b.add(
-        STEEL if rng.random() < 0.6 else BLACK_PLASTIC,
-        lathe(rim, 48).turned("x", 90).moved(*at),
-        name="door",
-    )
+    door = lathe(rim, 48).turned("x", 90).moved(*at)
+    b.add(STEEL if draw.chance(0.6) else BLACK_PLASTIC, door, name="door")
     lens = [(0.139, 0.006), (0.125, 0.02), (0.07, 0.008), (0.0, 0.006)]
-    b.add(
-        Material("plastic", hex_color("#15171a"), 0.06),
-        lathe(lens, 40).turned("x", 90).moved(*at),
-        name="window",
-    )
+    window = lathe(lens, 40).turned("x", 90).moved(*at)
+    b.add(Material("plastic", hex_color("#15171a"), 0.06), window, name="window")
     b.add(IRON, box((0.03, 0.03, 0.07), (0.162, f - 0.02, 0.395), 0.006), name="handle")
     b.add(
         WHITE_PLASTIC,
@@ -518,33 +458,22 @@ def washing_machine(rng: np.random.Generator, style: Style) -> FurniturePiece:
         span((0.1, f, height - 0.1), (0.26, f + 0.004, height - 0.045)),
         name="display",
     )
-    b.add(
-        STEEL,
-        lathe([(0.036, 0), (0.034, 0.02), (0.028, 0.024), (0, 0.024)], 28)
-        .turned("x", 90)
-        .moved(0, f + 0.003, height - 0.07),
-        name="dial",
-    )
-    b.add(
-        WHITE_PLASTIC,
-        span((-0.27, f, height - 0.11), (-0.08, f + 0.004, height - 0.03), 0.001),
-        name="drawer",
-    )
+    dial = lathe([(0.036, 0), (0.034, 0.02), (0.028, 0.024), (0, 0.024)], 28).turned("x", 90)
+    dial = dial.moved(0, f + 0.003, height - 0.07)
+    b.add(STEEL, dial, name="dial")
+    drawer = span((-0.27, f, height - 0.11), (-0.08, f + 0.004, height - 0.03), 0.001)
+    b.add(WHITE_PLASTIC, drawer, name="drawer")
     b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)
     return b.piece()
 
 
-def toiletries(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def toiletries(draw: Draw, style: Style) -> FurniturePiece:
     """A soap dispenser, a beaker with toothbrushes and a tube."""
     b = Builder("toiletries", "toiletries", "on_top")
-    glaze = style.accents[int(rng.integers(5))]
-    b.add(
-        glaze,
-        lathe([(0.03, 0), (0.032, 0.005), (0.032, 0.11), (0.012, 0.125), (0, 0.125)], 24).moved(
-            -0.045
-        ),
-        name="dispenser",
-    )
+    glaze = draw.pick(style.accents)
+    dispenser = lathe([(0.03, 0), (0.032, 0.005), (0.032, 0.11), (0.012, 0.125), (0, 0.125)], 24)
+    dispenser = dispenser.moved(-0.045)
+    b.add(glaze, dispenser, name="dispenser")
     b.add(
         CHROME,
         bar((-0.045, 0, 0.12), (-0.045, 0, 0.158), 0.004, 8),

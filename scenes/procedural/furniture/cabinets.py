@@ -5,10 +5,14 @@ Cabinets have their back at y = depth / 2; the outer faces of their fronts lie a
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from itertools import pairwise, zip_longest
+
 import numpy as np
 
 from pbrnet.scenes.procedural.furniture.build import Builder
 from pbrnet.scenes.procedural.furniture.geometry import (
+    CORNERS,
     BodyMesh,
     bar,
     box,
@@ -20,6 +24,7 @@ from pbrnet.scenes.procedural.furniture.geometry import (
 )
 from pbrnet.scenes.procedural.furniture.style import Style
 from pbrnet.scenes.procedural.piece import Material
+from pbrnet.scenes.seeds import Draw
 
 BOARD = 0.018  # metres
 FRONT = 0.019
@@ -37,18 +42,11 @@ def carcass(
         span((half - BOARD, front, z0), (half, rear, z1)),
         span((-half + BOARD, front + 0.001, z0 + 0.001), (half - BOARD, rear - 0.001, z0 + BOARD)),
     ]
+    inner = half - BOARD
     if top:
-        boards.append(
-            span(
-                (-half + BOARD, front + 0.001, z1 - BOARD), (half - BOARD, rear - 0.001, z1 - 0.001)
-            )
-        )
+        boards.append(span((-inner, front + 0.001, z1 - BOARD), (inner, rear - 0.001, z1 - 0.001)))
     if back:
-        boards.append(
-            span(
-                (-half + BOARD, rear - 0.012, z0 + BOARD), (half - BOARD, rear - 0.004, z1 - BOARD)
-            )
-        )
+        boards.append(span((-inner, rear - 0.012, z0 + BOARD), (inner, rear - 0.004, z1 - BOARD)))
     return boards
 
 
@@ -152,39 +150,52 @@ def add_drawer(
     at = {"x": (x0 + x1) / 2, "y": -depth / 2 + FRONT - pulled, "z": z0 + GAP / 2}
     b.add(material, *(mesh.moved(**at) for mesh in panel(width, height, style)), name="front")
     for offset in (-0.25, 0.25) if width > 0.85 else (0.0,):
-        b.add(
-            style.metal,
-            *(
-                mesh.moved(offset * width, -FRONT, height / 2).moved(**at)
-                for mesh in handle(style, False, width)
-            ),
-            name="handle",
-        )
+        for mesh in handle(style, False, width):
+            grip = mesh.moved(offset * width, -FRONT, height / 2).moved(**at)
+            b.add(style.metal, grip, name="handle")
     if pulled <= 0:
         return
     half, wall, length = width / 2 - 0.025, 0.012, depth - 0.1
     low, high = 0.02, max(0.05, height - 0.04)
-    b.add(
-        inside,
-        *(
-            mesh.moved(**at)
-            for mesh in (
-                span((-half, 0.001, low), (-half + wall, length, high)),
-                span((half - wall, 0.001, low), (half, length, high)),
-                span(
-                    (-half + wall, length - wall, low), (half - wall, length - 0.001, high - 0.002)
-                ),
-                span((-half + wall, 0.001, low + 0.002), (half - wall, length - wall, low + 0.01)),
-            )
-        ),
-        name="drawer",
+    walls = (
+        span((-half, 0.001, low), (-half + wall, length, high)),
+        span((half - wall, 0.001, low), (half, length, high)),
+        span((-half + wall, length - wall, low), (half - wall, length - 0.001, high - 0.002)),
+        span((-half + wall, 0.001, low + 0.002), (half - wall, length - wall, low + 0.01)),
     )
+    b.add(inside, *(mesh.moved(**at) for mesh in walls), name="drawer")
 
 
-def left_open(rng: np.random.Generator, style: Style, count: int) -> int:
+def add_drawers(
+    b: Builder,
+    style: Style,
+    material: Material,
+    inside: Material,
+    half: float,
+    zs: Iterable[float],
+    depth: float,
+    pulled: Sequence[float] = (),
+) -> None:
+    """Add drawers over [-half, half], one above another between the heights `zs`."""
+    for (z0, z1), out in zip_longest(pairwise(zs), pulled, fillvalue=0.0):
+        add_drawer(b, style, material, inside, -half, half, float(z0), float(z1), depth, out)
+
+
+def pulled_out(
+    draw: Draw, style: Style, count: int, low: float, high: float, closed: int = 0
+) -> tuple[float, ...]:
+    """Draw how far each of `count` drawers is pulled out, metres: one at most, by low to high.
+
+    `closed` more count in the draw and are never pulled out.
+    """
+    one = left_open(draw, style, count + closed)
+    return tuple(draw.between(low, high) if k == one else 0.0 for k in range(count))
+
+
+def left_open(draw: Draw, style: Style, count: int) -> int:
     """Return which of `count` doors or drawers was left open; `count` if none, as in tidy homes."""
-    one = int(rng.integers(count))
-    return one if rng.random() < 0.1 + 0.6 * style.disorder else count
+    one = draw.whole(count)
+    return one if draw.chance(0.1 + 0.6 * style.disorder) else count
 
 
 def feet(
@@ -198,23 +209,27 @@ def feet(
 ) -> list[BodyMesh]:
     """Return four legs from the floor to `height`, in the shape of the style."""
     meshes = []
-    for sx in (-1.0, 1.0):
-        for sy in (-1.0, 1.0):
-            x = sx * (width / 2 - inset - thickness / 2)
-            y = sy * (depth / 2 - inset - thickness / 2)
-            foot = (x + sx * splay, y + sy * splay, 0.0)
-            if style.legs == "square":
-                meshes.append(post([(x, y, 0), (x, y, height)], [(thickness, thickness)] * 2))
-            elif style.legs == "tapered":
-                sizes = [(0.55 * thickness, 0.55 * thickness), (thickness, thickness)]
-                meshes.append(post([foot, (x, y, height)], sizes))
-            elif style.legs == "round":
-                meshes.append(_round_leg((x, y, height), foot, 0.5 * thickness))
-            else:
-                bottom = cylinder(0.45 * thickness, 0, 0.006, 12).moved(x, y, 0)
-                stem = tube([(x, y, 0.004), (x, y, height)], 0.3 * thickness, 12)
-                meshes += [bottom, stem]
+    for sx, sy in CORNERS:
+        x = sx * (width / 2 - inset - thickness / 2)
+        y = sy * (depth / 2 - inset - thickness / 2)
+        foot = (x + sx * splay, y + sy * splay, 0.0)
+        if style.legs == "square":
+            meshes.append(post([(x, y, 0), (x, y, height)], [(thickness, thickness)] * 2))
+        elif style.legs == "tapered":
+            sizes = [(0.55 * thickness, 0.55 * thickness), (thickness, thickness)]
+            meshes.append(post([foot, (x, y, height)], sizes))
+        elif style.legs == "round":
+            meshes.append(_round_leg((x, y, height), foot, 0.5 * thickness))
+        else:
+            bottom = cylinder(0.45 * thickness, 0, 0.006, 12).moved(x, y, 0)
+            stem = tube([(x, y, 0.004), (x, y, height)], 0.3 * thickness, 12)
+            meshes += [bottom, stem]
     return meshes
+
+
+def add_feet(b: Builder, style: Style, wooden: Material, *sizes: float, **more: float) -> None:
+    """Add the four legs of `feet`, of metal if the style has metal legs, else of wood."""
+    b.add(leg_material(style, wooden), *feet(style, *sizes, **more))
 
 
 def _round_leg(top: tuple[float, float, float], foot: tuple[float, ...], radius: float) -> BodyMesh:

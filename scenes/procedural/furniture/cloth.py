@@ -423,13 +423,8 @@ def settle(
 def normals(place: Float64Array) -> Float64Array:
     """Unit normals of a sheet, d/di x d/dj, in the shape of `place`."""
     a, b = _differences(place, -2), _differences(place, -1)
-    cross = np.stack(
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    )
+    rings = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    cross = np.stack(rings)
     long = np.sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2])
     return np.asarray(cross / np.maximum(long, 1e-12))
 
@@ -513,7 +508,7 @@ def plump(shape: int, aspect: int, dented: bool = False) -> Float64Array:
     Two sheets sewn at their rims, blown up between two plates, of thickness 1; wrinkles run in from
     the seams. `dented`: by a head.
     """
-    rng = generator(shape, "cushion", aspect, dented)
+    draw = generator(shape, "cushion", aspect, dented)
     n, m = 21, 2 * int(10 * aspect / 100) + 1
     step = (2.0 / (n - 1), 2.0 * aspect / 100 / (m - 1))
     x, y = np.meshgrid(
@@ -521,14 +516,14 @@ def plump(shape: int, aspect: int, dented: bool = False) -> Float64Array:
         (np.arange(m) - (m - 1) / 2) * step[1],
         indexing="ij",
     )
-    swell = 0.02 * (1 - np.abs(x)) + 0.01 * rng.standard_normal((2, n, m))
+    swell = 0.02 * (1 - np.abs(x)) + 0.01 * draw.standard_normal((2, n, m))
     place = started((x[None], y[None], swell * np.array([1.0, -1.0])[:, None, None]))
     _join_rims(place)
     thick = 0.5  # of half extents; scaled to 1 below
     bodies = [plane(2, -0.5 * thick), plane(2, 0.5 * thick, -1.0)]
     if dented:
         for deep in (0.0, 0.12):
-            at = rng.uniform(-0.35, 0.35, 2) * (1, aspect / 100)
+            at = draw.uniform(-0.35, 0.35, 2) * (1, aspect / 100)
             bodies.append(_ball(float(at[0]), float(at[1]), 0.58 + deep, 0.5))
     weave = Weave(1.0, 0.15, 0.02)
     place = settle(place, step, bodies, 100, weave, friction=0.15, pressure=0.003)

@@ -8,7 +8,7 @@ import numpy as np
 
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.drapes import hooked
+from pbrnet.scenes.procedural.furniture.drapes import hooked, pleats
 from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
@@ -23,7 +23,12 @@ from pbrnet.scenes.procedural.furniture.geometry import (
     sphere,
     tube,
 )
-from pbrnet.scenes.procedural.furniture.storage import add_basket, add_stack, add_vase
+from pbrnet.scenes.procedural.furniture.storage import (
+    LyingBook,
+    VaseBody,
+    add_basket,
+    add_stack,
+)
 from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
     CERAMIC,
@@ -41,6 +46,7 @@ from pbrnet.scenes.procedural.furniture.style import (
     hex_color,
 )
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material, PiecePart
+from pbrnet.scenes.seeds import Draw
 
 LABEL = Material("paper", hex_color("#e9e1cc"), 0.8)
 LEAVES = ("#4f7a3a", "#3c6a3a", "#5f8a4a", "#2f5a3a", "#74935a", "#4a6b3f")
@@ -66,28 +72,22 @@ def _leaf(length: float, width: float, droop: float, rows: int = 7) -> BodyMesh:
     return grid(points)
 
 
-def _add_pot(
-    b: Builder, rng: np.random.Generator, style: Style, radius: float, height: float
-) -> None:
+def _add_pot(b: Builder, draw: Draw, style: Style, radius: float, height: float) -> None:
     """Add a pot with soil."""
     wall = 0.08 * radius
-    kind = rng.random()
+    kind = draw.random()
     if kind < 0.25:
         add_basket(b, 0, 0, 0, (radius, radius), height, 2.0)
         b.add(SOIL, cylinder(radius - 0.028, 0.5 * height, 0.82 * height, 28), name="soil")
         return
-    material = TERRACOTTA if kind < 0.5 else style.accents[int(rng.integers(len(style.accents)))]
+    material = TERRACOTTA if kind < 0.5 else draw.pick(style.accents)
     if kind > 0.8:
         material = CERAMIC
-    foot = float(rng.uniform(0.65, 0.9)) * radius
+    foot = draw.between(0.65, 0.9) * radius
     profile = [
-        (foot, 0.0),
-        (radius - 0.06 * radius, 0.86 * height),
-        (radius, 0.87 * height),
-        (radius, height),
-        (radius - wall, height),
-        (radius - 1.6 * wall, 0.7 * height),
-    ]
+        (foot, 0.0), (radius - 0.06 * radius, 0.86 * height), (radius, 0.87 * height),
+        (radius, height), (radius - wall, height), (radius - 1.6 * wall, 0.7 * height),
+    ]  # fmt: skip
     b.add(material, lathe(profile, 28), name="pot")
     b.add(
         SOIL,
@@ -103,23 +103,21 @@ def _add_pot(
     )
 
 
-def plant(rng: np.random.Generator, style: Style, height: float | None = None) -> FurniturePiece:
+def plant(draw: Draw, style: Style, height: float | None = None) -> FurniturePiece:
     """A tall pot plant: broad leaves on stalks, a palm's fronds, or sword leaves."""
-    height = float(rng.uniform(0.8, 1.5)) if height is None else height
+    height = draw.between(0.8, 1.5) if height is None else height
     b = Builder("plant", "plant", "corner")
-    _foliage(b, rng, style, height, float(rng.uniform(0.14, 0.18)), float(rng.uniform(0.26, 0.34)))
+    _foliage(b, draw, style, height, draw.between(0.14, 0.18), draw.between(0.26, 0.34))
     return b.piece()
 
 
-def small_plant(
-    rng: np.random.Generator, style: Style, species: int | None = None
-) -> FurniturePiece:
+def small_plant(draw: Draw, style: Style, species: int | None = None) -> FurniturePiece:
     """A pot plant for tables and sills, of a species of `SPECIES`."""
-    species = int(rng.integers(len(SPECIES))) if species is None else species
+    species = draw.whole(len(SPECIES)) if species is None else species
     b = Builder(SPECIES[species], "plant", "on_top")
     kind = _PLANTS[species]
-    height, radius = float(rng.uniform(0.22, 0.4)), float(rng.uniform(0.05, 0.07))
-    _foliage(b, rng, style, height, radius, float(rng.uniform(0.08, 0.12)), kind)
+    height, radius = draw.between(0.22, 0.4), draw.between(0.05, 0.07)
+    _foliage(b, draw, style, height, radius, draw.between(0.08, 0.12), kind)
     return b.piece()
 
 
@@ -129,74 +127,71 @@ SPECIES = ("rubber plant", "palm", "aloe", "cactus", "herbs")  # of small plants
 
 def _foliage(
     b: Builder,
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     height: float,
     radius: float,
     pot: float,
     kind: str = "",
 ) -> None:
-    _add_pot(b, rng, style, radius, pot)
-    green = hex_color(LEAVES[int(rng.integers(len(LEAVES)))])
+    _add_pot(b, draw, style, radius, pot)
+    green = hex_color(draw.pick(LEAVES))
     pale = (min(1.0, green[0] * 1.35), min(1.0, green[1] * 1.3), min(1.0, green[2] * 1.2))
     leaves = tuple(
-        Material("leaf", color, 0.45, accent=pale, variant=int(rng.integers(1 << 30)))
+        Material("leaf", color, 0.45, accent=pale, variant=draw.variant())
         for color in (green, pale)
     )
     stalk = Material("leaf", (green[0] * 1.1, green[1] * 0.9, green[2] * 0.8), 0.6)
     base = 0.84 * pot
     rise = height - base
-    kind = kind or _PLANTS[int(rng.integers(3))]
+    kind = kind or draw.pick(_PLANTS[:3])
 
     def branch(turn: float, extent: float, top: float) -> np.ndarray:
         t = np.linspace(0, 1, 6)
         out = extent * t**1.7
-        return np.stack(
-            [
-                out * np.cos(turn),
-                out * np.sin(turn),
-                base + (top - base) * np.sin(0.5 * np.pi * t) ** 0.9,
-            ],
-            axis=1,
-        )
+        rings = [
+            out * np.cos(turn), out * np.sin(turn),
+            base + (top - base) * np.sin(0.5 * np.pi * t) ** 0.9,
+        ]  # fmt: skip
+        return np.stack(rings, axis=1)
 
     if kind == "cactus":
-        _add_cactus(b, rng, leaves[0], 0.6 * radius, base, rise)
+        _add_cactus(b, draw, leaves[0], 0.6 * radius, base, rise)
     elif kind == "herbs":
-        for k in range(int(rng.integers(26, 40))):
-            turn, out = k * 2.4, 0.75 * radius * float(np.sqrt(rng.random()))
-            tall = rise * float(rng.uniform(0.45, 1.0))
+        for k in range(draw.whole(26, 40)):
+            turn, out = k * 2.4, 0.75 * radius * float(np.sqrt(draw.random()))
+            tall = rise * draw.between(0.45, 1.0)
             foot = (out * float(np.cos(turn)), out * float(np.sin(turn)), base)
             tip = (1.7 * foot[0], 1.7 * foot[1], base + tall)
             b.add(stalk, bar(foot, tip, 0.0013, 8), name="stalks")
             for share in (0.45, 0.7, 0.92):
-                leaf = _leaf(float(rng.uniform(0.018, 0.032)), 0.02, 0.8, rows=4)
+                leaf = _leaf(draw.between(0.018, 0.032), 0.02, 0.8, rows=4)
                 at = np.array(foot) + share * (np.array(tip) - np.array(foot))
-                leaf = leaf.turned("y", -20.0).turned("z", float(rng.uniform(0, 360)))
-                b.add(leaves[int(rng.integers(2))], leaf.moved(*at), name="leaves")
+                leaf = leaf.turned("y", -20.0).turned("z", draw.between(0, 360))
+                b.add(draw.pick(leaves), leaf.moved(*at), name="leaves")
     elif kind == "broad":
-        for k in range(int(rng.integers(14, 22))):
-            turn = k * 2.4 + float(rng.uniform(-0.3, 0.3))
-            share = float(rng.uniform(0.35, 1.0))
-            extent = 0.33 * rise * float(rng.uniform(0.4, 1.0)) * (1.25 - 0.6 * share)
+        for k in range(draw.whole(14, 22)):
+            turn = k * 2.4 + draw.between(-0.3, 0.3)
+            share = draw.between(0.35, 1.0)
+            extent = 0.33 * rise * draw.between(0.4, 1.0) * (1.25 - 0.6 * share)
             path = branch(turn, extent, base + 0.92 * rise * share)
             b.add(stalk, tube(path, np.linspace(0.013, 0.005, 6) * rise, 8), name="stalks")
-            length = float(rng.uniform(0.24, 0.34)) * rise
-            leaf = _leaf(length, 0.62 * length, float(rng.uniform(0.7, 1.5)))
-            tilt = float(rng.uniform(-35, 10))
+            length = draw.between(0.24, 0.34) * rise
+            leaf = _leaf(length, 0.62 * length, draw.between(0.7, 1.5))
+            tilt = draw.between(-35, 10)
             b.add(
-                leaves[int(rng.integers(2))],
-                leaf.turned("x", float(rng.uniform(-18, 18)))
+                draw.pick(leaves),
+                leaf.turned("x", draw.between(-18, 18))
                 .turned("y", tilt)
                 .turned("z", np.degrees(turn))
                 .moved(*path[-1]),
                 name="leaves",
             )
     elif kind == "palm":
-        for k in range(int(rng.integers(8, 12))):
-            turn = k * 2.4 + float(rng.uniform(-0.3, 0.3))
-            extent = 0.45 * rise * float(rng.uniform(0.45, 1.0))
-            path = branch(turn, extent, base + rise * float(rng.uniform(0.6, 0.93)))
+        for k in range(draw.whole(8, 12)):
+            turn = k * 2.4 + draw.between(-0.3, 0.3)
+            extent = 0.45 * rise * draw.between(0.45, 1.0)
+            path = branch(turn, extent, base + rise * draw.between(0.6, 0.93))
             b.add(stalk, tube(path, np.linspace(0.009, 0.003, 6) * rise, 8), name="stalks")
             fine = np.linspace(0.35, 1.0, 11)
             at = np.stack([np.interp(fine, np.linspace(0, 1, 6), path[:, c]) for c in range(3)], 1)
@@ -204,22 +199,22 @@ def _foliage(
                 length = 0.26 * rise * float(np.sin(np.pi * (0.25 + 0.68 * j / 10))) + 0.02
                 for side in (-1, 1):
                     blade = _leaf(length, 0.13 * length, 0.8, rows=5)
-                    spread = side * float(rng.uniform(42, 62)) * (1 - 0.04 * j)
+                    spread = side * draw.between(42, 62) * (1 - 0.04 * j)
                     b.add(
-                        leaves[int(rng.integers(2))],
+                        draw.pick(leaves),
                         blade.turned("y", -12).turned("z", np.degrees(turn) + spread).moved(*point),
                         name="leaves",
                     )
     else:
-        for k in range(int(rng.integers(12, 18))):
-            turn = k * 2.4 + float(rng.uniform(-0.3, 0.3))
-            length = rise * float(rng.uniform(0.55, 1.0))
-            blade = _leaf(length, max(0.1 * rise, 0.012), float(rng.uniform(0.02, 0.25)), rows=9)
-            lean = float(rng.uniform(68, 86))
-            near = 0.45 * radius * float(rng.uniform(0.1, 1.0))
+        for k in range(draw.whole(12, 18)):
+            turn = k * 2.4 + draw.between(-0.3, 0.3)
+            length = rise * draw.between(0.55, 1.0)
+            blade = _leaf(length, max(0.1 * rise, 0.012), draw.between(0.02, 0.25), rows=9)
+            lean = draw.between(68, 86)
+            near = 0.45 * radius * draw.between(0.1, 1.0)
             b.add(
-                leaves[int(rng.integers(2))],
-                blade.turned("x", float(rng.uniform(-60, 60)))
+                draw.pick(leaves),
+                blade.turned("x", draw.between(-60, 60))
                 .turned("y", -lean)
                 .turned("z", np.degrees(turn))
                 .moved(near * float(np.cos(turn)), near * float(np.sin(turn)), base),
@@ -228,14 +223,14 @@ def _foliage(
 
 
 def _add_cactus(
-    b: Builder, rng: np.random.Generator, skin: Material, radius: float, base: float, rise: float
+    b: Builder, draw: Draw, skin: Material, radius: float, base: float, rise: float
 ) -> None:
     """Add one to three ribbed columns of a cactus that stand at z = base, `rise` metres high."""
     angle = 2 * np.pi * np.arange(48) / 48
-    count = int(rng.integers(1, 4))
+    count = draw.whole(1, 4)
     for k in range(count):
-        size = radius * float(rng.uniform(0.45, 0.6)) if count > 1 else radius
-        tall = rise * float(rng.uniform(0.6, 0.95))
+        size = radius * draw.between(0.45, 0.6) if count > 1 else radius
+        tall = rise * draw.between(0.6, 0.95)
         x, y = (0.55 * radius * f(2.1 * k) if count > 1 else 0.0 for f in (np.cos, np.sin))
         ribs = 1 + 0.1 * np.cos(12 * angle)
         rings = []
@@ -245,54 +240,49 @@ def _add_cactus(
         b.add(skin, loft(np.stack(rings)), name="columns")
 
 
-def vase(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def vase(draw: Draw, style: Style) -> FurniturePiece:
     """A vase, sometimes with twigs."""
     b = Builder("vase", "vase", "on_top")
-    height = float(rng.uniform(0.16, 0.34))
-    add_vase(b, rng, style.accents[int(rng.integers(len(style.accents)))], 0, 0, 0, height)
-    if rng.random() < 0.6:
+    height = draw.between(0.16, 0.34)
+    glaze = draw.pick(style.accents)
+    b.add(glaze, VaseBody.draw(draw, style, height=height).mesh(), name="vase")
+    if draw.chance(0.6):
         b.name = "vase with twigs"
         twig = Material("wood", hex_color("#6a4c34"), 0.8)
-        bloom = style.cushions[int(rng.integers(len(style.cushions)))]
-        for k in range(int(rng.integers(5, 9))):
+        bloom = draw.pick(style.cushions)
+        for k in range(draw.whole(5, 9)):
             turn = k * 2.4
-            extent, top = float(rng.uniform(0.05, 0.14)), height + float(rng.uniform(0.14, 0.3))
+            extent, top = draw.between(0.05, 0.14), height + draw.between(0.14, 0.3)
             t = np.linspace(0, 1, 5)
-            path = np.stack(
-                [
-                    extent * t**1.5 * np.cos(turn),
-                    extent * t**1.5 * np.sin(turn),
-                    0.72 * height + (top - 0.72 * height) * t,
-                ],
-                1,
-            )
+            rings = [
+                extent * t**1.5 * np.cos(turn), extent * t**1.5 * np.sin(turn),
+                0.72 * height + (top - 0.72 * height) * t,
+            ]  # fmt: skip
+            path = np.stack(rings, 1)
             b.add(twig, tube(path, np.linspace(0.0026, 0.0014, 5), 8), name="twigs")
             for share in (0.7, 0.85, 1.0):
                 at = [float(np.interp(share, t, path[:, c])) for c in range(3)]
-                size = float(rng.uniform(0.011, 0.019))
+                size = draw.between(0.011, 0.019)
                 b.add(bloom, sphere(size, 10, 6).moved(*at), name="blossoms")
     return b.piece()
 
 
 def picture(
-    rng: np.random.Generator, style: Style, width: float | None = None, height: float | None = None
+    draw: Draw, style: Style, width: float | None = None, height: float | None = None
 ) -> FurniturePiece:
     """A framed picture behind a mount; the origin is its centre."""
-    width = float(rng.uniform(0.35, 1.0)) if width is None else width
-    height = width * float(rng.choice([0.7, 0.75, 1.3, 1.0])) if height is None else height
+    width = draw.between(0.35, 1.0) if width is None else width
+    height = width * draw.pick((0.7, 0.75, 1.3, 1.0)) if height is None else height
     height = min(height, 1.1)
-    b = Builder("picture", "picture", "on_wall", mount_height=float(rng.uniform(1.45, 1.6)))
-    frame = float(rng.uniform(0.018, 0.04))
-    wood = style.dark_wood if rng.random() < 0.5 else style.wood
+    b = Builder("picture", "picture", "on_wall", mount_height=draw.between(1.45, 1.6))
+    frame = draw.between(0.018, 0.04)
+    wood = style.dark_wood if draw.chance(0.5) else style.wood
     _add_frame(b, wood, width, height, frame, 0.028)
     w, h = width / 2 - frame, height / 2 - frame
-    b.add(
-        WHITE_PAINT,
-        span((-w - 0.004, -0.016, -h - 0.004), (w + 0.004, -0.006, h + 0.004)),
-        name="mount",
-    )
-    margin = float(rng.uniform(0.08, 0.2)) * min(width, height)
-    b.add(style.picture(rng), _picture_plane(w - margin, h - margin, -0.0175), name="picture")
+    mount = span((-w - 0.004, -0.016, -h - 0.004), (w + 0.004, -0.006, h + 0.004))
+    b.add(WHITE_PAINT, mount, name="mount")
+    margin = draw.between(0.08, 0.2) * min(width, height)
+    b.add(style.picture(draw), _picture_plane(w - margin, h - margin, -0.0175), name="picture")
     return b.piece()
 
 
@@ -312,7 +302,7 @@ def display(w: float, h: float) -> BodyMesh:
 
 def with_display(
     piece: FurniturePiece,
-    rng: np.random.Generator,
+    draw: Draw,
     shown: BodyMesh,
     luminance: float,
     is_film: bool = False,
@@ -331,7 +321,7 @@ def with_display(
         SCREEN,
         lumens=round(np.pi * luminance * area, 1),
         kelvin=6500.0,
-        picture=2 * int(rng.integers(1 << 30)) + (not is_film),
+        picture=2 * draw.variant() + (not is_film),
     )
     return replace(piece, parts=(*piece.parts, part))
 
@@ -361,13 +351,13 @@ def _add_frame(
 
 
 def wall_mirror(
-    rng: np.random.Generator, style: Style, width: float | None = None, height: float | None = None
+    draw: Draw, style: Style, width: float | None = None, height: float | None = None
 ) -> FurniturePiece:
     """A mirror in a frame, rectangular or round; the origin is its centre."""
-    b = Builder("wall mirror", "mirror", "on_wall", mount_height=float(rng.uniform(1.45, 1.55)))
-    round_one = width is None and height is None and rng.random() < 0.4
-    width = float(rng.uniform(0.45, 0.75)) if width is None else width
-    height = width * float(rng.uniform(1.1, 1.7)) if height is None else height
+    b = Builder("wall mirror", "mirror", "on_wall", mount_height=draw.between(1.45, 1.55))
+    round_one = width is None and height is None and draw.chance(0.4)
+    width = draw.between(0.45, 0.75) if width is None else width
+    height = width * draw.between(1.1, 1.7) if height is None else height
     if round_one:
         radius = width / 2
         angle = 2 * np.pi * np.arange(48) / 48
@@ -378,7 +368,7 @@ def wall_mirror(
         b.add(style.metal, tube(ring, 0.0139, 10, closed=True).turned("x", 90), name="frame")
         b.add(MIRROR, cylinder(radius - 0.012, 0.0, 0.012, 48).turned("x", 90))
         return b.piece()
-    material = style.wood if rng.random() < 0.6 else style.metal
+    material = style.wood if draw.chance(0.6) else style.metal
     _add_frame(b, material, width, height, 0.03, 0.026)
     b.add(
         MIRROR,
@@ -390,9 +380,9 @@ def wall_mirror(
     return b.piece()
 
 
-def floor_mirror(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def floor_mirror(draw: Draw, style: Style) -> FurniturePiece:
     """A tall mirror that leans against the wall."""
-    width, height = float(rng.uniform(0.5, 0.7)), float(rng.uniform(1.55, 1.8))
+    width, height = draw.between(0.5, 0.7), draw.between(1.55, 1.8)
     flat = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
     _add_frame(flat, style.wood, width, height, 0.04, 0.03)
     flat.add(
@@ -402,7 +392,7 @@ def floor_mirror(rng: np.random.Generator, style: Style) -> FurniturePiece:
             (width / 2 - 0.038, -0.004, height / 2 - 0.038),
         ),
     )
-    lean = -float(rng.uniform(5, 8))
+    lean = -draw.between(5, 8)
     b = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
     b.add_from(flat.turned("x", lean))
     low = b.piece().bounds
@@ -412,19 +402,14 @@ def floor_mirror(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return stood.piece()
 
 
-def television(
-    rng: np.random.Generator, style: Style, width: float | None = None
-) -> FurniturePiece:
+def television(draw: Draw, style: Style, width: float | None = None) -> FurniturePiece:
     """A flat television on its feet."""
-    width = float(rng.uniform(0.9, 1.3)) if width is None else width
+    width = draw.between(0.9, 1.3) if width is None else width
     b = Builder("television", "television", "on_top")
     height = width * 0.575
     z = 0.07
-    b.add(
-        BLACK_PLASTIC,
-        span((-width / 2, -0.012, z), (width / 2, 0.014, z + height), 0.003),
-        name="case",
-    )
+    case = span((-width / 2, -0.012, z), (width / 2, 0.014, z + height), 0.003)
+    b.add(BLACK_PLASTIC, case, name="case")
     b.add(
         BLACK_PLASTIC,
         rounded_box((0.7 * width, 0.05, 0.5 * height), (0, 0.03, z + 0.1 * height), 0.015, inner=1),
@@ -441,44 +426,32 @@ def television(
     for side in (-1, 1):
         x = side * 0.32 * width
         for sy in (-1, 1):
-            b.add(
-                BLACK_PLASTIC,
-                bar((x, 0, z + 0.01), (x + side * 0.02, sy * 0.12, 0.0075), 0.007, 8),
-                name="feet",
-            )
-            b.add(
-                BLACK_PLASTIC,
-                cylinder(0.008, 0, 0.008, 10).moved(x + side * 0.02, sy * 0.12),
-                name="feet",
-            )
+            feet = bar((x, 0, z + 0.01), (x + side * 0.02, sy * 0.12, 0.0075), 0.007, 8)
+            b.add(BLACK_PLASTIC, feet, name="feet")
+            feet = cylinder(0.008, 0, 0.008, 10).moved(x + side * 0.02, sy * 0.12)
+            b.add(BLACK_PLASTIC, feet, name="feet")
     w, h, middle = width / 2 - 0.012, height / 2 - 0.0165, z + height / 2 + 0.0045
-    luminance = float(rng.uniform(20, 60))  # mean of the picture, candelas a square metre
-    return with_display(b.piece(), rng, display(w, h).moved(0, -0.0138, middle), luminance, True)
+    luminance = draw.between(20, 60)  # mean of the picture, candelas a square metre
+    return with_display(b.piece(), draw, display(w, h).moved(0, -0.0138, middle), luminance, True)
 
 
-def monitor(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def monitor(draw: Draw, style: Style) -> FurniturePiece:
     """A computer monitor with keyboard and mouse in front."""
-    width = float(rng.uniform(0.52, 0.64))
+    width = draw.between(0.52, 0.64)
     height = 0.585 * width
     b = Builder("computer monitor", "monitor", "on_top")
-    y, z = 0.13, float(rng.uniform(0.09, 0.14))
-    b.add(
-        BLACK_PLASTIC,
-        span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003),
-        name="case",
-    )
+    y, z = 0.13, draw.between(0.09, 0.14)
+    case = span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003)
+    b.add(BLACK_PLASTIC, case, name="case")
     w, h, middle = width / 2 - 0.008, height / 2 - 0.011, z + height / 2 + 0.003
     dark = span((-w, y - 0.0135, middle - h), (w, y - 0.0115, middle + h))
     b.add(SCREEN, dark, name="screen")
     b.add(BLACK_PLASTIC, box((0.05, 0.02, z + 0.14), (0, y + 0.025, 0.006)), name="stand")
     b.add(BLACK_PLASTIC, box((0.24, 0.19, 0.01), (0, y + 0.02, 0), 0.003), name="stand")
-    keys = Material("plastic", hex_color("#d9d8d4" if rng.random() < 0.5 else "#2a2b2e"), 0.5)
+    keys = Material("plastic", hex_color("#d9d8d4" if draw.chance(0.5) else "#2a2b2e"), 0.5)
     with b.holding("keyboard", "electronics"):
-        b.add(
-            STEEL if rng.random() < 0.5 else BLACK_PLASTIC,
-            box((0.43, 0.125, 0.01), (-0.03, -0.11, 0.002), 0.003),
-            name="keyboard",
-        )
+        keyboard = box((0.43, 0.125, 0.01), (-0.03, -0.11, 0.002), 0.003)
+        b.add(STEEL if draw.chance(0.5) else BLACK_PLASTIC, keyboard, name="keyboard")
         b.add(BLACK_PLASTIC, box((0.4, 0.1, 0.0035), (-0.03, -0.11, 0)), name="keyboard")
         for row in range(5):
             x = -0.235
@@ -495,15 +468,15 @@ def monitor(rng: np.random.Generator, style: Style) -> FurniturePiece:
         b.add(BLACK_PLASTIC, mouse.moved(z=0.003), name="mouse")
         b.add(BLACK_PLASTIC, box((0.04, 0.07, 0.005), (0.25, -0.11, 0)), name="mouse")
     shown = display(w - 0.002, h - 0.002).moved(0, y - 0.0138, middle)
-    return with_display(b.piece(), rng, shown, float(rng.uniform(40, 100)))
+    return with_display(b.piece(), draw, shown, draw.between(40, 100))
 
 
-def laptop(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def laptop(draw: Draw, style: Style) -> FurniturePiece:
     """An open laptop."""
-    width = float(rng.uniform(0.3, 0.36))
+    width = draw.between(0.3, 0.36)
     depth = 0.68 * width
     b = Builder("laptop", "laptop", "on_top")
-    case = STEEL if rng.random() < 0.6 else BLACK_PLASTIC
+    case = STEEL if draw.chance(0.6) else BLACK_PLASTIC
     b.add(case, box((width, depth, 0.014), (0, 0, 0.001), 0.003), name="case")
     b.add(BLACK_PLASTIC, box((width - 0.04, depth - 0.04, 0.002), (0, 0, 0)), name="feet")
     pitch = (width - 0.05) / 13
@@ -517,61 +490,50 @@ def laptop(rng: np.random.Generator, style: Style) -> FurniturePiece:
                 size = (pitch - 0.003, pitch - 0.004, 0.002)
             at = ((k - 6) * pitch, -0.005 + row * pitch * 0.98 - 0.02, 0.0148)
             b.add(BLACK_PLASTIC, box(size, at), name="keys")
-    b.add(
-        BLACK_PLASTIC,
-        box((0.34 * width, 0.27 * depth, 0.0008), (0, -depth / 2 + 0.18 * depth, 0.0147)),
-        name="touchpad",
-    )
+    touchpad = box((0.34 * width, 0.27 * depth, 0.0008), (0, -depth / 2 + 0.18 * depth, 0.0147))
+    b.add(BLACK_PLASTIC, touchpad, name="touchpad")
     lid = Builder("", "", "free")
     lid.add(case, span((-width / 2, 0, 0), (width / 2, 0.006, depth), 0.002), name="case")
     w, h, middle = width / 2 - 0.008, depth / 2 - 0.011, depth / 2 + 0.002
     lid.add(SCREEN, span((-w, -0.0012, middle - h), (w, 0, middle + h)), name="screen")
-    lean, y = -float(rng.uniform(10, 28)), depth / 2 - 0.006
+    lean, y = -draw.between(10, 28), depth / 2 - 0.006
     b.add_from(lid.turned("x", lean), y=y, z=0.012)
     shown = display(w - 0.002, h - 0.002).moved(0, -0.0015, middle)
     shown = shown.turned("x", lean).moved(0, y, 0.012)
-    return with_display(b.piece(), rng, shown, float(rng.uniform(40, 100)))
+    return with_display(b.piece(), draw, shown, draw.between(40, 100))
 
 
-def books_stack(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def books_stack(draw: Draw, style: Style) -> FurniturePiece:
     """A stack of three to six books."""
     b = Builder("stack of books", "books", "on_top")
     held = Builder("", "", "free")
-    add_stack(held, rng, style, 0, 0, 0, int(rng.integers(3, 7)), float(rng.uniform(-20, 20)))
+    count, turn = draw.whole(3, 7), draw.between(-20, 20)
+    add_stack(held, [LyingBook.draw(draw, style) for _ in range(count)], 0, 0, 0, turn)
     return replace(b.piece(), parts=tuple(replace(part, own=None) for part in held.piece().parts))
 
 
-def fruit_bowl(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def fruit_bowl(draw: Draw, style: Style) -> FurniturePiece:
     """A bowl with five to seven fruits."""
     b = Builder("fruit bowl", "bowl", "on_top")
-    radius, height = float(rng.uniform(0.12, 0.16)), float(rng.uniform(0.06, 0.09))
-    b.add(
-        style.wood if rng.random() < 0.4 else style.accents[int(rng.integers(5))],
-        _bowl(radius, height),
-        name="bowl",
-    )
+    radius, height = draw.between(0.12, 0.16), draw.between(0.06, 0.09)
+    bowl = _bowl(radius, height)
+    b.add(style.wood if draw.chance(0.4) else draw.pick(style.accents), bowl, name="bowl")
     colors = ("#b8322a", "#d98a2b", "#8aa83a", "#d9c23a", "#c24a2a")
-    count = int(rng.integers(5, 8))
+    count = draw.whole(5, 8)
     for k in range(count):
-        size = float(rng.uniform(0.033, 0.04))
+        size = draw.between(0.033, 0.04)
         ring = 0.0 if k == count - 1 else 0.52 * radius
         turn = 2 * np.pi * k / max(count - 1, 1)
         z = 0.45 * height + size + (0.045 if ring == 0 else 0.0)
-        fruit = Material("plastic", hex_color(colors[int(rng.integers(len(colors)))]), 0.4)
+        fruit = Material("plastic", hex_color(draw.pick(colors)), 0.4)
         apple = [
-            (0.0, -0.82),
-            (0.3, -0.9),
-            (0.7, -0.68),
-            (1.0, -0.05),
-            (0.93, 0.42),
-            (0.6, 0.8),
-            (0.22, 0.82),
-            (0.0, 0.62),
-        ]
+            (0.0, -0.82), (0.3, -0.9), (0.7, -0.68), (1.0, -0.05), (0.93, 0.42), (0.6, 0.8),
+            (0.22, 0.82), (0.0, 0.62),
+        ]  # fmt: skip
         body = lathe([(size * r, size * h) for r, h in apple], 18)
         b.add(
             fruit,
-            body.turned("x", float(rng.uniform(-40, 40))).moved(
+            body.turned("x", draw.between(-40, 40)).moved(
                 ring * float(np.cos(turn)), ring * float(np.sin(turn)), z
             ),
             name="fruit",
@@ -586,25 +548,21 @@ def _bowl(radius: float, height: float) -> BodyMesh:
     return lathe([*outer, *inner[:-1], (inner[-1][0] - 0.004, 0.008)], 32)
 
 
-def crockery(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def crockery(draw: Draw, style: Style) -> FurniturePiece:
     """A pile of plates and two or three cups."""
     b = Builder("crockery", "crockery", "on_top")
-    glaze = CERAMIC if rng.random() < 0.6 else style.accents[int(rng.integers(5))]
-    for k in range(int(rng.integers(2, 6))):
+    glaze = CERAMIC if draw.chance(0.6) else draw.pick(style.accents)
+    for k in range(draw.whole(2, 6)):
         plate = [
-            (0.075, 0.0),
-            (0.085, 0.004),
-            (0.127, 0.018),
-            (0.128, 0.021),
-            (0.084, 0.008),
+            (0.075, 0.0), (0.085, 0.004), (0.127, 0.018), (0.128, 0.021), (0.084, 0.008),
             (0.0, 0.007),
-        ]
+        ]  # fmt: skip
         b.add(glaze, lathe(plate, 36).moved(x=-0.07, z=0.0075 * k), name="plates")
-    for k in range(int(rng.integers(2, 4))):
+    for k in range(draw.whole(2, 4)):
         with b.holding("cup", "crockery"):
             b.add(
-                style.accents[int(rng.integers(5))] if rng.random() < 0.4 else glaze,
-                _cup().turned("z", float(rng.uniform(0, 360))).moved(0.13, (k - 0.8) * 0.135, 0),
+                draw.pick(style.accents) if draw.chance(0.4) else glaze,
+                _cup().turned("z", draw.between(0, 360)).moved(0.13, (k - 0.8) * 0.135, 0),
                 name="cups",
             )
     return b.piece()
@@ -612,19 +570,14 @@ def crockery(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 def _cup() -> BodyMesh:
     profile = [
-        (0.03, 0.0),
-        (0.038, 0.012),
-        (0.042, 0.09),
-        (0.0385, 0.09),
-        (0.034, 0.014),
-        (0.0, 0.01),
-    ]
+        (0.03, 0.0), (0.038, 0.012), (0.042, 0.09), (0.0385, 0.09), (0.034, 0.014), (0.0, 0.01),
+    ]  # fmt: skip
     t = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)
     ear = np.stack([0.039 + 0.026 * np.cos(t), 0 * t, 0.047 + 0.027 * np.sin(t)], axis=1)
     return merge([lathe(profile, 24), tube(ear, 0.0045, 8)])
 
 
-def candle(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def candle(draw: Draw, style: Style) -> FurniturePiece:
     """Candles of three heights on a tray."""
     b = Builder("candles", "candle", "on_top")
     tray = [(0.1, 0.0), (0.105, 0.012), (0.101, 0.012), (0.097, 0.004), (0.0, 0.004)]
@@ -633,14 +586,11 @@ def candle(rng: np.random.Generator, style: Style) -> FurniturePiece:
     for k in range(3):
         turn = 2 * np.pi * k / 3 + 0.4
         x, y = 0.052 * float(np.cos(turn)), 0.052 * float(np.sin(turn))
-        radius, height = float(rng.uniform(0.024, 0.034)), float(rng.uniform(0.06, 0.16))
+        radius, height = draw.between(0.024, 0.034), draw.between(0.06, 0.16)
         profile = [
-            (radius, 0.0035),
-            (radius, height),
-            (0.8 * radius, height),
-            (0.6 * radius, height - 0.006),
-            (0, height - 0.007),
-        ]
+            (radius, 0.0035), (radius, height), (0.8 * radius, height),
+            (0.6 * radius, height - 0.006), (0, height - 0.007),
+        ]  # fmt: skip
         wick = bar((x, y, height - 0.009), (x + 0.002, y, height + 0.008), 0.0012, 8)
         with b.holding("candle", "candle"):
             b.add(wax, lathe(profile, 22).moved(x, y), name="wax")
@@ -648,13 +598,13 @@ def candle(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def wall_clock(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def wall_clock(draw: Draw, style: Style) -> FurniturePiece:
     """A round clock; the origin is its centre."""
-    radius = float(rng.uniform(0.13, 0.19))
-    b = Builder("wall clock", "clock", "on_wall", mount_height=float(rng.uniform(1.75, 1.95)))
+    radius = draw.between(0.13, 0.19)
+    b = Builder("wall clock", "clock", "on_wall", mount_height=draw.between(1.75, 1.95))
     rim = [(radius, 0.0), (radius, 0.035), (radius - 0.015, 0.035), (radius - 0.017, 0.02)]
     b.add(
-        style.wood if rng.random() < 0.4 else style.metal,
+        style.wood if draw.chance(0.4) else style.metal,
         lathe(rim, 48).turned("x", 90),
         name="rim",
     )
@@ -665,7 +615,7 @@ def wall_clock(rng: np.random.Generator, style: Style) -> FurniturePiece:
             (0.007 if k % 3 == 0 else 0.004, 0.0016, long), (0, -0.0232, radius - 0.03 - long)
         )
         b.add(BLACK_PLASTIC, mark.turned("y", 30 * k), name="marks")
-    hour, minute = float(rng.uniform(0, 360)), float(rng.uniform(0, 360))
+    hour, minute = draw.between(0, 360), draw.between(0, 360)
     for length, width, angle, y in ((0.52, 0.009, hour, -0.026), (0.76, 0.006, minute, -0.029)):
         hand = box((width, 0.0018, length * radius + 0.02), (0, y, -0.02))
         b.add(BLACK_PLASTIC, hand.turned("y", angle), name="hands")
@@ -673,9 +623,9 @@ def wall_clock(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def radiator(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
+def radiator(draw: Draw, style: Style, width: float | None = None) -> FurniturePiece:
     """A ribbed radiator with a valve, mounted just above the floor."""
-    width = float(rng.uniform(0.6, 1.3)) if width is None else width
+    width = draw.between(0.6, 1.3) if width is None else width
     height = 0.55
     b = Builder("radiator", "radiator", "on_wall", mount_height=0.13)
     count = max(4, round(width / 0.06))
@@ -690,35 +640,25 @@ def radiator(rng: np.random.Generator, style: Style, width: float | None = None)
     for z in (0.06, height - 0.06):
         b.add(WHITE_PAINT, box((width - 0.4 * pitch, 0.075, 0.03), (0, -0.0875, z - 0.015), 0.006))
         for side in (-1, 1):
-            b.add(
-                WHITE_PAINT,
-                box((0.03, 0.052, 0.02), (side * 0.3 * width, -0.026, z - 0.01)),
-                name="bracket",
-            )
+            bracket = box((0.03, 0.052, 0.02), (side * 0.3 * width, -0.026, z - 0.01))
+            b.add(WHITE_PAINT, bracket, name="bracket")
     b.add(
         CHROME,
         bar((width / 2 - 0.3 * pitch, -0.0875, 0.06), (width / 2 + 0.05, -0.0875, 0.06), 0.01, 10),
         name="valve",
     )
-    b.add(
-        CHROME,
-        bar((width / 2 + 0.04, -0.0875, 0.06), (width / 2 + 0.04, -0.0875, -0.12), 0.008, 10),
-        name="valve",
-    )
-    b.add(
-        WHITE_PAINT,
-        cylinder(0.02, 0, 0.06, 16, bevel=0.004)
-        .turned("y", 90)
-        .moved(width / 2 + 0.045, -0.0875, 0.06),
-        name="knob",
-    )
+    valve = bar((width / 2 + 0.04, -0.0875, 0.06), (width / 2 + 0.04, -0.0875, -0.12), 0.008, 10)
+    b.add(CHROME, valve, name="valve")
+    knob = cylinder(0.02, 0, 0.06, 16, bevel=0.004).turned("y", 90)
+    knob = knob.moved(width / 2 + 0.045, -0.0875, 0.06)
+    b.add(WHITE_PAINT, knob, name="knob")
     return b.piece()
 
 
-def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def coat_hooks(draw: Draw, style: Style) -> FurniturePiece:
     """A board with hooks, some with a coat."""
-    width = float(rng.uniform(0.6, 0.9))
-    b = Builder("coat hooks", "coat hooks", "on_wall", mount_height=float(rng.uniform(1.6, 1.7)))
+    width = draw.between(0.6, 0.9)
+    b = Builder("coat hooks", "coat hooks", "on_wall", mount_height=draw.between(1.6, 1.7))
     b.add(style.wood, span((-width / 2, -0.022, -0.05), (width / 2, 0, 0.05), 0.003))
     count, last, edge = int(width / 0.15), -1.0, -1.0
     for k in range(count):
@@ -726,10 +666,10 @@ def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
         path = [(x, -0.02, -0.01), (x, -0.05, -0.03), (x, -0.08, -0.02), (x, -0.088, 0.015)]
         b.add(style.metal, tube(path, 0.006, 8), name="hooks")
         b.add(style.metal, sphere(0.009, 10, 6).moved(x, -0.088, 0.018), name="hooks")
-        if x - last > 0.28 and rng.random() < 0.25 + 0.5 * style.disorder:
-            cloth = (*style.cushions, style.second_upholstery, style.throw)[int(rng.integers(5))]
-            size = (float(rng.uniform(0.5, 0.8)), float(rng.uniform(0.62, 0.85)))
-            coat = hooked(rng, size).moved(x, -0.045, -0.012)
+        if x - last > 0.28 and draw.chance(0.25 + 0.5 * style.disorder):
+            cloth = draw.pick((*style.cushions, style.second_upholstery, style.throw))
+            size = (draw.between(0.5, 0.8), draw.between(0.62, 0.85))
+            coat = hooked(pleats(draw), size).moved(x, -0.045, -0.012)
             left, right = coat.vertices[:, 0].min(), coat.vertices[:, 0].max()
             if left < edge + 0.01:  # cloth of wide coats would lie in their neighbours'
                 continue
@@ -739,25 +679,19 @@ def coat_hooks(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def storage_box(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def storage_box(draw: Draw, style: Style) -> FurniturePiece:
     """A lidded box of cardboard or an open basket."""
     b = Builder("storage basket", "box", "free")
-    width, depth = float(rng.uniform(0.3, 0.42)), float(rng.uniform(0.24, 0.34))
-    height = float(rng.uniform(0.2, 0.3))
-    if rng.random() < 0.5:
+    width, depth = draw.between(0.3, 0.42), draw.between(0.24, 0.34)
+    height = draw.between(0.2, 0.3)
+    if draw.chance(0.5):
         b.name = "storage box"
-        paper = Material("paper", style.accents[int(rng.integers(5))].color, 0.85)
+        paper = Material("paper", draw.pick(style.accents).color, 0.85)
         b.add(paper, box((width, depth, height - 0.02), (0, 0, 0), 0.002), name="box")
-        b.add(
-            paper,
-            box((width + 0.008, depth + 0.008, 0.06), (0, 0, height - 0.06), 0.002),
-            name="lid",
-        )
-        b.add(
-            style.metal,
-            box((0.07, 0.004, 0.03), (0, -depth / 2 - 0.001, 0.5 * height)),
-            name="label",
-        )
+        lid = box((width + 0.008, depth + 0.008, 0.06), (0, 0, height - 0.06), 0.002)
+        b.add(paper, lid, name="lid")
+        label = box((0.07, 0.004, 0.03), (0, -depth / 2 - 0.001, 0.5 * height))
+        b.add(style.metal, label, name="label")
         b.surface(0, 0, height, width / 2 - 0.02, depth / 2 - 0.02)
     else:
         add_basket(b, 0, 0, 0, (width / 2, depth / 2), height)
@@ -771,14 +705,14 @@ def storage_box(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def waste_bin(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def waste_bin(draw: Draw, style: Style) -> FurniturePiece:
     """An open round bin, a basket for paper, or a bin with a pedal."""
-    radius, height = float(rng.uniform(0.11, 0.14)), float(rng.uniform(0.26, 0.33))
+    radius, height = draw.between(0.11, 0.14), draw.between(0.26, 0.33)
     b = Builder("waste bin", "bin", "free")
-    kind = ("waste bin", "paper basket", "pedal bin", "mesh bin")[int(rng.integers(4))]
+    kind = draw.pick(("waste bin", "paper basket", "pedal bin", "mesh bin"))
     b.name = kind
     if kind == "pedal bin":
-        case = STEEL if rng.random() < 0.6 else WHITE_PLASTIC
+        case = STEEL if draw.chance(0.6) else WHITE_PLASTIC
         b.add(case, cylinder(radius, 0.012, height, 32, 0.006), name="bin")
         b.add(BLACK_PLASTIC, cylinder(0.97 * radius, 0.0, 0.0121, 32), name="foot")
         lid = [(1.01 * radius, height + 0.003), (0.9 * radius, height + 0.022), (0, height + 0.03)]
@@ -788,37 +722,29 @@ def waste_bin(rng: np.random.Generator, style: Style) -> FurniturePiece:
         return b.piece()
     material = {"paper basket": WICKER, "mesh bin": style.metal}.get(kind, BLACK_PLASTIC)
     profile = [
-        (0.8 * radius, 0.0),
-        (radius, height),
-        (radius - 0.004, height),
+        (0.8 * radius, 0.0), (radius, height), (radius - 0.004, height),
         (0.8 * radius - 0.004, 0.006),
-    ]
+    ]  # fmt: skip
     b.add(material, lathe(profile, 32), name="bin")
     return b.piece()
 
 
-def bottle(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def bottle(draw: Draw, style: Style) -> FurniturePiece:
     """A bottle and two glasses."""
     b = Builder("bottle and glasses", "glass", "on_top")
     tints = ("#24361f", "#3a2413", "#1c2f38")
-    dark = Material("plastic", hex_color(tints[int(rng.integers(3))]), 0.1)
-    height, width = float(rng.uniform(0.28, 0.33)), float(rng.uniform(0.034, 0.041))
+    dark = Material("plastic", hex_color(draw.pick(tints)), 0.1)
+    height, width = draw.between(0.28, 0.33), draw.between(0.034, 0.041)
     body = [
-        (width - 0.002, 0.0),
-        (width, 0.006),
-        (width, 0.62 * height),
-        (0.8 * width, 0.71 * height),
-    ]
+        (width - 0.002, 0.0), (width, 0.006), (width, 0.62 * height), (0.8 * width, 0.71 * height),
+    ]  # fmt: skip
     neck = [(0.015, 0.8 * height), (0.0145, height), (0.0, height)]
     b.add(dark, lathe([*body, *neck], 26), name="bottle")
-    b.add(
-        LABEL,
-        lathe([(width + 0.0004, 0.22 * height), (width + 0.0004, 0.5 * height)], 26),
-        name="label",
-    )
+    label = lathe([(width + 0.0004, 0.22 * height), (width + 0.0004, 0.5 * height)], 26)
+    b.add(LABEL, label, name="label")
     for x, y in ((0.1, -0.03), (0.085, 0.075)):
         glass = [(0.028, 0.0), (0.034, 0.1), (0.0325, 0.1), (0.0265, 0.006), (0.0, 0.006)]
-        at = (x + float(rng.uniform(-0.01, 0.02)), y + float(rng.uniform(-0.01, 0.01)))
+        at = (x + draw.between(-0.01, 0.02), y + draw.between(-0.01, 0.01))
         with b.holding("glass", "glass"):
             b.add(GLASS, lathe(glass, 24).moved(*at), name="glasses")
     return b.piece()

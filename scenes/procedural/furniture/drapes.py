@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from pbrnet.scenes.procedural.furniture.cloth import (
 )
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.seeds import Draw
 
 Cut = Literal["sheet", "shirt", "trousers"]
 _DEEPEST = 0.0025  # metres that a cloth may reach into what it lies on
@@ -33,8 +34,43 @@ _TORN = 0.1  # metres, length of an edge in cloth that was pulled through someth
 _FINE_STEPS = 25
 
 
+Ripples = tuple[tuple[float, float, float, float], ...]  # frequencies along u, v; height; phase
+Pleats = tuple[float, float, float]  # their number, phase, and phase of their drift
+
+
+class Hanging(NamedTuple):
+    """How a towel hangs: share that it is pushed together, waves, a corner that is lower."""
+
+    tight: float
+    ripples: Ripples
+    lean: float
+
+
+def ripples(draw: Draw) -> Ripples:
+    """Draw the waves in which a cloth falls."""
+    return tuple(
+        (*draw.uniform(-16, 16, 2).tolist(), draw.between(0.4, 1), draw.between(0, 6.3))
+        for _ in range(6)
+    )
+
+
+def hanging(draw: Draw) -> Hanging:
+    """Draw how a towel hangs over a bar."""
+    tight = draw.between(0.05, 0.22)
+    ranges = ((0.3, 1), (10, 45), (-2.5, 2.5), (0, 6.3))
+    waves = [[draw.between(*each) for each in ranges] for _ in range(5)]
+    return Hanging(
+        tight, tuple((a, c, high, phase) for high, a, c, phase in waves), draw.normal(0, 0.05)
+    )
+
+
+def pleats(draw: Draw) -> Pleats:
+    """Draw the pleats of what hangs on a hook."""
+    return draw.between(2.2, 3.4), draw.between(0, 6.3), draw.between(0, 6)
+
+
 def dropped(
-    rng: np.random.Generator,
+    ripples: Ripples,
     bodies: Sequence[Push],
     size: tuple[float, float],
     at: tuple[float, float, float],
@@ -60,9 +96,8 @@ def dropped(
     u = (np.arange(n) / (n - 1) - 0.5)[:, None]
     v = (np.arange(m) / (m - 1) - 0.5)[None, :]
     waves = np.zeros((n, m))
-    for _ in range(6):
-        a, c = rng.uniform(-16, 16, 2)
-        waves = waves + rng.uniform(0.4, 1) * np.sin(a * u + c * v + rng.uniform(0, 6.3))
+    for a, c, high, phase in ripples:
+        waves = waves + high * np.sin(a * u + c * v + phase)
     x, y = u * size[0] * (1 - tight), v * size[1] * (1 - tight)
     cosine, sine = np.round([np.cos(np.radians(turn)), np.sin(np.radians(turn))], 9)
     height = rumple * (0.008 + 0.03 * float(np.sqrt(tight)))
@@ -101,7 +136,7 @@ def _cells(cut: Cut, n: int, m: int) -> BoolArray | None:
 
 
 def hung(
-    rng: np.random.Generator,
+    hanging: Hanging,
     size: float,
     front: float,
     back: float,
@@ -124,21 +159,17 @@ def hung(
     arc = np.clip((t - front) / gap, 0, np.pi)
     y = -gap * np.cos(arc)
     fallen = np.maximum(front - t, 0) + np.maximum(t - front - around, 0)
-    tight = float(rng.uniform(0.05, 0.22))
-    waves = np.zeros((n, m))
-    for _ in range(5):
-        waves = waves + rng.uniform(0.3, 1) * np.sin(
-            rng.uniform(10, 45) * s + rng.uniform(-2.5, 2.5) * t + rng.uniform(0, 6.3)
-        )
+    tight, waves = hanging.tight, np.zeros((n, m))
+    for a, c, high, phase in hanging.ripples:
+        waves = waves + high * np.sin(a * s + c * t + phase)
     deep = 0.022 * float(np.sqrt(tight))
     loose = np.minimum(fallen / 0.08, 1.0)
     side = np.where(t < front + 0.5 * around, -1.0, 1.0)
-    lean = float(rng.normal(0, 0.05))  # one corner hangs lower
     place = started(
         (
             s * (1 - tight * (0.4 + 0.6 * loose)),
             y + side * deep * loose * np.abs(waves),
-            gap * np.sin(arc) - fallen * (1 + lean * s / size),
+            gap * np.sin(arc) - fallen * (1 + hanging.lean * s / size),
         )
     )
     held = np.ones((n, m))
@@ -156,7 +187,7 @@ def hung(
 
 
 def hooked(
-    rng: np.random.Generator,
+    pleats: Pleats,
     size: tuple[float, float],
     *,
     cut: Cut = "sheet",
@@ -168,10 +199,10 @@ def hooked(
     rest = (size[0] / (n - 1), size[1] / (m - 1))
     u = (np.arange(n) / (n - 1) - 0.5)[:, None]
     v = ((m - 1 - np.arange(m)) / (m - 1))[None, :]  # 0 at the top
-    pleats = rng.uniform(2.2, 3.4)
-    phase = 2 * np.pi * pleats * u + rng.uniform(0, 6.3) + 0.4 * np.sin(5 * v + rng.uniform(0, 6))
+    count, start, drift = pleats
+    phase = 2 * np.pi * count * u + start + 0.4 * np.sin(5 * v + drift)
     narrow = 0.22 + 0.2 * v
-    deep = size[0] / pleats * 0.22 * (0.5 + 0.5 * v)
+    deep = size[0] / count * 0.22 * (0.5 + 0.5 * v)
     place = started(
         (
             u * size[0] * narrow,
@@ -207,7 +238,7 @@ def _corners(cells: BoolArray) -> BoolArray:
 
 
 def over(
-    rng: np.random.Generator,
+    draw: Draw,
     carrier: FurniturePiece,
     name: str,
     category: str,
@@ -234,7 +265,9 @@ def over(
     near = ((low < half + 0.05) & (high > -half - 0.05)).all(axis=1)
     samples = Samples(triangles[near])
     bodies = [*within, plane(2, thickness + 0.02), surface(samples, thickness + gap)]
-    mesh = dropped(rng, bodies, size, at, turn=turn, tight=tight, thickness=thickness, cut=cut)
+    mesh = dropped(
+        ripples(draw), bodies, size, at, turn=turn, tight=tight, thickness=thickness, cut=cut
+    )
     mended = cleared(mesh, samples, _DEEPEST)
     if mended is None or _longest(mended) > _TORN or pierces(triangles[near], mended):
         return None

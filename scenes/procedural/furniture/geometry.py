@@ -22,6 +22,7 @@ from pbrnet.scenes.procedural.piece import CREASE_COSINE
 
 Axis = Literal["x", "y", "z"]
 AXES: dict[str, int] = {"x": 0, "y": 1, "z": 2}
+CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))  # signs of x and y
 _MIN_AREA = 1e-10  # square metres; smaller triangles are degenerate
 
 
@@ -254,44 +255,7 @@ def rounded_box(
     return mesh.moved(at[0], at[1], at[2] + float(half[2]))
 
 
-def pillow(
-    size: Sequence[float],
-    at: Sequence[float] = (0.0, 0.0, 0.0),
-    rng: np.random.Generator | None = None,
-    count: int = 12,
-) -> BodyMesh:
-    """Return a pillow of `size` (x, y, thickness) with a thin rim and pointed corners.
-
-    `rng` adds soft dents. The lowest point is at the height of `at`.
-    """
-    s = np.sin(np.linspace(-1, 1, count + 1) * np.pi / 2)  # finer towards the rim
-    x, y = np.meshgrid(s, s, indexing="ij")
-    height = ((1 - np.abs(x) ** 2.4) * (1 - np.abs(y) ** 2.4)) ** 0.5
-    waist_x = x * (1 - 0.07 * (1 - y**2) ** 0.7 * np.abs(x) ** 3)
-    waist_y = y * (1 - 0.07 * (1 - x**2) ** 0.7 * np.abs(y) ** 3)
-    dents = np.zeros_like(x)
-    if rng is not None:
-        for _ in range(5):
-            a, b, phase = rng.uniform(-4, 4), rng.uniform(-4, 4), rng.uniform(0, 6.3)
-            dents += 0.035 * np.sin(a * x + b * y + phase)
-    halves = []
-    seam = 0.0015  # half the thickness at the rim
-    for sign in (1.0, -1.0):
-        z = sign * (seam + size[2] / 2 * height * (1 + (dents if sign > 0 else 0 * dents)))
-        points = np.stack([waist_x * size[0] / 2, waist_y * size[1] / 2, z], axis=-1)
-        uvs = points[..., :2].copy()
-        if sign < 0:
-            points, uvs = points.swapaxes(0, 1), uvs.swapaxes(0, 1)
-        halves.append(grid(points, uvs))
-    xy = np.stack([waist_x * size[0] / 2, waist_y * size[1] / 2], axis=-1)
-    rim = np.concatenate([xy[:-1, 0], xy[-1, :-1], xy[:0:-1, -1], xy[0, ::-1]])
-    low, high = (np.column_stack([rim, np.full(len(rim), z)]) for z in (-seam, seam))
-    halves.append(grid(np.stack([low, high], axis=1)))
-    mesh = merge(halves)
-    return mesh.moved(at[0], at[1], at[2] - float(mesh.vertices[:, 2].min()))
-
-
-def loft(rings: Float64Array, closed: bool = True) -> BodyMesh:
+def loft(rings: Sequence[Float64Array] | Float64Array, closed: bool = True) -> BodyMesh:
     """Return a body through `rings` (k, m, 3), each counter-clockwise seen from the last ring.
 
     Flat caps close the first and last ring unless `closed` is False or the ring is a point.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
 from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.cabinets import feet, leg_material
+from pbrnet.scenes.procedural.furniture.cabinets import add_feet, leg_material
 from pbrnet.scenes.procedural.furniture.cloth import stuffed
 from pbrnet.scenes.procedural.furniture.geometry import (
+    BodyMesh,
     bar,
     box,
     cylinder,
@@ -20,412 +23,412 @@ from pbrnet.scenes.procedural.furniture.geometry import (
     thick_sheet,
     tube,
 )
+from pbrnet.scenes.procedural.furniture.spec import (
+    Spec,
+    any_of,
+    between,
+    chance,
+    drawn,
+    either,
+    several,
+    shape,
+    whole,
+)
 from pbrnet.scenes.procedural.furniture.style import BLACK_PLASTIC, CHROME, RUBBER, Style
-from pbrnet.scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.seeds import Draw
+
+_CHAIRS = ("slats", "rails", "pad", "spindles", "shell")
+_SPARS = {"slats": (4, 7), "spindles": (6, 9), "rails": (3, 5)}  # in a back: at least, below
 
 
-def dining_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
+class DiningChair(Spec):
     """A wooden chair with a back of slats, rails, spindles or a pad, or a moulded shell on legs."""
-    back = style.shape(rng, "chair", ("slats", "rails", "pad", "spindles", "shell"))
-    if back == "shell":
-        return _shell_chair(rng, style)
-    width, depth = rng.uniform(0.42, 0.47), rng.uniform(0.42, 0.46)
-    seat, top = rng.uniform(0.44, 0.47), rng.uniform(0.84, 0.98)
-    wood = style.wood if rng.random() < 0.75 else style.lacquer
-    padded = back == "pad" or rng.random() < 0.5
-    b = Builder("dining chair", "chair", "free", front_clearance=0.5)
-    thickness = 0.036
-    x, front, rear = width / 2 - thickness / 2, -depth / 2 + 0.03, depth / 2 - 0.05
-    lean = rng.uniform(0.06, 0.1)
-    under = seat - 0.03
-    for side in (-1, 1):
-        b.add(
-            wood,
-            post(
-                [(side * x, front, 0), (side * x, front, under + 0.002)],
-                [(0.7 * thickness, 0.7 * thickness), (thickness, thickness)],
-            ),
-            post(
-                [
-                    (side * x, rear + 0.045, 0),
-                    (side * x, rear, 0.5 * seat),
-                    (side * x, rear, seat),
-                    (side * x, rear + 0.4 * lean, 0.6 * top + 0.4 * seat),
-                    (side * x, rear + lean, top),
-                ],
-                [
-                    (0.028, 0.03),
-                    (0.03, thickness),
-                    (0.03, thickness),
-                    (0.028, 0.028),
-                    (0.026, 0.022),
-                ],
-            ),
-            # Rails below the seat and a stretcher between the legs.
-            box((0.018, rear - front - 0.03, 0.05), (side * x, (front + rear) / 2, under - 0.05)),
-            box((0.016, rear - front, 0.024), (side * x, (front + rear) / 2 + 0.01, 0.16)),
-        )
-    b.add(
-        wood,
-        box((2 * x - 0.034, 0.018, 0.05), (0, front, under - 0.05)),
-        box((2 * x - 0.028, 0.018, 0.05), (0, rear, under - 0.05)),
-        box((2 * x - 0.014, 0.016, 0.022), (0, (front + rear) / 2, 0.161)),
+
+    frame: WoodenChair | ShellChair = drawn(
+        lambda draw, spec: _chair(draw, spec.style, spec.style.shape(draw, "chair", _CHAIRS))
     )
-    seat_depth = rear - front + 0.05
-    seat_y = (front + rear) / 2 - 0.025
-    if padded:
-        b.add(wood, box((width - 0.02, seat_depth - 0.02, 0.012), (0, seat_y, under)))
-        b.add(
-            style.second_upholstery,
-            rounded_box((width, seat_depth, 0.045), (0, seat_y, under + 0.01), 0.02, (0, 0, 0.012)),
-        )
-    else:
-        b.add(wood, box((width, seat_depth, 0.028), (0, seat_y, under), bevel=0.008, grain="y"))
 
-    def on_back(z: float) -> float:
-        share = (z - seat) / (top - seat)
-        return float(rear + lean * np.interp(share, [0, 0.6, 1], [0, 0.4, 1]))
+    def build(self) -> FurniturePiece:
+        return self.frame.build()
 
-    inner = 2 * x - 0.02
-    high = top - 0.05
-    if back == "slats":
-        low = seat + 0.1
-        for z in (low, high):
-            b.add(wood, box((inner, 0.02, 0.05), (0, on_back(z + 0.025), z), bevel=0.004))
-        count = int(rng.integers(4, 7))
-        for k in range(count):
-            sx = (k - (count - 1) / 2) * inner / count
-            zs = np.linspace(low + 0.03, high + 0.02, 4)
+
+def _chair(draw: Draw, style: Style, back: str) -> WoodenChair | ShellChair:
+    return (
+        ShellChair.draw(draw, style)
+        if back == "shell"
+        else WoodenChair.draw(draw, style, back=back)
+    )
+
+
+class WoodenChair(Spec):
+    """A wooden chair with a back of slats, rails, spindles or a pad."""
+
+    back: str
+    width: float = between(0.42, 0.47)
+    depth: float = between(0.42, 0.46)
+    seat: float = between(0.44, 0.47)
+    top: float = between(0.84, 0.98)
+    wood: Material = either(0.75, "wood", "lacquer")
+    padded: bool = drawn(lambda draw, spec: spec.back == "pad" or draw.chance(0.5))
+    lean: float = between(0.06, 0.1)
+    spars: int = drawn(
+        lambda draw, spec: draw.whole(*_SPARS[spec.back]) if spec.back in _SPARS else 0
+    )
+
+    @property
+    def front(self) -> float:
+        return -self.depth / 2 + 0.03
+
+    @property
+    def rear(self) -> float:
+        return self.depth / 2 - 0.05
+
+    def _on_back(self, z: float) -> float:
+        """Where the back is at height `z`, y in metres."""
+        share = (z - self.seat) / (self.top - self.seat)
+        return float(self.rear + self.lean * np.interp(share, [0, 0.6, 1], [0, 0.4, 1]))
+
+    def build(self) -> FurniturePiece:
+        b = Builder("dining chair", "chair", "free", front_clearance=0.5)
+        thick, seat, front, rear = 0.036, self.seat, self.front, self.rear
+        x, under, wood = self.width / 2 - thick / 2, seat - 0.03, self.wood
+        foot = [(0.7 * thick, 0.7 * thick), (thick, thick)]
+        sizes = [(0.028, 0.03), (0.03, thick), (0.03, thick), (0.028, 0.028), (0.026, 0.022)]
+        for side in (-1, 1):
+            points = [(rear + 0.045, 0), (rear, 0.5 * seat), (rear, seat)]
+            points += [(rear + 0.4 * self.lean, 0.6 * self.top + 0.4 * seat)]
+            points += [(rear + self.lean, self.top)]
+            middle = (front + rear) / 2
             b.add(
                 wood,
-                post([(sx, on_back(z), z) for z in zs], [(0.5 * inner / count, 0.01)] * len(zs)),
+                post([(side * x, front, 0), (side * x, front, under + 0.002)], foot),
+                post([(side * x, y, z) for y, z in points], sizes),
+                # Rails below the seat and a stretcher between the legs.
+                box((0.018, rear - front - 0.03, 0.05), (side * x, middle, under - 0.05)),
+                box((0.016, rear - front, 0.024), (side * x, middle + 0.01, 0.16)),
             )
-    elif back == "spindles":
-        b.add(wood, box((inner + 0.03, 0.024, 0.045), (0, on_back(high), high), bevel=0.008))
-        count = int(rng.integers(6, 9))
-        for k in range(count):
-            share = (k - (count - 1) / 2) / (count - 1)
-            foot = (0.72 * inner * share, on_back(seat + 0.02) - 0.012, seat - 0.008)
-            tip = (0.88 * inner * share, on_back(high) + 0.002, high + 0.01)
-            b.add(wood, bar(foot, tip, 0.0065, 8))
-    elif back == "rails":
-        for k in range(int(rng.integers(3, 5))):
-            z = high - k * 0.105
-            if z > seat + 0.08:
-                b.add(wood, box((inner, 0.016, 0.055), (0, on_back(z + 0.03), z), bevel=0.005))
-    else:
-        b.add(
-            style.second_upholstery,
-            rounded_box((inner + 0.01, 0.05, top - seat - 0.13), (0, 0, 0), 0.022, (0, 0.012, 0))
-            .turned("x", -float(np.degrees(np.arctan2(lean, top - seat))))
-            .moved(y=on_back(seat + 0.12) + 0.002, z=seat + 0.11),
-        )
-    return b.piece()
-
-
-def _shell_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A chair with seat and back of one moulded shell, on four splayed legs."""
-    b = Builder("dining chair", "chair", "free", front_clearance=0.5)
-    width, seat = float(rng.uniform(0.43, 0.47)), float(rng.uniform(0.44, 0.47))
-    top = float(rng.uniform(0.79, 0.86))
-    # Profile of the shell from the front edge of the seat to the top of the back: y, z.
-    profile = np.array(
-        [
-            (-0.215, seat - 0.025), (-0.2, seat - 0.006), (-0.13, seat), (-0.02, seat - 0.012),
-            (0.08, seat - 0.008), (0.135, seat + 0.022), (0.158, seat + 0.075),
-            (0.17, seat + 0.16), (0.195, 0.5 * (seat + top) + 0.08), (0.212, top),
-        ]
-    )  # fmt: skip
-    half = 0.5 * width * np.array([0.8, 0.92, 1.0, 1.0, 0.97, 0.93, 0.92, 0.96, 0.9, 0.62])
-    across = np.linspace(-1, 1, 11)
-    cup = np.array([0.004, 0.008, 0.016, 0.02, 0.022, 0.03, 0.035, 0.03, 0.02, 0.008])
-    points = np.empty((len(across), len(profile), 3))
-    points[..., 0] = across[:, None] * half
-    # The sides of the seat curve up, those of the back forwards.
-    lying = np.clip((0.17 - profile[:, 0]) / 0.1, 0, 1) * (profile[:, 1] < seat + 0.05)
-    points[..., 1] = profile[:, 0] - (1 - lying) * cup * across[:, None] ** 2
-    points[..., 2] = profile[:, 1] + lying * cup * across[:, None] ** 2
-    shell = style.lacquer if rng.random() < 0.5 else style.accents[int(rng.integers(5))]
-    if rng.random() < 0.35:
-        shell = style.wood
-    b.add(shell, thick_sheet(points, 0.008), name="shell")
-    frame = leg_material(style, style.wood)
-    thick = 0.018 if frame.kind == "metal" else 0.032
-    under = seat - 0.03
-    b.add(frame, box((0.24, 0.2, 0.014), (0, -0.02, under - 0.012), 0.002))
-    for sx in (-1, 1):
-        for y, foot in ((-0.1, -0.2), (0.06, 0.19)):
-            ends = [(sx * 0.2, foot, 0), (sx * 0.1, y, under - 0.004)]
-            b.add(frame, post(ends, [(0.6 * thick, 0.6 * thick), (thick, thick)]))
-    return b.piece()
-
-
-def armchair(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """An upholstered armchair."""
-    return _couch(rng, style, "armchair", rng.uniform(0.78, 0.92), 1)
-
-
-def sofa(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
-    """A sofa of two or three seats with loose cushions; `width` includes the arms, metres."""
-    width = float(rng.uniform(1.6, 2.35)) if width is None else width
-    return _couch(rng, style, "sofa", width, 3 if width > 1.95 else 2)
-
-
-def _couch(
-    rng: np.random.Generator, style: Style, name: str, width: float, seats: int
-) -> FurniturePiece:
-    depth, seat_z = rng.uniform(0.84, 0.96), rng.uniform(0.41, 0.46)
-    back_z, arm_z = rng.uniform(0.76, 0.9), rng.uniform(0.56, 0.66)
-    arm = rng.uniform(0.12, 0.2)
-    foot = rng.uniform(0.08, 0.16)
-    build = style.shape(rng, "sofa", ("block", "slim", "low", "rolled"))
-    if build == "slim":  # thin arms and high legs
-        arm, foot, arm_z = 0.55 * arm, foot + 0.06, arm_z + 0.01
-    elif build == "low":  # broad arms as high as the back, close to the floor
-        arm, foot, arm_z, back_z = arm + 0.04, 0.035, arm_z + 0.03, back_z - 0.05
-        back_z = max(back_z, 0.78)
-    arm_z = min(arm_z, 0.84 * back_z - (0.055 if build == "rolled" else 0.0))
-    cloth = (
-        style.second_upholstery if name == "armchair" and rng.random() < 0.6 else style.upholstery
-    )
-    b = Builder(name, name, "wall" if name == "sofa" else "free", front_clearance=0.45)
-    b.add(
-        leg_material(style, style.dark_wood if rng.random() < 0.4 else style.wood),
-        *feet(style, width, depth, foot + 0.02, 0.045, 0.03),
-    )
-    back = 0.17
-    inner = width - 2 * arm
-    cushion = 0.15
-    b.add(
-        cloth,
-        rounded_box(
-            (width - 0.03, depth - 0.05, seat_z - cushion - foot), (0, 0, foot), 0.02, inner=2
-        ),
-        rounded_box(
-            (width - 0.04, back, back_z - foot - 0.03), (0, depth / 2 - back / 2, foot + 0.01), 0.05
-        ),
-    )
-    for side in (-1, 1):
-        b.add(
-            cloth,
-            rounded_box(
-                (arm, depth - 0.01, arm_z - foot),
-                (side * (width / 2 - arm / 2), -0.005, foot),
-                min(0.035 if arm < 0.16 else 0.06, 0.45 * arm),
-                (0.008, 0, 0.01),
-            ),
-        )
-        if build == "rolled":
-            roll = cylinder(0.085, 0, depth - 0.02, 28, bevel=0.02).turned("x", 90)
-            b.add(cloth, roll.moved(side * (width / 2 - arm / 2), depth / 2 - 0.012, arm_z - 0.03))
-    each = inner / seats
-    seat_depth = depth - back - 0.01
-    for k in range(seats):
-        x = -inner / 2 + (k + 0.5) * each
-        b.add(
-            cloth,
-            rounded_box(
-                (each - 0.006, seat_depth, cushion),
-                (x, -depth / 2 + seat_depth / 2 - 0.005, seat_z - cushion - 0.002),
-                0.04,
-                (0, 0.005, 0.022),
-                inner=4,
-            ),
-            rounded_box(
-                (each - 0.012, 0.17, back_z - seat_z + 0.06),
-                (0, 0, 0),
-                0.06,
-                (0, 0.03, 0.015),
-                inner=4,
-            )
-            .turned("x", -rng.uniform(9, 14))
-            .moved(x, depth / 2 - back - 0.115, seat_z + 0.025),
-        )
-    loose = int(rng.integers(0, 2)) if seats == 1 else int(rng.integers(2, 4))
-    for k in range(loose):
-        size = rng.uniform(0.38, 0.46)
-        end = (-1, 1, 0)[k]
-        x = end * (inner / 2 - size / 2 - rng.uniform(0.0, 0.06))
-        askew = 2 + 7 * style.disorder
-        loose_one = (
-            stuffed((size, size, 0.15), int(rng.integers(5)), turned=rng.random() < 0.5)
-            .moved(z=-0.075)
-            .turned("z", float(rng.normal(0, askew)))
-            .turned("x", 90 - rng.uniform(20, 28))
-            .turned("z", -end * rng.uniform(5, 22))
-        )
-        lowest = float(loose_one.vertices[:, 2].min()) + 0.012  # it sinks in
-        with b.holding("cushion", "cushion"):
-            b.add(
-                style.cushions[int(rng.integers(len(style.cushions)))],
-                loose_one.moved(x, depth / 2 - back - 0.29, seat_z - lowest),
-                name="cushion",
-            )
-    if name == "sofa" and loose == 2:  # between the cushions at its ends
-        b.surface(0, -depth / 2 + 0.22, seat_z + 0.008, inner / 2 - 0.62, 0.17)
-    return b.piece()
-
-
-def stool(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A round stool, low or of bar height."""
-    height = bool(rng.random() < 0.35)
-    seat = rng.uniform(0.62, 0.68) if height else rng.uniform(0.43, 0.48)
-    radius = rng.uniform(0.15, 0.19)
-    b = Builder("bar stool" if height else "stool", "stool", "free")
-    wood = style.wood
-    frame = leg_material(style, wood)
-    spread = radius * (1.15 if height else 1.05)
-    ring = 0.35 * seat
-    for k in range(4):
-        angle = np.pi / 4 + k * np.pi / 2
-        c, s = float(np.cos(angle)), float(np.sin(angle))
-        size = 0.024 if style.legs == "metal" else 0.034
-        b.add(
-            frame,
-            post(
-                [(spread * c, spread * s, 0), (0.62 * radius * c, 0.62 * radius * s, seat - 0.02)],
-                [(0.8 * size, 0.8 * size), (size, size)],
-            ),
-        )
-    at_ring = spread + (0.62 * radius - spread) * ring / (seat - 0.02)
-    turn = np.pi / 4 + np.arange(4) * np.pi / 2
-    corners = np.stack([at_ring * np.cos(turn), at_ring * np.sin(turn), np.full(4, ring)], 1)
-    for k in range(4):
-        b.add(frame, bar(corners[k], corners[(k + 1) % 4], 0.009, 8))
-    if rng.random() < 0.5:
-        b.add(wood, cylinder(radius, seat - 0.035, seat, 32, bevel=0.008))
-    else:
-        b.add(wood, cylinder(radius - 0.01, seat - 0.045, seat - 0.028, 32))
-        b.add(
-            style.second_upholstery,
-            lathe(
-                [
-                    (radius - 0.012, seat - 0.03),
-                    (radius - 0.003, seat - 0.022),
-                    (radius, seat - 0.01),
-                    (radius - 0.003, seat + 0.002),
-                    (radius - 0.014, seat + 0.011),
-                    (0.75 * radius, seat + 0.019),
-                    (0, seat + 0.024),
-                ],
-                32,
-            ),
-        )
-    return b.piece()
-
-
-def office_chair(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A swivel chair on a five-armed base with castors."""
-    seat = rng.uniform(0.45, 0.51)
-    b = Builder("office chair", "chair", "free", front_clearance=0.4)
-    base = CHROME if rng.random() < 0.4 else BLACK_PLASTIC
-    cloth = style.second_upholstery if rng.random() < 0.5 else style.upholstery
-    start = rng.uniform(0, 72)
-    for k in range(5):
-        arm = loft(
-            np.stack(
-                [
-                    np.array([[x, -w, z - t], [x, w, z - t], [x, w, z + t], [x, -w, z + t]])
-                    for x, w, z, t in ((0.02, 0.026, 0.115, 0.02), (0.31, 0.015, 0.078, 0.009))
-                ]
-            )
-        )
-        b.add(base, arm.turned("z", start + 72 * k))
-        wheel = cylinder(0.028, -0.009, 0.009, 16, bevel=0.003).turned("x", 90)
-        turn = rng.uniform(0, 360)
-        for side in (-1, 1):
-            b.add(
-                RUBBER,
-                wheel.moved(y=0.014 * side)
-                .turned("z", turn)
-                .moved(0.295, 0, 0.028)
-                .turned("z", start + 72 * k),
-            )
-        b.add(RUBBER, cylinder(0.008, 0.028, 0.072, 8).moved(x=0.295).turned("z", start + 72 * k))
-    b.add(base, cylinder(0.035, 0.085, 0.14, 20), cylinder(0.026, 0.13, 0.28, 20))
-    b.add(CHROME, cylinder(0.016, 0.27, seat - 0.09, 16))
-    b.add(
-        BLACK_PLASTIC,
-        box((0.2, 0.24, 0.03), (0, 0, seat - 0.1), bevel=0.006),
-        rounded_box((0.46, 0.46, 0.03), (0, 0, seat - 0.075), 0.012),
-    )
-    b.add(cloth, rounded_box((0.49, 0.48, 0.075), (0, -0.01, seat - 0.055), 0.035, (0, 0, 0.012)))
-    height = rng.uniform(0.46, 0.64)
-    back = rounded_box((0.46, 0.065, height), (0, 0, 0), 0.03, (0, 0.01, 0))
-    back.vertices[:, 1] -= 0.5 * back.vertices[:, 0] ** 2  # concave towards the seat
-    b.add(cloth, back.turned("x", -8).moved(y=0.235, z=seat + 0.1))
-    b.add(
-        BLACK_PLASTIC,
-        tube(
-            [(0, 0.1, seat - 0.08), (0, 0.25, seat - 0.07), (0, 0.3, seat), (0, 0.3, seat + 0.3)],
-            [0.018, 0.02, 0.02, 0.016],
-            10,
-        ),
-    )
-    if rng.random() < 0.75:
-        for side in (-1, 1):
-            b.add(
-                BLACK_PLASTIC,
-                tube(
-                    [
-                        (side * 0.16, 0.03, seat - 0.07),
-                        (side * 0.27, 0.03, seat - 0.06),
-                        (side * 0.29, 0.03, seat + 0.0),
-                        (side * 0.29, 0.03, seat + 0.19),
-                    ],
-                    0.014,
-                    10,
-                ),
-                rounded_box((0.075, 0.25, 0.03), (side * 0.29, -0.01, seat + 0.18), 0.013),
-            )
-    return b.piece()
-
-
-def pouf(rng: np.random.Generator, style: Style) -> FurniturePiece:
-    """A round upholstered footstool."""
-    radius, height = rng.uniform(0.22, 0.3), rng.uniform(0.34, 0.42)
-    b = Builder("pouf", "stool", "free")
-    cloth = style.second_upholstery
-    rings = []
-    for z, share in (
-        (0.0, 0.86),
-        (0.02, 0.94),
-        (0.3 * height, 1.0),
-        (0.48 * height, 0.985),
-        (0.5 * height, 0.965),
-        (0.52 * height, 0.985),
-        (0.7 * height, 1.0),
-        (0.93 * height, 0.92),
-        (0.985 * height, 0.75),
-        (height, 0.4),
-        (1.004 * height, 0.05),
-    ):
-        rings.append(superellipse(radius * share, radius * share, z, 2.0, 36))
-    b.add(cloth, loft(np.stack(rings)))
-    b.add(style.dark_wood, sphere(0.014, 12, 6).scaled(z=0.5).moved(z=1.004 * height))
-    b.surface(0, 0, height, 0.6 * radius, 0.6 * radius)
-    return b.piece()
-
-
-def bench(rng: np.random.Generator, style: Style, width: float | None = None) -> FurniturePiece:
-    """A plain wooden bench, for the hall or along a table."""
-    width = float(rng.uniform(0.95, 1.5)) if width is None else width
-    depth, height = rng.uniform(0.32, 0.38), rng.uniform(0.43, 0.47)
-    b = Builder("bench", "bench", "wall", front_clearance=0.4)
-    wood = style.wood
-    b.add(
-        leg_material(style, wood),
-        *feet(style, width, depth, height - 0.03, 0.045, 0.04, splay=0.01),
-    )
-    for k in range(3):
-        each = depth / 3
         b.add(
             wood,
-            box(
-                (width, each - 0.006, 0.032), (0, (k - 1) * each, height - 0.032), 0.004, grain="x"
-            ),
+            box((2 * x - 0.034, 0.018, 0.05), (0, front, under - 0.05)),
+            box((2 * x - 0.028, 0.018, 0.05), (0, rear, under - 0.05)),
+            box((2 * x - 0.014, 0.016, 0.022), (0, (front + rear) / 2, 0.161)),
         )
-    for sx in (-1, 1):
-        b.add(wood, box((0.03, depth - 0.1, 0.04), (sx * (width / 2 - 0.12), 0, height - 0.071)))
-    b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.03)
-    return b.piece()
+        deep, y, width = rear - front + 0.05, (front + rear) / 2 - 0.025, self.width
+        if self.padded:
+            b.add(wood, box((width - 0.02, deep - 0.02, 0.012), (0, y, under)))
+            pad = rounded_box((width, deep, 0.045), (0, y, under + 0.01), 0.02, (0, 0, 0.012))
+            b.add(self.style.second_upholstery, pad)
+        else:
+            b.add(wood, box((width, deep, 0.028), (0, y, under), bevel=0.008, grain="y"))
+        self._add_back(b, 2 * x - 0.02, self.top - 0.05)
+        return b.piece()
+
+    def _add_back(self, b: Builder, inner: float, high: float) -> None:
+        wood, seat, on_back, count = self.wood, self.seat, self._on_back, self.spars
+        if self.back == "slats":
+            low = seat + 0.1
+            for z in (low, high):
+                b.add(wood, box((inner, 0.02, 0.05), (0, on_back(z + 0.025), z), bevel=0.004))
+            for k in range(count):
+                sx = (k - (count - 1) / 2) * inner / count
+                points = [(sx, on_back(z), z) for z in np.linspace(low + 0.03, high + 0.02, 4)]
+                b.add(wood, post(points, [(0.5 * inner / count, 0.01)] * 4))
+        elif self.back == "spindles":
+            b.add(wood, box((inner + 0.03, 0.024, 0.045), (0, on_back(high), high), bevel=0.008))
+            for k in range(count):
+                share = (k - (count - 1) / 2) / (count - 1)
+                foot = (0.72 * inner * share, on_back(seat + 0.02) - 0.012, seat - 0.008)
+                tip = (0.88 * inner * share, on_back(high) + 0.002, high + 0.01)
+                b.add(wood, bar(foot, tip, 0.0065, 8))
+        elif self.back == "rails":
+            for k in range(count):
+                z = high - k * 0.105
+                if z > seat + 0.08:
+                    b.add(wood, box((inner, 0.016, 0.055), (0, on_back(z + 0.03), z), bevel=0.005))
+        else:
+            lean = -float(np.degrees(np.arctan2(self.lean, self.top - seat)))
+            size = (inner + 0.01, 0.05, self.top - seat - 0.13)
+            pad = rounded_box(size, (0, 0, 0), 0.022, (0, 0.012, 0)).turned("x", lean)
+            pad = pad.moved(y=on_back(seat + 0.12) + 0.002, z=seat + 0.11)
+            b.add(self.style.second_upholstery, pad)
+
+
+class ShellChair(Spec):
+    """A chair with seat and back of one moulded shell, on four splayed legs."""
+
+    width: float = between(0.43, 0.47)
+    seat: float = between(0.44, 0.47)
+    top: float = between(0.79, 0.86)
+    paint: Material = either(0.5, "lacquer", "accents")
+    wooden: bool = chance(0.35)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("dining chair", "chair", "free", front_clearance=0.5)
+        style, seat, top = self.style, self.seat, self.top
+        # Profile of the shell from the front edge of the seat to the top of the back: y, z.
+        profile = np.array(
+            [
+                (-0.215, seat - 0.025), (-0.2, seat - 0.006), (-0.13, seat), (-0.02, seat - 0.012),
+                (0.08, seat - 0.008), (0.135, seat + 0.022), (0.158, seat + 0.075),
+                (0.17, seat + 0.16), (0.195, 0.5 * (seat + top) + 0.08), (0.212, top),
+            ]
+        )  # fmt: skip
+        wide = np.array([0.8, 0.92, 1.0, 1.0, 0.97, 0.93, 0.92, 0.96, 0.9, 0.62])
+        across = np.linspace(-1, 1, 11)
+        cup = np.array([0.004, 0.008, 0.016, 0.02, 0.022, 0.03, 0.035, 0.03, 0.02, 0.008])
+        points = np.empty((len(across), len(profile), 3))
+        points[..., 0] = across[:, None] * (0.5 * self.width * wide)
+        # The sides of the seat curve up, those of the back forwards.
+        lying = np.clip((0.17 - profile[:, 0]) / 0.1, 0, 1) * (profile[:, 1] < seat + 0.05)
+        points[..., 1] = profile[:, 0] - (1 - lying) * cup * across[:, None] ** 2
+        points[..., 2] = profile[:, 1] + lying * cup * across[:, None] ** 2
+        shell = style.wood if self.wooden else self.paint
+        b.add(shell, thick_sheet(points, 0.008), name="shell")
+        frame = leg_material(style, style.wood)
+        thick, under = 0.018 if frame.kind == "metal" else 0.032, seat - 0.03
+        b.add(frame, box((0.24, 0.2, 0.014), (0, -0.02, under - 0.012), 0.002))
+        for sx in (-1, 1):
+            for y, foot in ((-0.1, -0.2), (0.06, 0.19)):
+                ends = [(sx * 0.2, foot, 0), (sx * 0.1, y, under - 0.004)]
+                b.add(frame, post(ends, [(0.6 * thick, 0.6 * thick), (thick, thick)]))
+        return b.piece()
+
+
+class LooseCushion(Spec):
+    """A cushion that leans in a corner of a couch."""
+
+    size: float = between(0.38, 0.46)
+    aside: float = between(0.0, 0.06)
+    form: int = whole(0, 5)
+    turned: bool = chance(0.5)
+    askew: float = drawn(lambda draw, spec: draw.normal(0, 2 + 7 * spec.style.disorder))
+    lean: float = between(20, 28)
+    inwards: float = between(5, 22)
+    cloth: Material = any_of("cushions")
+
+    def mesh(self, end: int) -> BodyMesh:
+        """The cushion at an end of the couch (-1, 1) or between (0), about the origin."""
+        flat = stuffed((self.size, self.size, 0.15), self.form, turned=self.turned).moved(z=-0.075)
+        upright = flat.turned("z", self.askew).turned("x", 90 - self.lean)
+        return upright.turned("z", -end * self.inwards)
+
+
+class Couch(Spec):
+    """What armchairs and sofas share: a frame, arms, and cushions to sit and lean on."""
+
+    name: ClassVar[str]
+    width: float  # with its arms
+    seats: int
+    depth: float = between(0.84, 0.96)
+    seat: float = between(0.41, 0.46)
+    back_top: float = between(0.76, 0.9)
+    arm_top: float = between(0.56, 0.66)
+    arm: float = between(0.12, 0.2)
+    foot: float = between(0.08, 0.16)
+    form: str = shape("sofa", "block", "slim", "low", "rolled")
+    cloth: Material
+    legs: Material = either(0.4, "dark_wood", "wood")
+    leans: tuple[float, ...] = drawn(
+        lambda draw, spec: tuple(draw.between(9, 14) for _ in range(spec.seats))
+    )
+    loose: tuple[LooseCushion, ...]
+
+    def measures(self) -> tuple[float, float, float, float]:
+        """Width of an arm, heights of the feet, the arms and the back; metres."""
+        arm, foot, arm_z, back_z = self.arm, self.foot, self.arm_top, self.back_top
+        if self.form == "slim":  # thin arms and high legs
+            arm, foot, arm_z = 0.55 * arm, foot + 0.06, arm_z + 0.01
+        elif self.form == "low":  # broad arms as high as the back, close to the floor
+            arm, foot, arm_z, back_z = arm + 0.04, 0.035, arm_z + 0.03, back_z - 0.05
+            back_z = max(back_z, 0.78)
+        return arm, foot, min(arm_z, 0.84 * back_z - 0.055 * (self.form == "rolled")), back_z
+
+    def build(self) -> FurniturePiece:
+        sofa = self.name == "sofa"
+        b = Builder(self.name, self.name, "wall" if sofa else "free", front_clearance=0.45)
+        width, depth, seat_z, cloth = self.width, self.depth, self.seat, self.cloth
+        arm, foot, arm_z, back_z = self.measures()
+        back, cushion = 0.17, 0.15
+        add_feet(b, self.style, self.legs, width, depth, foot + 0.02, 0.045, 0.03)
+        size = (width - 0.03, depth - 0.05, seat_z - cushion - foot)
+        rest = (width - 0.04, back, back_z - foot - 0.03)
+        at = (0, depth / 2 - back / 2, foot + 0.01)
+        b.add(cloth, rounded_box(size, (0, 0, foot), 0.02, inner=2), rounded_box(rest, at, 0.05))
+        radius = min(0.035 if arm < 0.16 else 0.06, 0.45 * arm)
+        for side in (-1, 1):
+            x = side * (width / 2 - arm / 2)
+            size, at = (arm, depth - 0.01, arm_z - foot), (x, -0.005, foot)
+            b.add(cloth, rounded_box(size, at, radius, (0.008, 0, 0.01)))
+            if self.form == "rolled":
+                roll = cylinder(0.085, 0, depth - 0.02, 28, bevel=0.02).turned("x", 90)
+                b.add(cloth, roll.moved(x, depth / 2 - 0.012, arm_z - 0.03))
+        inner = width - 2 * arm
+        each, deep = inner / self.seats, depth - back - 0.01
+        for k, lean in enumerate(self.leans):
+            x = -inner / 2 + (k + 0.5) * each
+            at = (x, -depth / 2 + deep / 2 - 0.005, seat_z - cushion - 0.002)
+            size, rest = (each - 0.006, deep, cushion), (each - 0.012, 0.17, back_z - seat_z + 0.06)
+            leaning = rounded_box(rest, (0, 0, 0), 0.06, (0, 0.03, 0.015), inner=4)
+            leaning = leaning.turned("x", -lean).moved(x, depth / 2 - back - 0.115, seat_z + 0.025)
+            b.add(cloth, rounded_box(size, at, 0.04, (0, 0.005, 0.022), inner=4), leaning)
+        for loose, end in zip(self.loose, (-1, 1, 0), strict=False):
+            x, mesh = end * (inner / 2 - loose.size / 2 - loose.aside), loose.mesh(end)
+            lowest = float(mesh.vertices[:, 2].min()) + 0.012  # it sinks in
+            with b.holding("cushion", "cushion"):
+                placed = mesh.moved(x, depth / 2 - back - 0.29, seat_z - lowest)
+                b.add(loose.cloth, placed, name="cushion")
+        if sofa and len(self.loose) == 2:  # between the cushions at its ends
+            b.surface(0, -depth / 2 + 0.22, seat_z + 0.008, inner / 2 - 0.62, 0.17)
+        return b.piece()
+
+
+class Armchair(Couch):
+    """An upholstered armchair."""
+
+    name = "armchair"
+    width: float = between(0.78, 0.92)
+    seats: int = 1
+    cloth: Material = either(0.6, "second_upholstery", "upholstery")
+    loose: tuple[LooseCushion, ...] = several(LooseCushion, 0, 2)
+
+
+class Sofa(Couch):
+    """A sofa of two or three seats with loose cushions; `width` includes the arms, metres."""
+
+    name = "sofa"
+    width: float = between(1.6, 2.35)
+    seats: int = drawn(lambda draw, spec: 3 if spec.width > 1.95 else 2)
+    cloth: Material = drawn(lambda draw, spec: spec.style.upholstery)
+    loose: tuple[LooseCushion, ...] = several(LooseCushion, 2, 4)
+
+
+class Stool(Spec):
+    """A round stool, low or of bar height."""
+
+    high: bool = chance(0.35)
+    seat: float = drawn(
+        lambda draw, spec: draw.between(*((0.62, 0.68) if spec.high else (0.43, 0.48)))
+    )
+    radius: float = between(0.15, 0.19)
+    wooden: bool = chance(0.5)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("bar stool" if self.high else "stool", "stool", "free")
+        seat, radius, wood = self.seat, self.radius, self.style.wood
+        frame = leg_material(self.style, wood)
+        size = 0.024 if self.style.legs == "metal" else 0.034
+        spread, ring = radius * (1.15 if self.high else 1.05), 0.35 * seat
+        for k in range(4):
+            angle = np.pi / 4 + k * np.pi / 2
+            c, s = float(np.cos(angle)), float(np.sin(angle))
+            foot, top = (
+                (spread * c, spread * s, 0),
+                (0.62 * radius * c, 0.62 * radius * s, seat - 0.02),
+            )
+            b.add(frame, post([foot, top], [(0.8 * size, 0.8 * size), (size, size)]))
+        at_ring = spread + (0.62 * radius - spread) * ring / (seat - 0.02)
+        turn = np.pi / 4 + np.arange(4) * np.pi / 2
+        corners = np.stack([at_ring * np.cos(turn), at_ring * np.sin(turn), np.full(4, ring)], 1)
+        for k in range(4):
+            b.add(frame, bar(corners[k], corners[(k + 1) % 4], 0.009, 8))
+        if self.wooden:
+            b.add(wood, cylinder(radius, seat - 0.035, seat, 32, bevel=0.008))
+            return b.piece()
+        b.add(wood, cylinder(radius - 0.01, seat - 0.045, seat - 0.028, 32))
+        profile = [(radius - 0.012, seat - 0.03), (radius - 0.003, seat - 0.022)]
+        profile += [(radius, seat - 0.01), (radius - 0.003, seat + 0.002)]
+        profile += [(radius - 0.014, seat + 0.011), (0.75 * radius, seat + 0.019)]
+        b.add(self.style.second_upholstery, lathe([*profile, (0, seat + 0.024)], 32))
+        return b.piece()
+
+
+class OfficeChair(Spec):
+    """A swivel chair on a five-armed base with castors."""
+
+    seat: float = between(0.45, 0.51)
+    base: Material = either(0.4, CHROME, BLACK_PLASTIC)
+    cloth: Material = either(0.5, "second_upholstery", "upholstery")
+    start: float = between(0, 72)
+    castors: tuple[float, ...] = drawn(
+        lambda draw, spec: tuple(draw.between(0, 360) for _ in range(5))
+    )
+    height: float = between(0.46, 0.64)
+    has_arms: bool = chance(0.75)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("office chair", "chair", "free", front_clearance=0.4)
+        self._add_base(b)
+        seat, cloth = self.seat, self.cloth
+        low = box((0.2, 0.24, 0.03), (0, 0, seat - 0.1), bevel=0.006)
+        b.add(BLACK_PLASTIC, low, rounded_box((0.46, 0.46, 0.03), (0, 0, seat - 0.075), 0.012))
+        at = (0, -0.01, seat - 0.055)
+        b.add(cloth, rounded_box((0.49, 0.48, 0.075), at, 0.035, (0, 0, 0.012)))
+        back = rounded_box((0.46, 0.065, self.height), (0, 0, 0), 0.03, (0, 0.01, 0))
+        back.vertices[:, 1] -= 0.5 * back.vertices[:, 0] ** 2  # concave towards the seat
+        b.add(cloth, back.turned("x", -8).moved(y=0.235, z=seat + 0.1))
+        path = [(0, 0.1, seat - 0.08), (0, 0.25, seat - 0.07), (0, 0.3, seat), (0, 0.3, seat + 0.3)]
+        b.add(BLACK_PLASTIC, tube(path, [0.018, 0.02, 0.02, 0.016], 10))
+        for side in (-1, 1) if self.has_arms else ():
+            corners = ((0.16, -0.07), (0.27, -0.06), (0.29, 0.0), (0.29, 0.19))
+            stem = tube([(side * x, 0.03, seat + z) for x, z in corners], 0.014, 10)
+            pad = rounded_box((0.075, 0.25, 0.03), (side * 0.29, -0.01, seat + 0.18), 0.013)
+            b.add(BLACK_PLASTIC, stem, pad)
+        return b.piece()
+
+    def _add_base(self, b: Builder) -> None:
+        ends = ((0.02, 0.026, 0.115, 0.02), (0.31, 0.015, 0.078, 0.009))
+        for k, castor in enumerate(self.castors):
+            at = self.start + 72 * k
+            rings = [
+                np.array([[x, -w, z - t], [x, w, z - t], [x, w, z + t], [x, -w, z + t]])
+                for x, w, z, t in ends
+            ]
+            b.add(self.base, loft(rings).turned("z", at))
+            wheel = cylinder(0.028, -0.009, 0.009, 16, bevel=0.003).turned("x", 90)
+            for side in (-1, 1):
+                rolling = wheel.moved(y=0.014 * side).turned("z", castor).moved(0.295, 0, 0.028)
+                b.add(RUBBER, rolling.turned("z", at))
+            b.add(RUBBER, cylinder(0.008, 0.028, 0.072, 8).moved(x=0.295).turned("z", at))
+        b.add(self.base, cylinder(0.035, 0.085, 0.14, 20), cylinder(0.026, 0.13, 0.28, 20))
+        b.add(CHROME, cylinder(0.016, 0.27, self.seat - 0.09, 16))
+
+
+class Pouf(Spec):
+    """A round upholstered footstool."""
+
+    radius: float = between(0.22, 0.3)
+    height: float = between(0.34, 0.42)
+
+    def build(self) -> FurniturePiece:
+        b, radius, height = Builder("pouf", "stool", "free"), self.radius, self.height
+        shares = ((0.3, 1.0), (0.48, 0.985), (0.5, 0.965), (0.52, 0.985), (0.7, 1.0), (0.93, 0.92))
+        outline = [(0.0, 0.86), (0.02, 0.94), *((z * height, share) for z, share in shares)]
+        outline += [(0.985 * height, 0.75), (height, 0.4), (1.004 * height, 0.05)]
+        rings = [superellipse(radius * wide, radius * wide, z, 2.0, 36) for z, wide in outline]
+        b.add(self.style.second_upholstery, loft(rings))
+        b.add(self.style.dark_wood, sphere(0.014, 12, 6).scaled(z=0.5).moved(z=1.004 * height))
+        b.surface(0, 0, height, 0.6 * radius, 0.6 * radius)
+        return b.piece()
+
+
+class Bench(Spec):
+    """A plain wooden bench, for the hall or along a table."""
+
+    width: float = between(0.95, 1.5)
+    depth: float = between(0.32, 0.38)
+    height: float = between(0.43, 0.47)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("bench", "bench", "wall", front_clearance=0.4)
+        width, depth, height, wood = self.width, self.depth, self.height, self.style.wood
+        add_feet(b, self.style, wood, width, depth, height - 0.03, 0.045, 0.04, splay=0.01)
+        each = depth / 3
+        for k in range(3):
+            at = (0, (k - 1) * each, height - 0.032)
+            b.add(wood, box((width, each - 0.006, 0.032), at, 0.004, grain="x"))
+        for sx in (-1, 1):
+            at = (sx * (width / 2 - 0.12), 0, height - 0.071)
+            b.add(wood, box((0.03, depth - 0.1, 0.04), at))
+        b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.03)
+        return b.piece()

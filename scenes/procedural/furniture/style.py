@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from pbrnet.scenes.color import Color, decode_srgb_value
 from pbrnet.scenes.params import STYLES, StyleName
 from pbrnet.scenes.procedural.furniture.interiors import INTERIORS, Front, Handle, Interior, Legs
 from pbrnet.scenes.procedural.piece import Material
+from pbrnet.scenes.seeds import Draw
 
 
 def hex_color(code: str) -> Color:
@@ -83,141 +82,122 @@ class Style:
         """The interior style that the home was drawn from."""
         return INTERIORS[self.name]
 
-    def shape(self, rng: np.random.Generator, feature: str, variants: Sequence[str]) -> str:
+    def shape(self, draw: Draw, feature: str, variants: Sequence[str]) -> str:
         """Draw a variant of a piece's feature among those that the style has, else among all."""
         fitting = self.interior.shapes.get(feature, tuple(variants))
-        return fitting[int(rng.integers(len(fitting)))]
+        return draw.pick(fitting)
 
-    def picture(self, rng: np.random.Generator) -> Material:
+    def picture(self, draw: Draw) -> Material:
         """Draw the material of an abstract picture."""
-        return Material("picture", hex_color("#9a938a"), 0.6, variant=int(rng.integers(1 << 30)))
+        return Material("picture", hex_color("#9a938a"), 0.6, variant=draw.variant())
 
 
-def draw_style_name(rng: np.random.Generator) -> StyleName:
+def draw_style_name(draw: Draw) -> StyleName:
     """Draw the name of an interior style; all are equally probable."""
-    return STYLES[int(rng.integers(len(STYLES)))]
+    return draw.pick(STYLES)
 
 
-def make_style(rng: np.random.Generator, name: StyleName | None = None) -> Style:
+def make_style(draw: Draw, name: StyleName | None = None) -> Style:
     """Draw a home's style from an interior style, by default from any."""
-    drawn = draw_style_name(rng)
+    drawn = draw_style_name(draw)
     name = drawn if name is None else name
     has = INTERIORS[name]
-
-    def pick(codes: Sequence[str]) -> Color:
-        return hex_color(codes[int(rng.integers(len(codes)))])
-
-    def variant() -> int:
-        return int(rng.integers(1 << 30))
-
-    wood_color = pick(has.woods)
-    wood = Material(
-        "wood",
-        wood_color,
-        roughness=float(rng.uniform(0.35, 0.55)),
-        accent=scaled_color(wood_color, 0.55),
-        variant=variant(),
-        family=has.wood_families[int(rng.integers(len(has.wood_families)))],
-    )
-    dark = pick(has.dark_woods)
-    dark_wood = replace(wood, color=dark, accent=scaled_color(dark, 0.5), variant=variant())
-    lacquer = Material("paint", pick(has.lacquers), roughness=float(rng.uniform(0.3, 0.5)))
-    kitchen: Material = Material(
-        "paint", pick(has.kitchens), roughness=float(rng.uniform(0.25, 0.5))
-    )
-    if rng.random() < has.wooden_kitchens:
-        kitchen = replace(wood, variant=variant())
-    stone = pick(has.stones)
-    worktop = (
-        Material(
-            "stone",
-            stone,
-            0.3,
-            accent=scaled_color(stone, 0.6),
-            variant=variant(),
-            family=has.stone_families[int(rng.integers(len(has.stone_families)))],
-        )
-        if rng.random() < has.stone_worktops
-        else replace(
-            wood, color=hex_color("#b98a55"), accent=hex_color("#8a6238"), variant=variant()
-        )
-    )
-    metal_code, metal_roughness = has.metals[int(rng.integers(len(has.metals)))]
-
-    def cloth(codes: Sequence[str], families: Sequence[str]) -> Material:
-        color = pick(codes)
-        family = families[int(rng.integers(len(families)))]
-        return Material(
-            "fabric", color, 0.9, scaled_color(color, 0.7), variant=variant(), family=family
-        )
-
-    upholstery = (
-        Material("leather", pick(has.leathers), 0.45)
-        if rng.random() < has.leather
-        else cloth(has.upholstery, has.cloths)
-    )
-    accents = [has.accents[int(k)] for k in rng.permutation(len(has.accents))]
-    book_colors = (*_BOOKS, *has.accents)
-    books = [book_colors[int(k)] for k in rng.permutation(len(book_colors))[:8]]
-    rug = pick(has.rugs)
+    wood = _wood(draw, _color(draw, has.woods), has)
+    dark = _color(draw, has.dark_woods)
+    dark_wood = replace(wood, color=dark, accent=scaled_color(dark, 0.5), variant=draw.variant())
+    lacquer = Material("paint", _color(draw, has.lacquers), draw.between(0.3, 0.5))
+    kitchen = Material("paint", _color(draw, has.kitchens), draw.between(0.25, 0.5))
+    if draw.chance(has.wooden_kitchens):
+        kitchen = replace(wood, variant=draw.variant())
+    worktop = _worktop(draw, wood, has)
+    metal_code, metal_roughness = draw.pick(has.metals)
+    if draw.chance(has.leather):
+        upholstery = Material("leather", _color(draw, has.leathers), 0.45)
+    else:
+        upholstery = _cloth(draw, has.upholstery, has.cloths)
+    accents = [hex_color(code) for code in draw.shuffled(has.accents)]
+    books = draw.shuffled((*_BOOKS, *has.accents))[:8]
+    rug = _color(draw, has.rugs)
     curtain = Material(
         "fabric",
-        pick(has.curtains),
+        _color(draw, has.curtains),
         0.9,
-        variant=variant(),
-        translucent=bool(rng.random() < has.sheer_curtains),
-        family=has.curtain_cloths[int(rng.integers(len(has.curtain_cloths)))],
+        variant=draw.variant(),
+        translucent=draw.chance(has.sheer_curtains),
+        family=draw.pick(has.curtain_cloths),
     )
     return Style(
         name=name,
         wood=wood,
         dark_wood=dark_wood,
         lacquer=lacquer,
-        cabinet=wood if rng.random() < has.wooden_cabinets else lacquer,
+        cabinet=wood if draw.chance(has.wooden_cabinets) else lacquer,
         kitchen=kitchen,
         worktop=worktop,
         metal=Material("metal", hex_color(metal_code), roughness=metal_roughness),
         upholstery=upholstery,
-        second_upholstery=cloth(has.upholstery if rng.random() < 0.7 else has.accents, has.cloths),
+        second_upholstery=_cloth(
+            draw, has.upholstery if draw.chance(0.7) else has.accents, has.cloths
+        ),
         cushions=tuple(
-            Material(
-                "fabric",
-                hex_color(code),
-                0.9,
-                hex_color("#d9d2c4"),
-                variant=variant(),
-                family=has.cushion_cloths[int(rng.integers(len(has.cushion_cloths)))],
-            )
-            for code in accents[:3]
+            _woven(draw, color, 0.9, has.cushion_cloths, hex_color("#d9d2c4"))
+            for color in accents[:3]
         ),
-        bedding=cloth(has.beddings, has.bedding_cloths),
-        throw=Material(
-            "fabric",
-            hex_color(accents[3]),
-            0.95,
-            variant=variant(),
-            family=has.throw_cloths[int(rng.integers(len(has.throw_cloths)))],
-        ),
+        bedding=_cloth(draw, has.beddings, has.bedding_cloths),
+        throw=_woven(draw, accents[3], 0.95, has.throw_cloths),
         curtain=curtain,
-        rug=Material(
-            "carpet",
-            rug,
-            0.95,
-            accent=pick(has.rugs),
-            variant=variant(),
-            family=has.rug_families[int(rng.integers(len(has.rug_families)))],
+        rug=replace(
+            Material("carpet", rug, 0.95, accent=_color(draw, has.rugs)),
+            variant=draw.variant(),
+            family=draw.pick(has.rug_families),
         ),
-        towel=Material("fabric", hex_color(accents[4]), 0.95, variant=variant(), family="terry"),
-        shade=Material("paper", pick(has.shades), 0.9),
-        accents=tuple(Material("ceramic", hex_color(code), 0.3) for code in accents[:5]),
+        towel=Material("fabric", accents[4], 0.95, variant=draw.variant(), family="terry"),
+        shade=Material("paper", _color(draw, has.shades), 0.9),
+        accents=tuple(Material("ceramic", color, 0.3) for color in accents[:5]),
         books=tuple(Material("paint", hex_color(code), 0.55) for code in books),
-        front=has.fronts[int(rng.integers(len(has.fronts)))],
-        handle=has.handles[int(rng.integers(len(has.handles)))],
-        legs=has.legs[int(rng.integers(len(has.legs)))],
-        worktop_height=float(rng.uniform(0.88, 0.94)),
-        kelvin=float(rng.choice(has.kelvins)),
+        front=draw.pick(has.fronts),
+        handle=draw.pick(has.handles),
+        legs=draw.pick(has.legs),
+        worktop_height=draw.between(0.88, 0.94),
+        kelvin=draw.pick(has.kelvins),
         prints=tuple(
-            Material("picture", hex_color("#9a938a"), 0.45, variant=variant()) for _ in range(5)
+            Material("picture", hex_color("#9a938a"), 0.45, variant=draw.variant())
+            for _ in range(5)
         ),
-        disorder=float(rng.uniform(*has.disorder)),
+        disorder=draw.between(*has.disorder),
     )
+
+
+def _color(draw: Draw, codes: Sequence[str]) -> Color:
+    return hex_color(draw.pick(codes))
+
+
+def _wood(draw: Draw, color: Color, has: Interior) -> Material:
+    roughness, variant = draw.between(0.35, 0.55), draw.variant()
+    family = draw.pick(has.wood_families)
+    return Material(
+        "wood", color, roughness, scaled_color(color, 0.55), 1.0, variant, family=family
+    )
+
+
+def _worktop(draw: Draw, wood: Material, has: Interior) -> Material:
+    stone = _color(draw, has.stones)
+    if draw.chance(has.stone_worktops):
+        variant, family = draw.variant(), draw.pick(has.stone_families)
+        accent = scaled_color(stone, 0.6)
+        return Material("stone", stone, 0.3, accent, variant=variant, family=family)
+    color, accent = hex_color("#b98a55"), hex_color("#8a6238")
+    return replace(wood, color=color, accent=accent, variant=draw.variant())
+
+
+def _cloth(draw: Draw, codes: Sequence[str], families: Sequence[str]) -> Material:
+    color, family = _color(draw, codes), draw.pick(families)
+    accent = scaled_color(color, 0.7)
+    return Material("fabric", color, 0.9, accent, variant=draw.variant(), family=family)
+
+
+def _woven(
+    draw: Draw, color: Color, roughness: float, families: Sequence[str], accent: Color | None = None
+) -> Material:
+    variant, family = draw.variant(), draw.pick(families)
+    return Material("fabric", color, roughness, accent, variant=variant, family=family)

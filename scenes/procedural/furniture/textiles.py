@@ -32,7 +32,7 @@ from pbrnet.scenes.procedural.furniture.geometry import (
 )
 from pbrnet.scenes.procedural.furniture.style import WHITE_PAINT, Style
 from pbrnet.scenes.procedural.piece import FurniturePiece
-from pbrnet.scenes.seeds import generator
+from pbrnet.scenes.seeds import Draw, generator
 
 SHAPES = 6  # simulations of each size of curtain
 _BUNCHES = (0.3, 0.41, 0.55)  # metres, widths of open panels
@@ -50,7 +50,7 @@ _TIED_Z = 0.07  # metres above and below the middle of a tie without a sill
 
 
 def curtains(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     width: float = 1.4,
     height: float = 2.3,
@@ -66,9 +66,9 @@ def curtains(
     Where a tie would run into the sill there is none.
     """
     b = Builder("curtains", "curtain", "on_wall")
-    wide = min(max(0.25 * width, 0.26), 0.6) * float(rng.uniform(0.85, 1.2))
-    half_span = width / 2 + float(rng.uniform(0.14, 0.24))
-    in_rail, tied = rng.random(2)
+    wide = min(max(0.25 * width, 0.26), 0.6) * draw.between(0.85, 1.2)
+    half_span = width / 2 + draw.between(0.14, 0.24)
+    in_rail, tied = draw.random(2)
     railed = bool(in_rail < 0.35)
     size = int(np.argmin([abs(bunch - wide) for bunch in _BUNCHES]))
     bunch = _BUNCHES[size]
@@ -111,11 +111,8 @@ def curtains(
         b.add(style.metal, sphere(0.022, 14, 8).moved(side * end, -_OFF, height), name="rod")
         x = side * (half_span + 0.025)
         b.add(style.metal, bar((x, -0.003, height), (x, -_OFF, height), 0.007, 8), name="bracket")
-        b.add(
-            style.metal,
-            cylinder(0.02, 0, 0.006, 16).turned("x", 90).moved(x, 0, height),
-            name="bracket",
-        )
+        bracket = cylinder(0.02, 0, 0.006, 16).turned("x", 90).moved(x, 0, height)
+        b.add(style.metal, bracket, name="bracket")
     return b.piece()
 
 
@@ -137,7 +134,7 @@ def panels(shape: int, size: int, sheer: bool, tied: bool) -> Panels:
     Folds of uneven width and depth are held at the top and fall down from there. Sheer cloth has
     less fullness, and so flatter folds. Tied panels are drawn to the side `_TIE` metres below.
     """
-    rng = generator(shape, "curtain", size, sheer, tied)
+    draw = generator(shape, "curtain", size, sheer, tied)
     bunch = _BUNCHES[size]
     cloth = bunch * (1.75 if sheer else 2.5)
     n, m = round(cloth / _ACROSS) + 1, round(_LONGEST / _DOWN) + 1
@@ -145,12 +142,12 @@ def panels(shape: int, size: int, sheer: bool, tied: bool) -> Panels:
     t = np.arange(m)[None, :] / (m - 1)
     starts, hooks = [], []
     for _ in range(2):
-        x, y, hook = _heading(rng, n, cloth, bunch, 0.15 if sheer else 0.2)
+        x, y, hook = _heading(draw, n, cloth, bunch, 0.15 if sheer else 0.2)
         u = np.arange(n)[:, None] / (n - 1)
         # Further down folds drift, open and close.
-        drift = 0.034 * t * np.sin(2 * np.pi * (1.3 * u + rng.random()) + 2 * t)
-        drift = drift + 0.016 * t * np.sin(2 * np.pi * (2.7 * u + rng.random()) - 3 * t)
-        deep = np.interp(u[:, 0], np.linspace(0, 1, 7), rng.uniform(0.0, 1.6, 7))
+        drift = 0.034 * t * np.sin(2 * np.pi * (1.3 * u + draw.random()) + 2 * t)
+        drift = drift + 0.016 * t * np.sin(2 * np.pi * (2.7 * u + draw.random()) - 3 * t)
+        deep = np.interp(u[:, 0], np.linspace(0, 1, 7), draw.uniform(0.0, 1.6, 7))
         across = x[:, None] * (1 + 0.16 * t * np.sqrt(t)) + drift
         out = y[:, None] * (1 + np.minimum(2 * t, 1) * (deep[:, None] - 1))
         if tied:
@@ -174,19 +171,19 @@ def panels(shape: int, size: int, sheer: bool, tied: bool) -> Panels:
 
 
 def _heading(
-    rng: np.random.Generator, n: int, cloth: float, bunch: float, fold: float
+    draw: Draw, n: int, cloth: float, bunch: float, fold: float
 ) -> tuple[Float64Array, Float64Array, list[float]]:
     """Points x, y (n,) of a curtain's upper edge, evenly along its folds, and places of rings.
 
     `cloth` metres are gathered to `bunch`; a fold takes about `fold` metres.
     """
     folds = max(3, round(cloth / fold))
-    ends = np.cumsum([0.0, *rng.uniform(0.65, 1.35, folds)])
+    ends = np.cumsum([0.0, *draw.uniform(0.65, 1.35, folds)])
     ends = bunch * ends / ends[-1]
     along = np.linspace(0, bunch, 240 * folds + 1)
     phase = 2 * np.pi * np.interp(along, ends, np.arange(folds + 1))
     knots = np.linspace(0, bunch, 2 * folds + 1)
-    depth = np.interp(along, knots, rng.uniform(0.75, 1.1, 2 * folds + 1))
+    depth = np.interp(along, knots, draw.uniform(0.75, 1.1, 2 * folds + 1))
     # A little past upright, as gathered cloth is.
     x = np.round(along - 0.1 * bunch / folds * np.sin(2 * phase), 9)
     y = np.round(depth * np.sin(phase), 9)
@@ -229,14 +226,11 @@ def _cord(x: float, z: float, side: float) -> list[BodyMesh]:
     away, deep = _TIED[0] + 0.012, 0.5 * (_OFF + _TIED[1]) + 0.004
     loops = []
     for down in (-0.009, 0.009):
-        ring = np.stack(
-            [
-                x + away * np.cos(turn),
-                deep * np.sin(turn) - deep - 0.012,
-                z + down + 0.25 * side * away * np.cos(turn),
-            ],
-            axis=1,
-        )
+        rings = [
+            x + away * np.cos(turn), deep * np.sin(turn) - deep - 0.012,
+            z + down + 0.25 * side * away * np.cos(turn),
+        ]  # fmt: skip
+        ring = np.stack(rings, axis=1)
         loops.append(tube(ring, 0.008, 8, closed=True))
     return loops
 
@@ -253,14 +247,14 @@ def _cut(place: Float64Array, drop: float) -> Float64Array:
 
 
 def rug(
-    rng: np.random.Generator, style: Style, width: float | None = None, depth: float | None = None
+    draw: Draw, style: Style, width: float | None = None, depth: float | None = None
 ) -> FurniturePiece:
     """A rug with a border and fringes at its short ends, or a round one."""
-    width = float(rng.uniform(1.6, 2.4)) if width is None else width
-    depth = float(rng.uniform(1.1, 1.7)) if depth is None else depth
+    width = draw.between(1.6, 2.4) if width is None else width
+    depth = draw.between(1.1, 1.7) if depth is None else depth
     b = Builder("rug", "rug", "centre")
-    thickness = float(rng.uniform(0.008, 0.014))
-    if abs(width - depth) < 0.05 * width and rng.random() < 0.6:
+    thickness = draw.between(0.008, 0.014)
+    if abs(width - depth) < 0.05 * width and draw.chance(0.6):
         rings = [
             superellipse(width / 2 - inset, width / 2 - inset, z, 2.0, 64)
             for z, inset in ((0.0, 0.0), (0.7 * thickness, 0.0), (thickness, 0.006))
@@ -269,16 +263,16 @@ def rug(
         return b.piece()
     n, m = 25, 17
     x, y = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1, 1, m), indexing="ij")
-    lie = 0.0015 * np.sin(4 * x + rng.uniform(0, 6)) * np.sin(3 * y + rng.uniform(0, 6))
+    lie = 0.0015 * np.sin(4 * x + draw.between(0, 6)) * np.sin(3 * y + draw.between(0, 6))
     points = np.stack([x * width / 2, y * depth / 2, thickness + lie], axis=-1)
     mesh = thick_sheet(points, thickness - 0.002)
     mesh.vertices[:, 2] -= mesh.vertices[:, 2].min()
     b.add(style.rug, mesh)
-    if rng.random() < 0.6:
+    if draw.chance(0.6):
         spacing = 0.03
         for side in (-1, 1):
             for v in np.arange(-depth / 2 + 0.015, depth / 2, spacing):
-                length = float(rng.uniform(0.04, 0.055))
+                length = draw.between(0.04, 0.055)
                 start = side * (width / 2 - 0.003)
                 b.add(
                     style.rug,
@@ -286,7 +280,7 @@ def rug(
                         (length, 0.009, 0.003),
                         (
                             start + side * length / 2,
-                            float(v) + float(rng.uniform(-0.004, 0.004)),
+                            float(v) + draw.between(-0.004, 0.004),
                             0.0015,
                         ),
                     ),
@@ -295,26 +289,26 @@ def rug(
     return b.piece()
 
 
-def cushion(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def cushion(draw: Draw, style: Style) -> FurniturePiece:
     """A loose cushion."""
-    size = float(rng.uniform(0.38, 0.5))
+    size = draw.between(0.38, 0.5)
     b = Builder("cushion", "cushion", "on_top")
-    fabric = style.cushions[int(rng.integers(len(style.cushions)))]
-    b.add(fabric, stuffed((size, size * rng.uniform(0.75, 1.0), 0.15), int(rng.integers(5))))
+    fabric = draw.pick(style.cushions)
+    b.add(fabric, stuffed((size, size * draw.between(0.75, 1.0), 0.15), draw.whole(5)))
     return b.piece()
 
 
-def folded_blanket(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def folded_blanket(draw: Draw, style: Style) -> FurniturePiece:
     """A blanket folded into a stack of layers."""
     b = Builder("folded blanket", "textile", "on_top")
-    width, depth = float(rng.uniform(0.32, 0.42)), float(rng.uniform(0.26, 0.34))
+    width, depth = draw.between(0.32, 0.42), draw.between(0.26, 0.34)
     z = 0.0
-    for _ in range(int(rng.integers(3, 5))):
+    for _ in range(draw.whole(3, 5)):
         b.add(
             style.throw,
             rounded_box(
-                (width * rng.uniform(0.96, 1.0), depth * rng.uniform(0.96, 1.0), 0.032),
-                (float(rng.uniform(-0.006, 0.006)), float(rng.uniform(-0.006, 0.006)), z),
+                (width * draw.between(0.96, 1.0), depth * draw.between(0.96, 1.0), 0.032),
+                (draw.between(-0.006, 0.006), draw.between(-0.006, 0.006), z),
                 0.0155,
                 (0, 0, 0.001),
             ),

@@ -21,7 +21,14 @@ from pbrnet.scenes.procedural.furniture.cloth import (
     started,
     stuffed,
 )
-from pbrnet.scenes.procedural.furniture.drapes import dropped, hooked, hung
+from pbrnet.scenes.procedural.furniture.drapes import (
+    dropped,
+    hanging,
+    hooked,
+    hung,
+    pleats,
+    ripples,
+)
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, grid
 from pbrnet.scenes.procedural.furniture.style import make_style
 from pbrnet.scenes.procedural.furniture.textiles import SHAPES, curtains, panels
@@ -48,7 +55,8 @@ def test_a_strip_held_at_both_ends_hangs_as_a_catenary() -> None:
 
 def test_a_cloth_over_a_table_keeps_off_it_and_hangs_down_at_its_sides() -> None:
     table = block((-0.4, -0.3, 0.0), (0.4, 0.3, 0.7), 0.01, 0.008)
-    made = [dropped(generator(3), [table], (1.2, 1.0), (0, 0, 0.72), tight=0.0) for _ in range(2)]
+    waves = ripples(generator(3))
+    made = [dropped(waves, [table], (1.2, 1.0), (0, 0, 0.72), tight=0.0) for _ in range(2)]
     assert np.array_equal(made[0].vertices, made[1].vertices)
     x, y, z = made[0].vertices.T
     inside = (np.abs(x) < 0.397) & (np.abs(y) < 0.297) & (z < 0.697)
@@ -58,11 +66,11 @@ def test_a_cloth_over_a_table_keeps_off_it_and_hangs_down_at_its_sides() -> None
 
 
 def test_towels_stay_before_the_wall_and_garments_have_their_outline() -> None:
-    towel = hung(generator(1), 0.4, 0.5, 0.3, 0.016, 0.06)
+    towel = hung(hanging(generator(1)), 0.4, 0.5, 0.3, 0.016, 0.06)
     assert towel.vertices[:, 1].max() < 0.065
     assert towel.vertices[:, 2].min() == pytest.approx(-0.5, abs=0.05)
-    shirt = hooked(generator(2), (1.1, 0.7), cut="shirt")
-    whole = hooked(generator(2), (1.1, 0.7))
+    shirt = hooked(pleats(generator(2)), (1.1, 0.7), cut="shirt")
+    whole = hooked(pleats(generator(2)), (1.1, 0.7))
     for mesh in (towel, shirt, whole):
         assert is_closed(mesh.vertices, mesh.faces)
     assert 0.4 < _area(shirt) / _area(whole) < 0.9

@@ -1,6 +1,6 @@
 """Kinds of things that people leave in rooms, and the places where they are left.
 
-`THINGS["mug"].make(rng, style)` returns a small `FurniturePiece`. The kinds are in `kinds.yaml`.
+`THINGS["mug"].make(draw, style)` returns a small `FurniturePiece`. The kinds are in `kinds.yaml`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _MODULES["vessels"] = vessels
 
 @dataclass(frozen=True)
 class Thing:
-    """A kind of thing: `make(rng, style)` builds one; `places` are names of places for it."""
+    """A kind of thing: `make(draw, style)` builds one; `places` are names of places for it."""
 
     name: str
     places: tuple[str, ...]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.drapes import hooked
+from pbrnet.scenes.procedural.furniture.drapes import hooked, pleats
 from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
@@ -31,6 +31,7 @@ from pbrnet.scenes.procedural.furniture.style import (
 )
 from pbrnet.scenes.procedural.furniture.things.vessels import glazed, printed, tinted
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.seeds import Draw
 
 _CORK = Material("paper", hex_color("#b08a5e"), 0.95, family="corrugated")
 _WAX = Material("plastic", hex_color("#efe6d2"), 0.6)
@@ -63,7 +64,7 @@ _SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
 
 
 def turned(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     name: str,
     shape: str,
@@ -73,7 +74,7 @@ def turned(
 ) -> FurniturePiece:
     """A turned ornament of glaze, wood or metal, with or without a candle."""
     b = Builder(name, category, "on_top")
-    r, h = float(rng.uniform(*radius)), float(rng.uniform(*height))
+    r, h = draw.between(*radius), draw.between(*height)
     outline = np.array(_SHAPES[shape])
     t = np.linspace(0, 1, len(outline))
     fine = np.linspace(0, 1, 3 * len(outline))
@@ -81,20 +82,20 @@ def turned(
         (r * float(np.interp(s, t, outline[:, 0])), h * float(np.interp(s, t, outline[:, 1])))
         for s in fine
     ]
-    body = [glazed(rng, style), style.wood, style.dark_wood, style.metal][int(rng.integers(4))]
+    body = draw.pick([glazed(draw, style), style.wood, style.dark_wood, style.metal])
     b.add(body, lathe(profile, 24), name="body")
     if shape == "candlestick":
-        b.add(_WAX, cylinder(0.011, h, h + float(rng.uniform(0.06, 0.2)), 14), name="candle")
+        b.add(_WAX, cylinder(0.011, h, h + draw.between(0.06, 0.2), 14), name="candle")
     return b.piece()
 
 
-def globe(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def globe(draw: Draw, style: Style) -> FurniturePiece:
     """A globe on a turned foot."""
     b = Builder("globe", "clutter", "on_top")
-    r = float(rng.uniform(0.07, 0.13))
+    r = draw.between(0.07, 0.13)
     foot = [(0.6 * r, 0), (0.62 * r, 0.012), (0.12 * r, 0.03), (0.1 * r, 0.06)]
     b.add(style.dark_wood, lathe(foot, 22), name="foot")
-    b.add(*printed(rng, style, sphere(r, 24, 14).moved(z=0.058 + r)), name="globe")
+    b.add(*printed(draw, style, sphere(r, 24, 14).moved(z=0.058 + r)), name="globe")
     turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 14)
     arc = np.stack(
         [(r + 0.008) * np.cos(turn), 0 * turn, 0.058 + r + (r + 0.008) * np.sin(turn)], 1
@@ -103,11 +104,11 @@ def globe(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def lantern(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def lantern(draw: Draw, style: Style) -> FurniturePiece:
     """A lantern: a candle between four posts under a hood."""
     b = Builder("lantern", "candle", "on_top")
-    half, h = float(rng.uniform(0.05, 0.08)), float(rng.uniform(0.18, 0.3))
-    frame = style.metal if rng.random() < 0.6 else style.wood
+    half, h = draw.between(0.05, 0.08), draw.between(0.18, 0.3)
+    frame = style.metal if draw.chance(0.6) else style.wood
     b.add(frame, box((2 * half, 2 * half, 0.015), (0, 0, 0), 0.002), name="frame")
     b.add(frame, box((2.1 * half, 2.1 * half, 0.012), (0, 0, h), 0.002), name="frame")
     for x in (-1, 1):
@@ -122,7 +123,7 @@ def lantern(rng: np.random.Generator, style: Style) -> FurniturePiece:
 
 
 def sheet(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     name: str,
     size: tuple[float, float],
@@ -136,13 +137,13 @@ def sheet(
     categories = {"mirror": "mirror", "board": "clutter", "plate": "crockery", "woven": "textile"}
     b = Builder(name, categories.get(look, "picture" if look == "poster" else "paper"), "on_wall")
     b.mount_height = height
-    x, z = (float(length * rng.uniform(0.85, 1.15)) for length in size)
+    x, z = (float(length * draw.between(0.85, 1.15)) for length in size)
     if look == "plate":
         ring = [(0.0, 0.0), (0.3 * x, 0.0), (0.5 * x, 0.018), (0.495 * x, 0.021)]
         ring += [(0.3 * x, 0.006), (0.0, 0.006)]
-        b.add(glazed(rng, style), lathe(ring, 32).turned("x", 90), name="plate")
+        b.add(glazed(draw, style), lathe(ring, 32).turned("x", 90), name="plate")
     elif look == "woven":
-        cloth = style.cushions[int(rng.integers(len(style.cushions)))]
+        cloth = draw.pick(style.cushions)
         b.add(style.wood, bar((-x / 2, -0.01, z / 2), (x / 2, -0.01, z / 2), 0.01, 10))
         b.add(cloth, span((-0.46 * x, -0.0135, -z / 2), (0.46 * x, -0.0075, z / 2 - 0.004)))
     elif look == "mirror":
@@ -150,25 +151,25 @@ def sheet(
         b.add(MIRROR, cylinder(x / 2 - 0.012, 0.0141, 0.0155, 40).turned("x", 90), name="mirror")
     elif look == "board":
         b.add(style.wood, span((-x / 2, -0.015, -z / 2), (x / 2, 0.0, z / 2), 0.003), name="frame")
-        inner = _CORK if rng.random() < 0.6 else WHITE_PLASTIC
+        inner = _CORK if draw.chance(0.6) else WHITE_PLASTIC
         face = span((0.03 - x / 2, -0.0165, 0.03 - z / 2), (x / 2 - 0.03, -0.0151, z / 2 - 0.03))
         b.add(inner, face, name="face")
-        for k in range(int(rng.integers(2, 5))):
-            half = float(rng.uniform(0.035, 0.055))
+        for k in range(draw.whole(2, 5)):
+            half = draw.between(0.035, 0.055)
             left = -x / 2 + 0.1 + (x - 0.2) * k / 4
-            up = float(rng.uniform(-0.5, 0.5)) * (z - 0.2)
+            up = draw.between(-0.5, 0.5) * (z - 0.2)
             with b.holding(_PINNED.get(name, "flyer"), "paper"):
                 note = span((left - half, -0.0178, up - half), (left + half, -0.0168, up + half))
-                b.add(*printed(rng, style, note), name="note")
+                b.add(*printed(draw, style, note), name="note")
                 pin = cylinder(0.006, 0.0, 0.008, 10).turned("x", 90)
-                b.add(tinted(rng, style), pin.moved(left, -0.0176, up + 0.8 * half), name="pin")
+                b.add(tinted(draw, style), pin.moved(left, -0.0176, up + 0.8 * half), name="pin")
     else:
-        paper = style.picture(rng) if look == "poster" else PAGES
+        paper = style.picture(draw) if look == "poster" else PAGES
         face = span((-x / 2, -0.0022, -z / 2), (x / 2, -0.0006, z / 2))
         b.add(paper, _whole(face, x, z) if look == "poster" else face, name="sheet")
         if look == "calendar":
             upper = span((0.01 - x / 2, -0.003, 0.02), (x / 2 - 0.01, -0.0023, z / 2 - 0.01))
-            b.add(*printed(rng, style, upper), name="print")
+            b.add(*printed(draw, style, upper), name="print")
             for row in range(5):
                 for column in range(7):
                     at = ((column - 3) * 0.12 * x, -0.0026, -0.06 * z - 0.085 * z * row)
@@ -183,35 +184,35 @@ def _whole(face: BodyMesh, x: float, z: float) -> BodyMesh:
 
 
 def on_hook(
-    rng: np.random.Generator, style: Style, name: str, size: tuple[float, float], category: str
+    draw: Draw, style: Style, name: str, size: tuple[float, float], category: str
 ) -> FurniturePiece:
     """A hook on the wall with a towel, an apron or a coat, an object of its own."""
     b = Builder(f"hook of the {name}", "fitting", "on_wall")
-    b.mount_height = float(rng.uniform(1.5, 1.7))
+    b.mount_height = draw.between(1.5, 1.7)
     b.add(style.metal, cylinder(0.022, 0.0, 0.006, 18, 0.001).turned("x", 90), name="plate")
     path = [(0, -0.004, 0.0), (0, -0.05, -0.022), (0, -0.08, -0.016), (0, -0.088, 0.016)]
     b.add(style.metal, tube(path, 0.006, 8), name="hook")
-    cloth = style.cushions[int(rng.integers(len(style.cushions)))]
+    cloth = draw.pick(style.cushions)
     if category == "towel":
         cloth = style.towel
-    wide, long = (float(length * rng.uniform(0.9, 1.1)) for length in size)
+    wide, long = (float(length * draw.between(0.9, 1.1)) for length in size)
     with b.holding(name, category):
-        b.add(cloth, hooked(rng, (wide, long)).moved(0, -0.035, -0.012), name="cloth")
+        b.add(cloth, hooked(pleats(draw), (wide, long)).moved(0, -0.035, -0.012), name="cloth")
     return b.piece()
 
 
-def rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def rail(draw: Draw, style: Style) -> FurniturePiece:
     """A rail with ladles, sieves and spatulas on hooks, each an object of its own."""
-    b = Builder("utensil rail", "fitting", "on_wall", mount_height=float(rng.uniform(1.5, 1.65)))
-    metal = STEEL if rng.random() < 0.6 else style.metal
-    half = float(rng.uniform(0.2, 0.32))
+    b = Builder("utensil rail", "fitting", "on_wall", mount_height=draw.between(1.5, 1.65))
+    metal = STEEL if draw.chance(0.6) else style.metal
+    half = draw.between(0.2, 0.32)
     b.add(metal, bar((-half, -0.04, 0), (half, -0.04, 0), 0.006, 10), name="rail")
     for side in (-1, 1):
         at = side * (half - 0.03)
         b.add(metal, bar((at, 0.0, 0), (at, -0.04, 0), 0.005, 8), name="bracket")
     for k, x in enumerate(np.arange(-half + 0.07, half - 0.05, 0.095)):
-        long = float(rng.uniform(0.22, 0.3))
-        body = [metal, style.wood, BLACK_PLASTIC][int(rng.integers(3))]
+        long = draw.between(0.22, 0.3)
+        body = draw.pick([metal, style.wood, BLACK_PLASTIC])
         end = -0.02 - long
         with b.holding(("ladle", "spatula", "whisk", "sieve", "wooden spoon")[k % 5], "fitting"):
             turn = np.linspace(0, np.pi, 8)
@@ -226,39 +227,39 @@ def rail(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def paper_holder(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def paper_holder(draw: Draw, style: Style) -> FurniturePiece:
     """A toilet roll on a holder."""
     b = Builder("toilet roll holder", "paper", "on_wall")
-    b.mount_height = float(rng.uniform(0.68, 0.8))
+    b.mount_height = draw.between(0.68, 0.8)
     b.add(CHROME, cylinder(0.022, 0.0, 0.008, 18, 0.001).turned("x", 90), name="plate")
     b.add(CHROME, bar((0, -0.004, 0), (0, -0.07, 0), 0.006, 10), name="arm")
     b.add(CHROME, bar((-0.004, -0.07, 0), (0.13, -0.07, 0), 0.006, 10), name="arm")
-    roll = cylinder(float(rng.uniform(0.04, 0.056)), 0.016, 0.116, 26, 0.002).turned("y", 90)
+    roll = cylinder(draw.between(0.04, 0.056), 0.016, 0.116, 26, 0.002).turned("y", 90)
     b.add(PAGES, roll.moved(0, -0.07, -0.012), name="roll")
     return b.piece()
 
 
-def brush(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def brush(draw: Draw, style: Style) -> FurniturePiece:
     """A toilet brush in its holder, on the floor."""
     b = Builder("toilet brush", "fitting", "free")
     holder = [(0.045, 0), (0.05, 0.16), (0.046, 0.16), (0.04, 0.008), (0, 0.008)]
-    b.add(CERAMIC if rng.random() < 0.5 else STEEL, lathe(holder, 22), name="holder")
+    b.add(CERAMIC if draw.chance(0.5) else STEEL, lathe(holder, 22), name="holder")
     b.add(WHITE_PLASTIC, bar((0, 0, 0.0085), (0.008, 0, 0.38), 0.008, 10), name="handle")
     return b.piece()
 
 
-def leaning(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
+def leaning(draw: Draw, style: Style, name: str) -> FurniturePiece:
     """A long thing that stands against the wall: a broom, an ironing board, a yoga roll."""
     b = Builder(name, "clutter", "free")
-    tall = float(rng.uniform(0.95, 1.05))
+    tall = draw.between(0.95, 1.05)
     if name == "broom":
         b.add(style.wood, bar((0, -0.06, 0.07), (0, 0.05, tall), 0.012, 10), name="stick")
         head = box((0.3, 0.05, 0.05), (0, -0.065, 0.03), 0.006)
-        b.add(tinted(rng, style), head, name="head")
+        b.add(tinted(draw, style), head, name="head")
         b.add(BLACK_PLASTIC, box((0.28, 0.04, 0.031), (0, -0.065, 0)), name="bristles")
     else:
         b.add(WHITE_PLASTIC, box((0.32, 0.03, tall), (0, 0.02, 0), 0.004), name="board")
-        cloth = style.cushions[int(rng.integers(len(style.cushions)))]
+        cloth = draw.pick(style.cushions)
         b.add(cloth, box((0.325, 0.012, tall - 0.1), (0, -0.0012, 0.06), 0.003), name="cover")
         for side in (-1, 1):
             leg = bar((side * 0.1, 0.041, 0.01), (-side * 0.1, 0.041, tall - 0.15), 0.01, 8)

@@ -31,18 +31,19 @@ from pbrnet.scenes.procedural.furniture.style import (
 )
 from pbrnet.scenes.procedural.furniture.things.vessels import glazed, printed, tinted
 from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece, Material
+from pbrnet.scenes.seeds import Draw
 
 CARDBOARD = Material("paper", hex_color("#a98a62"), 0.9, family="corrugated")
 _PAPER = Material("paper", hex_color("#e4e2dc"), 0.9, family="creased")
 Size = tuple[float, float, float]
 
 
-def _sized(rng: np.random.Generator, size: Size, spread: float = 0.12) -> list[float]:
-    return [float(length * rng.uniform(1 - spread, 1 + spread)) for length in size]
+def _sized(draw: Draw, size: Size, spread: float = 0.12) -> list[float]:
+    return [float(length * draw.between(1 - spread, 1 + spread)) for length in size]
 
 
 def package(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     name: str,
     size: Size,
@@ -52,57 +53,57 @@ def package(
 ) -> FurniturePiece:
     """A cardboard box or carton: printed, plain brown with tape, or of one colour."""
     b = Builder(name, category, anchor)
-    x, y, z = _sized(rng, size)
+    x, y, z = _sized(draw, size)
     body = box((x, y, z), bevel=0.0008)
     if look == "print":
-        b.add(*printed(rng, style, body), name="carton")
+        b.add(*printed(draw, style, body), name="carton")
     elif look == "brown":
         b.add(CARDBOARD, body, name="carton")
         tape = Material("plastic", hex_color("#b79a6a"), 0.25)
         b.add(tape, box((x * 0.995, 0.05, 0.0006), (0, 0, z + 0.0001)), name="tape")
     else:
-        b.add(style.books[int(rng.integers(len(style.books)))], body, name="carton")
+        b.add(draw.pick(style.books), body, name="carton")
     return b.piece()
 
 
-def gabled(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
+def gabled(draw: Draw, style: Style, name: str) -> FurniturePiece:
     """A milk or juice carton with a gable or a cap."""
     b = Builder(name, "box", "on_top")
-    x, y, z = _sized(rng, (0.07, 0.07, 0.19), 0.08)
-    b.add(*printed(rng, style, box((x, y, z), bevel=0.001)), name="carton")
+    x, y, z = _sized(draw, (0.07, 0.07, 0.19), 0.08)
+    b.add(*printed(draw, style, box((x, y, z), bevel=0.001)), name="carton")
     b.add(WHITE_PLASTIC, cylinder(0.014, z + 0.0002, z + 0.016, 16, 0.002), name="cap")
     return b.piece()
 
 
 def papers(
-    rng: np.random.Generator, style: Style, name: str, size: Size, sheets: int, look: str = "white"
+    draw: Draw, style: Style, name: str, size: Size, sheets: int, look: str = "white"
 ) -> FurniturePiece:
     """Papers, letters, magazines or notebooks, each a little askew."""
     b = Builder(name, "books" if look == "cover" else "paper", "on_top")
     z = 0.0
-    for _ in range(int(rng.integers(1, sheets + 1))):
-        x, y, thick = _sized(rng, size, 0.06)
+    for _ in range(draw.whole(1, sheets + 1)):
+        x, y, thick = _sized(draw, size, 0.06)
         sheet = (
             box((x, y, thick))
-            .turned("z", float(rng.uniform(-12, 12)))
-            .moved(float(rng.uniform(-0.01, 0.01)), float(rng.uniform(-0.01, 0.01)), z)
+            .turned("z", draw.between(-12, 12))
+            .moved(draw.between(-0.01, 0.01), draw.between(-0.01, 0.01), z)
         )
-        kind = rng.random()
+        kind = draw.random()
         if look == "white":
             b.add(_PAPER, sheet, name="paper")
         elif look == "print" or kind < 0.6:
-            b.add(*printed(rng, style, sheet), name="print")
+            b.add(*printed(draw, style, sheet), name="print")
         else:
-            b.add(style.books[int(rng.integers(len(style.books)))], sheet, name="cover")
+            b.add(draw.pick(style.books), sheet, name="cover")
         z += thick + 0.0003
-    if look == "white" and rng.random() < 0.4:
+    if look == "white" and draw.chance(0.4):
         pen = bar((-0.06, 0.01, z + 0.0042), (0.07, 0.03, z + 0.0042), 0.004, 8)
-        b.add(tinted(rng, style), pen, name="pen")
+        b.add(tinted(draw, style), pen, name="pen")
     return b.piece()
 
 
 def slab(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     name: str,
     size: Size,
@@ -113,8 +114,8 @@ def slab(
 ) -> FurniturePiece:
     """A flat device: phone, tablet, remote control, calculator, console."""
     b = Builder(name, category, "on_top")
-    x, y, z = _sized(rng, size, 0.06)
-    shell = WHITE_PLASTIC if white or rng.random() < 0.25 else BLACK_PLASTIC
+    x, y, z = _sized(draw, size, 0.06)
+    shell = WHITE_PLASTIC if white or draw.chance(0.25) else BLACK_PLASTIC
     b.add(
         shell, rounded_box((x, y, z), radius=min(0.45 * z, 0.008), steps=2, inner=1), name="shell"
     )
@@ -132,12 +133,12 @@ def slab(
                 b.add(RUBBER, box((0.5 * x / columns, 0.5 * y / rows, 0.0014), at), name="keys")
     if screen:
         shown = display(0.45 * x, 0.45 * y).turned("x", -90).moved(z=z + 0.001)
-        return with_display(b.piece(), rng, shown, float(rng.uniform(40, 100)))
+        return with_display(b.piece(), draw, shown, draw.between(40, 100))
     return b.piece()
 
 
 def device(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     name: str,
     size: Size,
@@ -146,9 +147,9 @@ def device(
 ) -> FurniturePiece:
     """A device on its feet: speaker, router, radio, toaster, coffee machine, printer and so on."""
     b = Builder(name, category, "on_top")
-    x, y, z = _sized(rng, size)
-    shells = [BLACK_PLASTIC, WHITE_PLASTIC, STEEL, tinted(rng, style)]
-    shell = shells[int(rng.integers(4))]
+    x, y, z = _sized(draw, size)
+    shells = [BLACK_PLASTIC, WHITE_PLASTIC, STEEL, tinted(draw, style)]
+    shell = draw.pick(shells)
     foot = 0.004
     radius = min(0.14 * min(x, y, z), 0.02)
     b.add(
@@ -161,7 +162,7 @@ def device(
     front = -0.5 * y
     dark = SCREEN if shell is not BLACK_PLASTIC else RUBBER
     if detail == "dials":
-        for k in range(int(rng.integers(1, 4))):
+        for k in range(draw.whole(1, 4)):
             knob = cylinder(min(0.12 * z, 0.13 * x), 0.0, 0.012, 18, 0.002).turned("x", 90)
             b.add(CHROME, knob.moved((k - 1) * 0.3 * x, front - 0.0002, 0.4 * z), name="dials")
     elif detail == "display":
@@ -173,22 +174,13 @@ def device(
     elif detail == "slots":
         for y_at in (-0.17, 0.17):
             b.add(SCREEN, box((0.75 * x, 0.14 * y, 0.001), (0, y_at * y, z + 0.0001)), name="slots")
-        b.add(
-            BLACK_PLASTIC,
-            box((0.02, 0.03, 0.014), (0.5 * x + 0.0102, 0, 0.6 * z), 0.003),
-            name="lever",
-        )
+        lever = box((0.02, 0.03, 0.014), (0.5 * x + 0.0102, 0, 0.6 * z), 0.003)
+        b.add(BLACK_PLASTIC, lever, name="lever")
     elif detail == "spout":
-        b.add(
-            dark,
-            box((0.34 * x, 0.4 * y, 0.09 * z), (0, front - 0.2 * y - 0.0002, 0.62 * z), 0.004),
-            name="spout",
-        )
-        b.add(
-            STEEL,
-            box((0.8 * x, 0.5 * y, 0.06 * z), (0, front - 0.25 * y - 0.0002, 0), 0.003),
-            name="tray",
-        )
+        spout = box((0.34 * x, 0.4 * y, 0.09 * z), (0, front - 0.2 * y - 0.0002, 0.62 * z), 0.004)
+        b.add(dark, spout, name="spout")
+        tray = box((0.8 * x, 0.5 * y, 0.06 * z), (0, front - 0.25 * y - 0.0002, 0), 0.003)
+        b.add(STEEL, tray, name="tray")
     elif detail == "aerials":
         for k in (-1, 1):
             foot_ = (0.35 * k * x, 0.3 * y, z)
@@ -200,21 +192,21 @@ def device(
     return b.piece()
 
 
-def _wire(rng: np.random.Generator, start: list[float], turns: int, size: float) -> np.ndarray:
+def _wire(draw: Draw, start: list[float], turns: int, size: float) -> np.ndarray:
     """A path of a cable lying on its surface from `start`, in loose loops."""
     count = 14 * turns
     t = np.linspace(0, turns, count)
-    radius = size * (0.35 + 0.65 * t / turns) * (1 + 0.12 * np.sin(2.7 * t + rng.uniform(0, 6)))
+    radius = size * (0.35 + 0.65 * t / turns) * (1 + 0.12 * np.sin(2.7 * t + draw.between(0, 6)))
     x = start[0] + radius * np.cos(2 * np.pi * t) - radius[0]
     y = start[1] + radius * np.sin(2 * np.pi * t)
     return np.stack([x, y, np.full(count, 0.0026)], axis=1)
 
 
-def charger(rng: np.random.Generator, style: Style, name: str = "charger") -> FurniturePiece:
+def charger(draw: Draw, style: Style, name: str = "charger") -> FurniturePiece:
     """A charger with its cable in loose loops."""
     b = Builder(name, "cable", "on_top")
-    plastic = WHITE_PLASTIC if rng.random() < 0.6 else BLACK_PLASTIC
-    path = _wire(rng, [0.0, 0.0], int(rng.integers(2, 4)), float(rng.uniform(0.04, 0.07)))
+    plastic = WHITE_PLASTIC if draw.chance(0.6) else BLACK_PLASTIC
+    path = _wire(draw, [0.0, 0.0], draw.whole(2, 4), draw.between(0.04, 0.07))
     b.add(plastic, tube(path, 0.0026, 7), name="cable")
     end = path[-1]
     b.add(
@@ -231,18 +223,18 @@ def charger(rng: np.random.Generator, style: Style, name: str = "charger") -> Fu
     return b.piece()
 
 
-def power_cable(rng: np.random.Generator, style: Style, run: float, end: float) -> FurniturePiece:
+def power_cable(draw: Draw, style: Style, run: float, end: float) -> FurniturePiece:
     """A plug in a socket, an object of its own, and its cable to furniture at the wall.
 
     The origin is the socket's middle. The cable hangs to the side of the furniture at x = `run` and
     climbs behind it, in the gap to the wall, to z = `end`; metres.
     """
     b = Builder("cable", "cable", "on_wall")
-    plastic = WHITE_PLASTIC if rng.random() < 0.5 else BLACK_PLASTIC
+    plastic = WHITE_PLASTIC if draw.chance(0.5) else BLACK_PLASTIC
     with b.holding("socket", "switch"):
         b.add(WHITE_PLASTIC, box((0.085, 0.01, 0.085), (0, -0.005, -0.0425), 0.003), name="plate")
     b.add(plastic, cylinder(0.018, 0.0102, 0.045, 18, 0.003).turned("x", 90), name="plug")
-    low = -float(rng.uniform(0.07, 0.1))  # above the highest skirting
+    low = -draw.between(0.07, 0.1)  # above the highest skirting
     behind = run + _BEHIND * _sign(run)
     corners = np.array(
         [
@@ -273,10 +265,10 @@ def _sign(value: float) -> float:
     return 1.0 if value > 0 else -1.0
 
 
-def power_strip(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def power_strip(draw: Draw, style: Style) -> FurniturePiece:
     """A strip of sockets with its cable, on the floor."""
     b = Builder("power strip", "cable", "free")
-    count = int(rng.integers(3, 6))
+    count = draw.whole(3, 6)
     long = 0.055 * count + 0.04
     b.add(WHITE_PLASTIC, box((long, 0.055, 0.04), (0, 0, 0), 0.005), name="strip")
     for k in range(count):
@@ -288,15 +280,15 @@ def power_strip(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def frame(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def frame(draw: Draw, style: Style) -> FurniturePiece:
     """A photograph in a frame that stands on its prop."""
     b = Builder("photo frame", "picture", "on_top")
-    x, z = float(rng.uniform(0.1, 0.2)), float(rng.uniform(0.13, 0.24))
-    body = [style.wood, style.metal, style.lacquer][int(rng.integers(3))]
+    x, z = draw.between(0.1, 0.2), draw.between(0.13, 0.24)
+    body = draw.pick([style.wood, style.metal, style.lacquer])
     tilted = [(body, box((x, 0.014, z), (0, 0, 0), 0.002))]
     photo = box((x - 0.03, 0.001, z - 0.03), (0, -0.0076, 0.015))
     lean = -11.0
-    for material, mesh in (*tilted, printed(rng, style, photo)):
+    for material, mesh in (*tilted, printed(draw, style, photo)):
         b.add(material, mesh.turned("x", lean), name="frame" if material is body else "photo")
     prop = bar((0, 0.018, 0.5 * z), (0, 0.3 * z, 0.003), 0.003, 8)
     b.add(BLACK_PLASTIC, prop, name="prop")
@@ -311,11 +303,11 @@ def _grounded(b: Builder) -> FurniturePiece:
     return moved.piece()
 
 
-def rack(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def rack(draw: Draw, style: Style) -> FurniturePiece:
     """A dish rack with plates standing in it."""
     b = Builder("dish rack", "crockery", "on_top")
     x, y = 0.38, 0.28
-    metal = STEEL if rng.random() < 0.6 else style.metal
+    metal = STEEL if draw.chance(0.6) else style.metal
     ring = [(-x / 2, -y / 2), (x / 2, -y / 2), (x / 2, y / 2), (-x / 2, y / 2)]
     for z in (0.012, 0.1):
         for k in range(4):
@@ -323,18 +315,18 @@ def rack(rng: np.random.Generator, style: Style) -> FurniturePiece:
             b.add(metal, bar((*a, z), (*c, z), 0.003, 8), name="rack")
     for corner in ring:
         b.add(metal, bar((*corner, 0.0), (*corner, 0.1), 0.0032, 8), name="rack")
-    glaze = glazed(rng, style)
-    for k in range(int(rng.integers(3, 8))):
-        disc = cylinder(float(rng.uniform(0.085, 0.12)), 0.0, 0.006, 30, 0.002).turned("y", 82)
+    glaze = glazed(draw, style)
+    for k in range(draw.whole(3, 8)):
+        disc = cylinder(draw.between(0.085, 0.12), 0.0, 0.006, 30, 0.002).turned("y", 82)
         low = float(disc.vertices[:, 2].min())
         b.add(glaze, disc.moved(-0.14 + 0.036 * k, 0, 0.016 - low), name="plates")
     return b.piece()
 
 
-def board(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
+def board(draw: Draw, style: Style, name: str) -> FurniturePiece:
     """A chopping board with a knife, a tray, or a placemat."""
     b = Builder(name, "clutter", "on_top")
-    x, y, z = _sized(rng, (0.36, 0.24, 0.018))
+    x, y, z = _sized(draw, (0.36, 0.24, 0.018))
     b.add(style.wood, box((x, y, z), bevel=0.004), name="board")
     if name == "chopping board":
         b.add(STEEL, box((0.18, 0.03, 0.0016), (-0.04, 0.01, z + 0.0002)), name="blade")
@@ -344,7 +336,7 @@ def board(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
     return b.piece()
 
 
-def knives(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def knives(draw: Draw, style: Style) -> FurniturePiece:
     """A block of knives."""
     b = Builder("knife block", "clutter", "on_top")
     b.add(style.wood, box((0.1, 0.14, 0.2), bevel=0.005), name="block")
@@ -354,36 +346,30 @@ def knives(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def cleaner(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def cleaner(draw: Draw, style: Style) -> FurniturePiece:
     """A sponge and a bottle of washing-up liquid's little tray."""
     b = Builder("sponge", "clutter", "on_top")
     foam = Material("paper", hex_color("#d9b93a"), 0.95, family="corrugated")
     b.add(foam, box((0.1, 0.065, 0.028), bevel=0.003), name="foam")
-    b.add(
-        Material("carpet", hex_color("#3a6a3a"), 0.95, family="loop"),
-        box((0.1, 0.065, 0.008), (0, 0, 0.0281), 0.001),
-        name="scourer",
-    )
+    scourer = box((0.1, 0.065, 0.008), (0, 0, 0.0281), 0.001)
+    b.add(Material("carpet", hex_color("#3a6a3a"), 0.95, family="loop"), scourer, name="scourer")
     return b.piece()
 
 
-def eggs(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def eggs(draw: Draw, style: Style) -> FurniturePiece:
     """Eggs in their tray."""
     b = Builder("eggs", "food", "on_top")
     b.add(CARDBOARD, box((0.15, 0.1, 0.03), bevel=0.006), name="tray")
     shell = Material("ceramic", hex_color("#c9966a"), 0.6, family="earthenware")
     for k in range(6):
         egg = sphere(0.021, 16, 10).scaled(z=1.25)
-        b.add(
-            shell,
-            egg.moved(-0.048 + 0.048 * (k % 3), -0.024 + 0.048 * (k // 3), 0.046),
-            name="eggs",
-        )
+        eggs = egg.moved(-0.048 + 0.048 * (k % 3), -0.024 + 0.048 * (k // 3), 0.046)
+        b.add(shell, eggs, name="eggs")
     return b.piece()
 
 
 def fixture(
-    rng: np.random.Generator, style: Style, name: str, size: Size, height: float, holes: int
+    draw: Draw, style: Style, name: str, size: Size, height: float, holes: int
 ) -> FurniturePiece:
     """A plate on the wall: socket, switch, thermostat, vent, intercom."""
     category = "switch" if name in ("socket", "switch") else "fitting"
@@ -399,11 +385,8 @@ def fixture(
     elif name == "switch":
         for k in range(holes):
             at = (k - 0.5 * (holes - 1)) * 0.9 * x / holes
-            b.add(
-                WHITE_PLASTIC,
-                box((0.75 * x / holes, 0.005, 0.72 * z), (at, -y - 0.0026, 0.14 * z), 0.0015),
-                name="rockers",
-            )
+            rockers = box((0.75 * x / holes, 0.005, 0.72 * z), (at, -y - 0.0026, 0.14 * z), 0.0015)
+            b.add(WHITE_PLASTIC, rockers, name="rockers")
     elif name == "vent":
         for k in range(6):
             slat = box((0.84 * x, 0.004, 0.05 * z), (0, -y - 0.0021, (0.13 + 0.14 * k) * z))
@@ -413,34 +396,31 @@ def fixture(
     return b.piece()
 
 
-def detector(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def detector(draw: Draw, style: Style) -> FurniturePiece:
     """A smoke detector under the ceiling."""
     b = Builder("smoke detector", "fitting", "ceiling")
-    r = float(rng.uniform(0.045, 0.06))
+    r = draw.between(0.045, 0.06)
     b.add(WHITE_PLASTIC, cylinder(0.75 * r, -0.036, 0.0, 28, 0.004, top=1.33), name="case")
-    b.add(
-        Material("plastic", hex_color("#8a1a14"), 0.3),
-        sphere(0.0025, 8, 6).moved(0.4 * r, 0, -0.0365),
-        name="lamp",
-    )
+    lamp = sphere(0.0025, 8, 6).moved(0.4 * r, 0, -0.0365)
+    b.add(Material("plastic", hex_color("#8a1a14"), 0.3), lamp, name="lamp")
     return b.piece()
 
 
-def bricks(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def bricks(draw: Draw, style: Style) -> FurniturePiece:
     """A scatter of building bricks around a little tower."""
     b = Builder("building bricks", "toy", "free")
     used: list[tuple[float, float]] = []
-    for k in range(int(rng.integers(6, 16))):
-        x, y = (float(value) for value in rng.uniform(-0.2, 0.2, 2))
+    for k in range(draw.whole(6, 16)):
+        x, y = (float(value) for value in draw.uniform(-0.2, 0.2, 2))
         if any(abs(x - a) + abs(y - c) < 0.09 for a, c in used):
             continue
         used.append((x, y))
-        tall = int(rng.integers(1, 4)) if k < 3 else 1
+        tall = draw.whole(1, 4) if k < 3 else 1
         for level in range(tall):
             brick = box((0.06, 0.03, 0.03), (0, 0, 0), 0.002)
             b.add(
-                tinted(rng, style),
-                brick.turned("z", float(rng.uniform(0, 180)) if tall == 1 else 90.0 * level).moved(
+                tinted(draw, style),
+                brick.turned("z", draw.between(0, 180) if tall == 1 else 90.0 * level).moved(
                     x, y, 0.0301 * level
                 ),
                 name="bricks",
@@ -448,18 +428,15 @@ def bricks(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def car(rng: np.random.Generator, style: Style, name: str = "toy car") -> FurniturePiece:
+def car(draw: Draw, style: Style, name: str = "toy car") -> FurniturePiece:
     """A toy car or train of two."""
     b = Builder(name, "toy", "on_top")
     for k in range(2 if name == "toy train" else 1):
         x = 0.12 * k
-        paint = tinted(rng, style)
+        paint = tinted(draw, style)
         b.add(paint, box((0.1, 0.05, 0.025), (x, 0, 0.012), 0.006), name="body")
-        b.add(
-            tinted(rng, style),
-            box((0.05, 0.044, 0.024), (x + 0.006, 0, 0.0372), 0.006),
-            name="cabin",
-        )
+        cabin = box((0.05, 0.044, 0.024), (x + 0.006, 0, 0.0372), 0.006)
+        b.add(tinted(draw, style), cabin, name="cabin")
         for side in (-1, 1):
             for end in (-1, 1):
                 wheel = cylinder(0.013, 0.0, 0.01, 16, 0.002).turned("x", 90)
@@ -468,16 +445,16 @@ def car(rng: np.random.Generator, style: Style, name: str = "toy car") -> Furnit
     return b.piece()
 
 
-def teddy(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
+def teddy(draw: Draw, style: Style, name: str) -> FurniturePiece:
     """A stuffed animal that sits."""
     b = Builder(name, "toy", "on_top")
     plush = Material(
         "fabric",
-        hex_color(("#8a6240", "#b59a78", "#77706a")[int(rng.integers(3))]),
+        hex_color(draw.pick(("#8a6240", "#b59a78", "#77706a"))),
         0.95,
         family="boucle",
     )
-    s = float(rng.uniform(0.8, 1.3))
+    s = draw.between(0.8, 1.3)
 
     def ball(r: float, x: float, y: float, z: float, tall: float = 1.0) -> BodyMesh:
         return sphere(r * s, 16, 10).scaled(z=tall).moved(x * s, y * s, z * s)
@@ -496,16 +473,16 @@ def teddy(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
     return b.piece()
 
 
-def ball(rng: np.random.Generator, style: Style, name: str, radius: float) -> FurniturePiece:
+def ball(draw: Draw, style: Style, name: str, radius: float) -> FurniturePiece:
     """A ball or a globe without its stand."""
     b = Builder(name, "toy", "free")
-    r = radius * float(rng.uniform(0.9, 1.1))
-    skin = Material("leather", style.accents[int(rng.integers(5))].color, 0.4, family="pebbled")
+    r = radius * draw.between(0.9, 1.1)
+    skin = Material("leather", draw.pick(style.accents).color, 0.4, family="pebbled")
     b.add(skin, sphere(r, 26, 16).moved(0, 0, r), name="ball")
     return b.piece()
 
 
-def dumbbells(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def dumbbells(draw: Draw, style: Style) -> FurniturePiece:
     """A pair of dumbbells."""
     b = Builder("dumbbells", "toy", "free")
     for k in (-1, 1):
@@ -517,11 +494,11 @@ def dumbbells(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def pages(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def pages(draw: Draw, style: Style) -> FurniturePiece:
     """An open book, face up."""
     b = Builder("open book", "books", "on_top")
-    x, y = float(rng.uniform(0.13, 0.18)), float(rng.uniform(0.19, 0.26))
-    cover = style.books[int(rng.integers(len(style.books)))]
+    x, y = draw.between(0.13, 0.18), draw.between(0.19, 0.26)
+    cover = draw.pick(style.books)
     b.add(cover, box((2 * x + 0.012, y + 0.008, 0.004)), name="cover")
     for side in (-1, 1):
         b.add(

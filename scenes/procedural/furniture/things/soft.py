@@ -22,27 +22,23 @@ from pbrnet.scenes.procedural.furniture.geometry import (
 from pbrnet.scenes.procedural.furniture.style import BLACK_PLASTIC, RUBBER, Style, hex_color
 from pbrnet.scenes.procedural.furniture.things.vessels import tinted
 from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece, Material
-from pbrnet.scenes.seeds import generator
+from pbrnet.scenes.seeds import Draw, generator
 
 _CLOTHS = ("cotton", "denim", "knit", "twill", "striped", "checked", "linen")
 _FALLS = 6  # settled sheets of each size
 _STEPS = 90
 
 
-def garment(rng: np.random.Generator, style: Style) -> Material:
+def garment(draw: Draw, style: Style) -> Material:
     """Cloth of a garment, in one of the home's small colours or in white, grey or blue."""
     plain = ("#d8d6d0", "#3a3d44", "#41546e", "#7a7d80")
-    color = (
-        style.accents[int(rng.integers(len(style.accents)))].color
-        if rng.random() < 0.5
-        else hex_color(plain[int(rng.integers(4))])
-    )
+    color = draw.pick(style.accents).color if draw.chance(0.5) else hex_color(draw.pick(plain))
     return Material(
         "fabric",
         color,
         0.95,
-        family=_CLOTHS[int(rng.integers(len(_CLOTHS)))],
-        variant=int(rng.integers(4)) + 1,
+        family=draw.pick(_CLOTHS),
+        variant=draw.whole(4) + 1,
     )
 
 
@@ -54,15 +50,15 @@ def fallen(fall: int, width: int, depth: int, gather: int) -> Float64Array:
     pushed together before it falls. Positions are rounded to 0.1 mm, because the simulation
     amplifies last digits.
     """
-    rng = generator(fall, "fallen cloth", width, depth, gather)
+    draw = generator(fall, "fallen cloth", width, depth, gather)
     n, m = max(10, width // 3), max(10, depth // 3)
     rest_x, rest_y = width / 100 / (n - 1), depth / 100 / (m - 1)
     i, j = np.meshgrid(np.arange(n), np.arange(m), indexing="ij")
     shrink = 1 - gather / 100
     u, v = i / (n - 1) - 0.5, j / (m - 1) - 0.5
     bumps = sum(
-        rng.uniform(0.4, 1)
-        * np.sin(2 * np.pi * (rng.uniform(-4, 4) * u + rng.uniform(-4, 4) * v + rng.random()))
+        draw.between(0.4, 1)
+        * np.sin(2 * np.pi * (draw.between(-4, 4) * u + draw.between(-4, 4) * v + draw.random()))
         for _ in range(6)
     )
     place = np.stack(
@@ -72,13 +68,9 @@ def fallen(fall: int, width: int, depth: int, gather: int) -> Float64Array:
     before = place.copy()
     diagonal = np.sqrt(rest_x**2 + rest_y**2)
     springs = [
-        ((0, 1), rest_y),
-        ((1, 0), rest_x),
-        ((1, 1), diagonal),
-        ((1, -1), diagonal),
-        ((2, 0), 2 * rest_x),
-        ((0, 2), 2 * rest_y),
-    ]
+        ((0, 1), rest_y), ((1, 0), rest_x), ((1, 1), diagonal), ((1, -1), diagonal),
+        ((2, 0), 2 * rest_x), ((0, 2), 2 * rest_y),
+    ]  # fmt: skip
     for _ in range(_STEPS):
         speed = 0.9 * (place - before)
         speed[..., 2] -= 0.0006
@@ -100,7 +92,7 @@ def fallen(fall: int, width: int, depth: int, gather: int) -> Float64Array:
 
 
 def sheet(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     name: str,
     size: tuple[int, int],
@@ -111,17 +103,17 @@ def sheet(
 ) -> FurniturePiece:
     """A cloth that fell: towel, garment, throw."""
     b = Builder(name, category, anchor)
-    points = fallen(int(rng.integers(_FALLS)), *size, gather)
+    points = fallen(draw.whole(_FALLS), *size, gather)
     mesh = thick_sheet(points, 0.003)
     low = float(mesh.vertices[:, 2].min())
     b.add(
-        garment(rng, style) if material is None else material, mesh.moved(0, 0, -low), name="cloth"
+        garment(draw, style) if material is None else material, mesh.moved(0, 0, -low), name="cloth"
     )
     return b.piece()
 
 
 def folded(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     name: str,
     size: tuple[float, float],
@@ -132,28 +124,28 @@ def folded(
     """A pile of folded cloth; each piece has a colour of its own."""
     b = Builder(name, category, "on_top")
     z = 0.0
-    for _ in range(int(rng.integers(max(1, layers - 2), layers + 1))):
-        x, y = (length * float(rng.uniform(0.92, 1.0)) for length in size)
-        thick = float(rng.uniform(0.022, 0.034))
-        cloth = garment(rng, style) if material is None else material
-        at = (float(rng.uniform(-0.006, 0.006)), float(rng.uniform(-0.006, 0.006)), z)
+    for _ in range(draw.whole(max(1, layers - 2), layers + 1)):
+        x, y = (length * draw.between(0.92, 1.0) for length in size)
+        thick = draw.between(0.022, 0.034)
+        cloth = garment(draw, style) if material is None else material
+        at = (draw.between(-0.006, 0.006), draw.between(-0.006, 0.006), z)
         b.add(cloth, rounded_box((x, y, thick), at, 0.45 * thick), name="cloth")
         z += thick + 0.0004
     return b.piece()
 
 
-def shoes(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
+def shoes(draw: Draw, style: Style, name: str) -> FurniturePiece:
     """A pair of shoes, sneakers, slippers or boots, not quite in line."""
     b = Builder(name, "shoe", "free")
-    long, wide = float(rng.uniform(0.25, 0.3)), 0.048
+    long, wide = draw.between(0.25, 0.3), 0.048
     upper = Material(
         "leather",
-        hex_color(("#2a2522", "#5f4028", "#8a6a48")[int(rng.integers(3))]),
+        hex_color(draw.pick(("#2a2522", "#5f4028", "#8a6a48"))),
         0.45,
         family="nappa",
     )
     if name in ("sneakers", "slippers"):
-        upper = garment(rng, style)
+        upper = garment(draw, style)
     sole = Material("plastic", hex_color("#dedbd2"), 0.6) if name == "sneakers" else RUBBER
     tall = {"boots": 0.24, "slippers": 0.05, "sneakers": 0.085}.get(name, 0.075)
     t = np.linspace(0, 2 * np.pi, 36, endpoint=False)
@@ -168,50 +160,42 @@ def shoes(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
 
     thick = 0.02 if name != "slippers" else 0.012
     for k in (-1, 1):
-        turn, x = float(rng.uniform(-14, 14)), 0.075 * k
-        y = float(rng.uniform(-0.03, 0.03))
+        turn, x = draw.between(-14, 14), 0.075 * k
+        y = draw.between(-0.03, 0.03)
         bottom = loft(np.stack([ring(0.0, 0.96, 0), ring(thick, 1.0, 0)]))
         back = 0.2 * long
-        body = loft(
-            np.stack(
-                [
-                    ring(thick + 0.0004, 0.97, 0),
-                    ring(thick + 0.25 * tall, 0.93, 0.005),
-                    ring(thick + 0.6 * tall, 0.72, 0.6 * back, 0.8),
-                    ring(thick + tall, 0.6, back, 0.62),
-                    ring(thick + tall, 0.5, back, 0.56),
-                    ring(thick + 0.3 * tall, 0.48, back, 0.55),
-                ]
-            )
-        )
+        rings = [
+            ring(thick + 0.0004, 0.97, 0), ring(thick + 0.25 * tall, 0.93, 0.005),
+            ring(thick + 0.6 * tall, 0.72, 0.6 * back, 0.8), ring(thick + tall, 0.6, back, 0.62),
+            ring(thick + tall, 0.5, back, 0.56), ring(thick + 0.3 * tall, 0.48, back, 0.55),
+        ]  # fmt: skip
+        body = loft(np.stack(rings))
         b.add(sole, bottom.turned("z", turn).moved(x, y), name="soles")
         b.add(upper, body.turned("z", turn).moved(x, y), name="uppers")
     return b.piece()
 
 
-def bag(
-    rng: np.random.Generator, style: Style, name: str, size: tuple[float, float, float]
-) -> FurniturePiece:
+def bag(draw: Draw, style: Style, name: str, size: tuple[float, float, float]) -> FurniturePiece:
     """A bag that stands and sags: backpack, handbag, tote, paper bag."""
     b = Builder(name, "bag", "free")
-    x, y, z = (length * float(rng.uniform(0.9, 1.1)) for length in size)
+    x, y, z = (length * draw.between(0.9, 1.1) for length in size)
     if name == "paper bag":
         cloth = Material("paper", hex_color("#b0916a"), 0.9, family="creased")
     elif name == "handbag":
         cloth = Material(
             "leather",
-            hex_color(("#3a2a22", "#7a4a30", "#20222a")[int(rng.integers(3))]),
+            hex_color(draw.pick(("#3a2a22", "#7a4a30", "#20222a"))),
             0.4,
             family="full",
         )
     else:
-        cloth = garment(rng, style)
+        cloth = garment(draw, style)
     count = 40
     turn = 2 * np.pi * np.arange(count) / count
     rings = []
     for t, scale in ((0.0, 0.9), (0.02, 1.0), (0.3, 1.05), (0.6, 0.99), (0.85, 0.85), (1.0, 0.7)):
         ring = superellipse(0.5 * x * scale, 0.5 * y * scale, t * z, 4.0, count)
-        sag = 1 + 0.05 * t * np.sin(3 * turn + rng.uniform(0, 6)) * (t < 0.99)
+        sag = 1 + 0.05 * t * np.sin(3 * turn + draw.between(0, 6)) * (t < 0.99)
         ring[:, :2] *= sag[:, None]
         rings.append(ring)
     b.add(cloth, loft(np.stack(rings)), name="bag")
@@ -231,29 +215,26 @@ def bag(
     return b.piece()
 
 
-def suitcase(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def suitcase(draw: Draw, style: Style) -> FurniturePiece:
     """A suitcase on wheels with its handle down."""
     b = Builder("suitcase", "bag", "free")
-    x, y, z = 0.42, 0.25, float(rng.uniform(0.55, 0.68))
-    shell = tinted(rng, style)
+    x, y, z = 0.42, 0.25, draw.between(0.55, 0.68)
+    shell = tinted(draw, style)
     b.add(shell, rounded_box((x, y, z), (0, 0, 0.045), 0.04, steps=3, inner=2), name="shell")
     for side in (-1, 1):
         for front in (-1, 1):
             wheel = cylinder(0.022, -0.012, 0.012, 16, 0.003).turned("y", 90)
             b.add(RUBBER, wheel.moved(0.38 * side * x, 0.32 * front * y, 0.022), name="wheels")
-            b.add(
-                BLACK_PLASTIC,
-                box((0.03, 0.03, 0.03), (0.38 * side * x, 0.32 * front * y, 0.0442)),
-                name="forks",
-            )
+            forks = box((0.03, 0.03, 0.03), (0.38 * side * x, 0.32 * front * y, 0.0442))
+            b.add(BLACK_PLASTIC, forks, name="forks")
     b.add(BLACK_PLASTIC, box((0.16, 0.025, 0.02), (0, 0.06, z + 0.0455), 0.006), name="grip")
     return b.piece()
 
 
-def hat(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
+def hat(draw: Draw, style: Style, name: str) -> FurniturePiece:
     """A felt or straw hat."""
     b = Builder(name, "clothing", "on_top")
-    straw = rng.random() < 0.4
+    straw = draw.chance(0.4)
     cloth = (
         Material("wood", hex_color("#c9a86a"), 0.8, family="wicker", scale=0.5)
         if straw
@@ -264,20 +245,20 @@ def hat(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
     return b.piece()
 
 
-def mat(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def mat(draw: Draw, style: Style) -> FurniturePiece:
     """A rolled exercise mat."""
     b = Builder("rolled mat", "toy", "free")
-    r = float(rng.uniform(0.05, 0.065))
+    r = draw.between(0.05, 0.065)
     body = cylinder(r, -0.3, 0.3, 26, 0.004).turned("y", 90)
-    rubber = Material("leather", tinted(rng, style).color, 0.8, family="pebbled")
+    rubber = Material("leather", tinted(draw, style).color, 0.8, family="pebbled")
     b.add(rubber, body.moved(0, 0, r), name="mat")
     return b.piece()
 
 
-def umbrella(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def umbrella(draw: Draw, style: Style) -> FurniturePiece:
     """A closed umbrella lying on the floor."""
     b = Builder("umbrella", "bag", "free")
-    cloth = Material("fabric", tinted(rng, style).color, 0.8, family="satin")
+    cloth = Material("fabric", tinted(draw, style).color, 0.8, family="satin")
     body = lathe([(0.004, 0.0), (0.03, 0.06), (0.034, 0.4), (0.014, 0.6), (0.006, 0.62)], 18)
     b.add(cloth, body.turned("y", 90).moved(-0.3, 0, 0.034), name="cloth")
     b.add(style.wood, bar((-0.3, 0, 0.034), (-0.42, 0, 0.034), 0.009, 10), name="grip")

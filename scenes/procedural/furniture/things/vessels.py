@@ -18,6 +18,7 @@ from pbrnet.scenes.procedural.furniture.style import (
     hex_color,
 )
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.seeds import Draw
 
 Profile = list[tuple[float, float]]
 _GREEN = Material("plastic", hex_color("#24402a"), 0.08)
@@ -25,34 +26,30 @@ _BROWN = Material("plastic", hex_color("#3a2312"), 0.08)
 _ALUMINIUM = Material("metal", hex_color("#c4c5c6"), 0.35, family="brushed")
 
 
-def tinted(rng: np.random.Generator, style: Style) -> Material:
+def tinted(draw: Draw, style: Style) -> Material:
     """One of the home's small colours, in plastic."""
-    chosen = style.accents[int(rng.integers(len(style.accents)))]
+    chosen = draw.pick(style.accents)
     return Material("plastic", chosen.color, 0.35)
 
 
-def glazed(rng: np.random.Generator, style: Style) -> Material:
+def glazed(draw: Draw, style: Style) -> Material:
     """The home's white or one of its coloured glazes."""
-    return CERAMIC if rng.random() < 0.5 else style.accents[int(rng.integers(len(style.accents)))]
+    return CERAMIC if draw.chance(0.5) else draw.pick(style.accents)
 
 
-def printed(rng: np.random.Generator, style: Style, mesh: BodyMesh) -> tuple[Material, BodyMesh]:
+def printed(draw: Draw, style: Style, mesh: BodyMesh) -> tuple[Material, BodyMesh]:
     """A printed paper of the home, and the mesh with uvs in a random part of the print."""
     low = mesh.uvs.min(axis=0)
     size = np.maximum(np.ptp(mesh.uvs, axis=0), 1e-6)
-    part = rng.uniform(0.25, 0.6, 2)
-    start = rng.uniform(0, 1 - part)
+    part = draw.uniform(0.25, 0.6, 2)
+    start = draw.uniform(0, 1 - part)
     uvs = start + (mesh.uvs - low) / size * part
-    print_ = style.prints[int(rng.integers(len(style.prints)))]
+    print_ = draw.pick(style.prints)
     return print_, BodyMesh(mesh.vertices, mesh.faces, uvs, mesh.smooth)
 
 
-def _uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(rng.uniform(low, high))
-
-
 def bottle(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     radius: tuple[float, float],
     height: tuple[float, float],
@@ -65,34 +62,30 @@ def bottle(
 ) -> FurniturePiece:
     """A bottle: body, shoulder from `shoulder` of the height on, neck, cap, paper label."""
     b = Builder(name, category, "on_top")
-    r, h = _uniform(rng, *radius), _uniform(rng, *height)
+    r, h = draw.between(*radius), draw.between(*height)
     n = max(neck * r, 0.009)
     s, top = shoulder * h, h - 0.02
     profile = [
-        (0.9 * r, 0.0),
-        (r, 0.05 * h),
-        (r, s),
-        (0.85 * r, s + 0.25 * (top - s)),
-        (1.15 * n, s + 0.6 * (top - s)),
-        (n, top),
-    ]
+        (0.9 * r, 0.0), (r, 0.05 * h), (r, s), (0.85 * r, s + 0.25 * (top - s)),
+        (1.15 * n, s + 0.6 * (top - s)), (n, top),
+    ]  # fmt: skip
     choices = {
         "glass": [_GREEN, _BROWN, CERAMIC],
-        "plastic": [WHITE_PLASTIC, tinted(rng, style), tinted(rng, style)],
-        "any": [_GREEN, _BROWN, WHITE_PLASTIC, tinted(rng, style)],
-        "metal": [_ALUMINIUM, style.metal, tinted(rng, style)],
+        "plastic": [WHITE_PLASTIC, tinted(draw, style), tinted(draw, style)],
+        "any": [_GREEN, _BROWN, WHITE_PLASTIC, tinted(draw, style)],
+        "metal": [_ALUMINIUM, style.metal, tinted(draw, style)],
     }[body]
-    b.add(choices[int(rng.integers(len(choices)))], lathe(profile, 20), name="body")
-    cap = [BLACK_PLASTIC, WHITE_PLASTIC, _ALUMINIUM][int(rng.integers(3))]
+    b.add(draw.pick(choices), lathe(profile, 20), name="body")
+    cap = draw.pick([BLACK_PLASTIC, WHITE_PLASTIC, _ALUMINIUM])
     b.add(cap, cylinder(1.2 * n, top, h, 16, 0.001), name="cap")
     if label and s > 0.05:
         paper = lathe([(r + 0.0006, 0.22 * s), (r + 0.0006, 0.85 * s)], 20)
-        b.add(*printed(rng, style, paper), name="label")
+        b.add(*printed(draw, style, paper), name="label")
     return b.piece()
 
 
 def jar(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     radius: tuple[float, float],
     height: tuple[float, float],
@@ -104,23 +97,23 @@ def jar(
 ) -> FurniturePiece:
     """A jar, tin or can: straight body with a lid."""
     b = Builder(name, category, "on_top")
-    r, h = _uniform(rng, *radius), _uniform(rng, *height)
+    r, h = draw.between(*radius), draw.between(*height)
     top = 0.88 * h if lid else h
     material = {
-        "plastic": tinted(rng, style),
-        "ceramic": glazed(rng, style),
+        "plastic": tinted(draw, style),
+        "ceramic": glazed(draw, style),
         "metal": _ALUMINIUM,
-        "tin": style.books[int(rng.integers(len(style.books)))],
+        "tin": draw.pick(style.books),
         "wood": style.wood,
         "white": WHITE_PLASTIC,
     }[body]
     b.add(material, cylinder(r, 0.0, top, 22, min(0.003, 0.1 * r)), name="body")
     if lid:
-        cover = [style.wood, BLACK_PLASTIC, _ALUMINIUM, material][int(rng.integers(4))]
+        cover = draw.pick([style.wood, BLACK_PLASTIC, _ALUMINIUM, material])
         b.add(cover, cylinder(1.03 * r, top, h, 22, 0.0015), name="lid")
     if label:
         paper = lathe([(r + 0.0006, 0.15 * top), (r + 0.0006, 0.8 * top)], 22)
-        b.add(*printed(rng, style, paper), name="label")
+        b.add(*printed(draw, style, paper), name="label")
     return b.piece()
 
 
@@ -135,7 +128,7 @@ def _hollow(
 
 
 def cup(
-    rng: np.random.Generator,
+    draw: Draw,
     style: Style,
     radius: tuple[float, float],
     height: tuple[float, float],
@@ -147,8 +140,8 @@ def cup(
 ) -> FurniturePiece:
     """A cup, mug, tumbler or bowl."""
     b = Builder(name, category, "on_top")
-    r, h = _uniform(rng, *radius), _uniform(rng, *height)
-    material = GLASS if glass else glazed(rng, style)
+    r, h = draw.between(*radius), draw.between(*height)
+    material = GLASS if glass else glazed(draw, style)
     b.add(material, lathe(_hollow(r, h, foot), 24), name="body")
     if handle:
         turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)
@@ -159,80 +152,70 @@ def cup(
     return b.piece()
 
 
-def stemmed(rng: np.random.Generator, style: Style, name: str, slim: bool) -> FurniturePiece:
+def stemmed(draw: Draw, style: Style, name: str, slim: bool) -> FurniturePiece:
     """A wine or champagne glass."""
     b = Builder(name, "glass", "on_top")
-    r = _uniform(rng, 0.024, 0.028) if slim else _uniform(rng, 0.034, 0.042)
-    h = _uniform(rng, 0.19, 0.23)
+    r = draw.between(0.024, 0.028) if slim else draw.between(0.034, 0.042)
+    h = draw.between(0.19, 0.23)
     bowl = 0.42 * h if not slim else 0.36 * h
     profile = [
-        (0.034, 0.0),
-        (0.034, 0.0015),
-        (0.005, 0.006),
-        (0.0035, bowl),
-        (0.55 * r, bowl + 0.012),
-        (r, bowl + 0.35 * (h - bowl)),
-        (0.8 * r, h),
-        (0.8 * r - 0.0014, h),
-        (r - 0.0014, bowl + 0.35 * (h - bowl)),
-        (0.55 * r, bowl + 0.0145),
-        (0.001, bowl + 0.006),
-    ]
+        (0.034, 0.0), (0.034, 0.0015), (0.005, 0.006), (0.0035, bowl), (0.55 * r, bowl + 0.012),
+        (r, bowl + 0.35 * (h - bowl)), (0.8 * r, h), (0.8 * r - 0.0014, h),
+        (r - 0.0014, bowl + 0.35 * (h - bowl)), (0.55 * r, bowl + 0.0145), (0.001, bowl + 0.006),
+    ]  # fmt: skip
     b.add(GLASS, lathe(profile, 24), name="glass")
     return b.piece()
 
 
-def filled_cup(rng: np.random.Generator, style: Style, name: str, what: str) -> FurniturePiece:
+def filled_cup(draw: Draw, style: Style, name: str, what: str) -> FurniturePiece:
     """A beaker with pens, brushes, spoons or toothbrushes in it."""
     category = {"pens": "clutter", "brushes": "clutter", "spoons": "crockery"}.get(what, "fitting")
     b = Builder(name, category, "on_top")
-    r = _uniform(rng, 0.035, 0.045) if what != "spoons" else _uniform(rng, 0.055, 0.065)
-    h = _uniform(rng, 0.09, 0.11) if what != "spoons" else _uniform(rng, 0.14, 0.17)
-    b.add(glazed(rng, style), lathe(_hollow(r, h, 0.92), 20), name="beaker")
+    r = draw.between(0.035, 0.045) if what != "spoons" else draw.between(0.055, 0.065)
+    h = draw.between(0.09, 0.11) if what != "spoons" else draw.between(0.14, 0.17)
+    b.add(glazed(draw, style), lathe(_hollow(r, h, 0.92), 20), name="beaker")
     long, thick = {"pens": (0.15, 0.004), "brushes": (0.2, 0.004), "spoons": (0.3, 0.005)}.get(
         what, (0.18, 0.005)
     )
-    for k in range(int(rng.integers(2, 7))):
-        turn = 2 * np.pi * (k / 7 + _uniform(rng, 0, 0.1))
+    for k in range(draw.whole(2, 7)):
+        turn = 2 * np.pi * (k / 7 + draw.between(0, 0.1))
         foot = 0.3 * r * np.array([np.cos(turn), np.sin(turn)])
         lean = 0.72 * r * np.array([np.cos(turn), np.sin(turn)])
-        reach = long * _uniform(rng, 0.85, 1.1) / h
+        reach = long * draw.between(0.85, 1.1) / h
         end = foot + (lean - foot) * reach
         body = bar((*foot.tolist(), 0.006), (*end.tolist(), reach * h), thick, 8)
-        stick = [style.wood, tinted(rng, style), BLACK_PLASTIC][int(rng.integers(3))]
+        stick = draw.pick([style.wood, tinted(draw, style), BLACK_PLASTIC])
         b.add(stick, body, name="sticks")
     return b.piece()
 
 
-def pan(rng: np.random.Generator, style: Style, name: str, deep: float) -> FurniturePiece:
+def pan(draw: Draw, style: Style, name: str, deep: float) -> FurniturePiece:
     """A pan or saucepan with a straight handle."""
     b = Builder(name, "pot", "on_top")
-    r = _uniform(rng, 0.1, 0.14) if deep < 0.08 else _uniform(rng, 0.075, 0.1)
-    metal = [IRON, STEEL, BLACK_PLASTIC][int(rng.integers(3))]
+    r = draw.between(0.1, 0.14) if deep < 0.08 else draw.between(0.075, 0.1)
+    metal = draw.pick([IRON, STEEL, BLACK_PLASTIC])
     b.add(metal, lathe(_hollow(r, deep, 0.82), 32), name="pan")
-    grip = BLACK_PLASTIC if rng.random() < 0.6 else style.wood
+    grip = BLACK_PLASTIC if draw.chance(0.6) else style.wood
     b.add(grip, box((0.17, 0.022, 0.016), (r + 0.075, 0, 0.75 * deep), 0.005), name="handle")
     return b.piece()
 
 
-def plate(rng: np.random.Generator, style: Style, name: str, crumbs: bool) -> FurniturePiece:
+def plate(draw: Draw, style: Style, name: str, crumbs: bool) -> FurniturePiece:
     """A plate with crumbs, or two plates with a fork and a knife on them."""
     b = Builder(name, "crockery", "on_top")
-    r = _uniform(rng, 0.095, 0.135)
-    glaze = glazed(rng, style)
+    r = draw.between(0.095, 0.135)
+    glaze = glazed(draw, style)
     profile = [
-        (0.58 * r, 0.0),
-        (0.66 * r, 0.003),
-        (r, 0.017),
-        (r, 0.02),
-        (0.66 * r, 0.0075),
+        (0.58 * r, 0.0), (0.66 * r, 0.003), (r, 0.017), (r, 0.02), (0.66 * r, 0.0075),
         (0.0, 0.0065),
-    ]
+    ]  # fmt: skip
     b.add(glaze, lathe(profile, 36), name="plate")
     if crumbs:
-        for _ in range(int(rng.integers(4, 9))):
-            x, y = rng.uniform(-0.4 * r, 0.4 * r, 2)
-            crumb = box(rng.uniform(0.003, 0.009, 3).tolist(), (float(x), float(y), 0.0066), 0.0008)
+        for _ in range(draw.whole(4, 9)):
+            x, y = draw.uniform(-0.4 * r, 0.4 * r, 2)
+            crumb = box(
+                draw.uniform(0.003, 0.009, 3).tolist(), (float(x), float(y), 0.0066), 0.0008
+            )
             b.add(Material("paper", hex_color("#8a5a30"), 0.9), crumb, name="crumbs")
     else:
         for y in (-0.012, 0.012):
@@ -240,22 +223,15 @@ def plate(rng: np.random.Generator, style: Style, name: str, crumbs: bool) -> Fu
     return b.piece()
 
 
-def teapot(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def teapot(draw: Draw, style: Style) -> FurniturePiece:
     """A teapot with a spout, a handle and a lid."""
     b = Builder("teapot", "crockery", "on_top")
-    r = _uniform(rng, 0.065, 0.085)
-    glaze = glazed(rng, style)
+    r = draw.between(0.065, 0.085)
+    glaze = glazed(draw, style)
     body = [
-        (0.6 * r, 0.0),
-        (0.9 * r, 0.3 * r),
-        (r, 0.7 * r),
-        (0.85 * r, 1.2 * r),
-        (0.4 * r, 1.5 * r),
-        (0.36 * r, 1.56 * r),
-        (0.12 * r, 1.66 * r),
-        (0.14 * r, 1.8 * r),
-        (0.0, 1.86 * r),
-    ]
+        (0.6 * r, 0.0), (0.9 * r, 0.3 * r), (r, 0.7 * r), (0.85 * r, 1.2 * r), (0.4 * r, 1.5 * r),
+        (0.36 * r, 1.56 * r), (0.12 * r, 1.66 * r), (0.14 * r, 1.8 * r), (0.0, 1.86 * r),
+    ]  # fmt: skip
     b.add(glaze, lathe(body, 28), name="body")
     spout = np.array([[0.9 * r, 0, 0.55 * r], [1.3 * r, 0, 0.8 * r], [1.65 * r, 0, 1.35 * r]])
     b.add(glaze, tube(spout, [0.18 * r, 0.13 * r, 0.1 * r], 12), name="spout")
@@ -267,37 +243,28 @@ def teapot(rng: np.random.Generator, style: Style) -> FurniturePiece:
     return b.piece()
 
 
-def mill(rng: np.random.Generator, style: Style) -> FurniturePiece:
+def mill(draw: Draw, style: Style) -> FurniturePiece:
     """A pepper mill."""
     b = Builder("pepper mill", "clutter", "on_top")
-    h = _uniform(rng, 0.14, 0.26)
+    h = draw.between(0.14, 0.26)
     profile = [
-        (0.026, 0.0),
-        (0.028, 0.1 * h),
-        (0.018, 0.5 * h),
-        (0.026, 0.74 * h),
-        (0.012, 0.78 * h),
-        (0.025, 0.86 * h),
-        (0.012, 0.97 * h),
-        (0.0, h),
-    ]
-    b.add(style.dark_wood if rng.random() < 0.5 else style.wood, lathe(profile, 20), name="mill")
+        (0.026, 0.0), (0.028, 0.1 * h), (0.018, 0.5 * h), (0.026, 0.74 * h), (0.012, 0.78 * h),
+        (0.025, 0.86 * h), (0.012, 0.97 * h), (0.0, h),
+    ]  # fmt: skip
+    b.add(style.dark_wood if draw.chance(0.5) else style.wood, lathe(profile, 20), name="mill")
     return b.piece()
 
 
 def roll(
-    rng: np.random.Generator, style: Style, name: str, radius: float, height: float, spike: bool
+    draw: Draw, style: Style, name: str, radius: float, height: float, spike: bool
 ) -> FurniturePiece:
     """A roll of paper standing, with its core; kitchen rolls on a stand."""
     b = Builder(name, "paper", "on_top")
     core = 0.021
     z = 0.012 if spike else 0.0
     tube_ = [(core, z), (radius, z), (radius, z + height), (core, z + height), (core - 0.001, z)]
-    b.add(
-        Material("paper", hex_color("#efece6"), 0.95, family="creased"),
-        lathe(tube_[:-1], 28),
-        name="paper",
-    )
+    paper = lathe(tube_[:-1], 28)
+    b.add(Material("paper", hex_color("#efece6"), 0.95, family="creased"), paper, name="paper")
     if spike:
         b.add(style.wood, cylinder(0.075, 0.0, 0.0115, 28, 0.002), name="stand")
         b.add(style.wood, cylinder(0.01, 0.0118, height + 0.05, 14, 0.002), name="stand")
@@ -307,18 +274,18 @@ def roll(
 
 
 def bucket(
-    rng: np.random.Generator, style: Style, name: str, size: float, category: str = "bin"
+    draw: Draw, style: Style, name: str, size: float, category: str = "bin"
 ) -> FurniturePiece:
     """A bucket, basket or planter on the floor."""
     b = Builder(name, category, "free")
-    r = size * _uniform(rng, 0.9, 1.1)
-    materials = [tinted(rng, style), style.metal, WHITE_PLASTIC]
-    body = materials[int(rng.integers(3))]
+    r = size * draw.between(0.9, 1.1)
+    materials = [tinted(draw, style), style.metal, WHITE_PLASTIC]
+    body = draw.pick(materials)
     b.add(body, lathe(_hollow(r, 1.7 * r, 0.75, 0.004), 28), name="bucket")
     return b.piece()
 
 
-def wrapped_food(rng: np.random.Generator, style: Style, name: str) -> FurniturePiece:
+def wrapped_food(draw: Draw, style: Style, name: str) -> FurniturePiece:
     """A loaf of bread, an onion, a lemon or a pumpkin."""
     b = Builder(name, "food", "on_top")
     color, r, flat = {
@@ -333,7 +300,7 @@ def wrapped_food(rng: np.random.Generator, style: Style, name: str) -> Furniture
         "pear": ("#a7a242", 0.034, 1.25),
         "pepper": ("#c03a22", 0.04, 1.1),
     }[name]
-    r *= _uniform(rng, 0.9, 1.12)
+    r *= draw.between(0.9, 1.12)
     turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 12)
     profile = [(max(r * float(np.cos(t)), 0.0), r * flat * (1 + float(np.sin(t)))) for t in turn]
     profile[0], profile[-1] = (0.0, 0.0), (0.0, profile[-1][1])
@@ -350,9 +317,6 @@ def wrapped_food(rng: np.random.Generator, style: Style, name: str) -> Furniture
     b.add(skin, body, name="food")
     if name in ("apple", "pumpkin"):
         high = profile[-1][1]
-        b.add(
-            style.dark_wood,
-            bar((0, 0, 0.9 * high), (0.004, 0, 1.12 * high), 0.04 * r + 0.001, 6),
-            name="stalk",
-        )
+        stalk = bar((0, 0, 0.9 * high), (0.004, 0, 1.12 * high), 0.04 * r + 0.001, 6)
+        b.add(style.dark_wood, stalk, name="stalk")
     return b.piece()

@@ -1,0 +1,129 @@
+"""Specifications: everything random about a piece is drawn first, then it is built from that.
+
+    class Pouf(Spec):
+        radius: float = between(0.22, 0.3)
+
+        def build(self) -> FurniturePiece: ...
+
+    Pouf.draw(draw, style).build()
+
+A field says how it is drawn; fields are drawn in their order.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from typing import Any, Self, dataclass_transform
+
+from pbrnet.scenes.procedural.furniture.style import Style
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.seeds import Draw
+
+
+def drawn(how: Callable[[Draw, Any], Any]) -> Any:
+    """A field whose value is `how(draw, spec)`; `spec` has the style and the fields before it."""
+    return field(metadata={"how": how})
+
+
+def between(low: float, high: float) -> Any:
+    """A field drawn uniformly from [low, high)."""
+    return drawn(lambda draw, spec: draw.between(low, high))
+
+
+def whole(low: int, high: int) -> Any:
+    """A field drawn from the whole numbers [low, high)."""
+    return drawn(lambda draw, spec: draw.whole(low, high))
+
+
+def chance(share: float) -> Any:
+    """A field that is true with probability `share`."""
+    return drawn(lambda draw, spec: draw.chance(share))
+
+
+def pick(*items: Any) -> Any:
+    """A field drawn from items, each as likely."""
+    return drawn(lambda draw, spec: draw.pick(items))
+
+
+def shape(feature: str, *variants: str) -> Any:
+    """A field drawn from the variants that the style has of a feature, else from all."""
+    return drawn(lambda draw, spec: spec.style.shape(draw, feature, variants))
+
+
+def either(share: float, one: Material | str, other: Material | str) -> Any:
+    """A field that is one material with probability `share`, else another.
+
+    Names are those of the style's materials; "accents" stands for any of its first five accents.
+    """
+    return drawn(
+        lambda draw, spec: material(draw, spec.style, one if draw.chance(share) else other)
+    )
+
+
+def one_of(*materials: Material | str) -> Any:
+    """A field drawn from materials; names are those of the style's."""
+    return drawn(lambda draw, spec: material(draw, spec.style, draw.pick(materials)))
+
+
+def any_of(which: str) -> Any:
+    """A field drawn from the style's materials of a name: "accents", "cushions", "books"."""
+    return drawn(lambda draw, spec: material(draw, spec.style, which))
+
+
+def optional(share: float, kind: type[Spec]) -> Any:
+    """A field that is a specification of a kind with probability `share`, else None."""
+    return drawn(lambda draw, spec: kind.draw(draw, spec.style) if draw.chance(share) else None)
+
+
+def several(kind: type[Spec], low: int, high: int) -> Any:
+    """A field of [low, high) specifications of a kind."""
+    return drawn(
+        lambda draw, spec: tuple(kind.draw(draw, spec.style) for _ in range(draw.whole(low, high)))
+    )
+
+
+def material(draw: Draw, style: Style, which: Material | str) -> Material:
+    """The material itself, or the style's of that name, drawn where it has several."""
+    if isinstance(which, Material):
+        return which
+    found = getattr(style, which)
+    return draw.pick(found) if isinstance(found, tuple) else found
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
+@dataclass(frozen=True, kw_only=True)
+class Spec:
+    """What was drawn of one piece: frozen, printable; equal ones build equal pieces."""
+
+    style: Style = field(repr=False)
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
+
+    @classmethod
+    def draw(cls, draw: Draw, style: Style, **given: Any) -> Self:
+        """Draw a specification; a field that is `given` (and not None) is not drawn."""
+        spec = object.__new__(cls)
+        known = {each.name: each for each in fields(cls)}
+        if unknown := given.keys() - known.keys():
+            raise TypeError(f"{cls.__name__} has no {', '.join(sorted(unknown))}")
+        found = vars(spec)  # also what the draws of later fields see; `spec` itself is frozen
+        found |= {name: value for name, value in given.items() if value is not None}
+        found["style"] = style
+        for name, each in known.items():
+            if name not in found and "how" in each.metadata:
+                found[name] = each.metadata["how"](draw, spec)
+            elif name not in found:
+                found[name] = each.default
+        return spec
+
+    @classmethod
+    def make(cls, draw: Draw, style: Style, **given: Any) -> FurniturePiece:
+        """Draw a specification and build it."""
+        return cls.draw(draw, style, **given).build()
+
+    @abstractmethod
+    def build(self) -> FurniturePiece:
+        """Build the piece: no draws, no files."""
