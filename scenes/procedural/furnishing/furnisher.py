@@ -10,7 +10,7 @@ import numpy as np
 from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
 from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece, RoomSpace, yaw_facing
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, Style
-from pbrnet.scenes.procedural.furniture.decoration import SPECIES
+from pbrnet.scenes.procedural.furniture.plants import SPECIES
 from pbrnet.scenes.procedural.furniture.things.kinds import THINGS
 from pbrnet.scenes.procedural.piece import FurniturePiece
 from pbrnet.scenes.procedural.plan import Opening, Plan, PlanRoom, WallEdge

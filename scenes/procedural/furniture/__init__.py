@@ -15,6 +15,7 @@ from pbrnet.scenes.procedural.furniture import (
     decoration,
     kitchen,
     lamps,
+    plants,
     seating,
     storage,
     tables,
@@ -44,8 +45,9 @@ _KINDS = {
         "pendant_lamp ceiling_lamp spot_rail floor_lamp table_lamp desk_lamp wall_lamp light_strip"
     ),
     textiles: "curtains rug cushion folded_blanket",
+    plants: "plant small_plant",
     decoration: (
-        "plant small_plant vase picture wall_mirror floor_mirror television monitor "
+        "vase picture wall_mirror floor_mirror television monitor "
         "laptop books_stack fruit_bowl crockery bottle candle wall_clock radiator "
         "coat_hooks storage_box waste_bin"
     ),

@@ -22,7 +22,7 @@ from pbrnet.scenes.procedural.furniture.geometry import (
     span,
     tube,
 )
-from pbrnet.scenes.procedural.furniture.style import Style
+from pbrnet.scenes.procedural.furniture.style import STEEL, Style
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
@@ -98,6 +98,26 @@ def handle(style: Style, vertical: bool, room: float) -> list[BodyMesh]:
         bar(ends[3], ends[2], 0.0045, 8),
     ]
     return meshes if vertical else [mesh.turned("y", 90) for mesh in meshes]
+
+
+def add_grip(
+    b: Builder,
+    ends: Sequence[tuple[float, float]],
+    feet: Sequence[tuple[float, float]],
+    ys: tuple[float, float],
+    radii: tuple[float, float],
+    segments: int = 10,
+) -> None:
+    """Add a bar handle of steel on two feet, for appliances.
+
+    `ends` and `feet`: x, z on the front; `ys`: where the feet begin and where the bar is; `radii`
+    of the bar and of its feet; metres.
+    """
+    (x0, z0), (x1, z1) = ends
+    rod = bar((x0, ys[1], z0), (x1, ys[1], z1), radii[0], segments)
+    b.add(STEEL, rod, name="handle")
+    for x, z in feet:
+        b.add(STEEL, bar((x, ys[0], z), (x, ys[1], z), radii[1], 8), name="handle")
 
 
 def add_door(

@@ -14,9 +14,7 @@ from pbrnet.scenes.procedural.furniture.geometry import (
     bar,
     box,
     cylinder,
-    grid,
     lathe,
-    loft,
     merge,
     rounded_box,
     span,
@@ -36,9 +34,7 @@ from pbrnet.scenes.procedural.furniture.style import (
     GLASS,
     MIRROR,
     SCREEN,
-    SOIL,
     STEEL,
-    TERRACOTTA,
     WHITE_PAINT,
     WHITE_PLASTIC,
     WICKER,
@@ -49,195 +45,6 @@ from pbrnet.scenes.procedural.piece import FurniturePiece, Material, PiecePart
 from pbrnet.scenes.seeds import Draw
 
 LABEL = Material("paper", hex_color("#e9e1cc"), 0.8)
-LEAVES = ("#4f7a3a", "#3c6a3a", "#5f8a4a", "#2f5a3a", "#74935a", "#4a6b3f")
-
-
-def _leaf(length: float, width: float, droop: float, rows: int = 7) -> BodyMesh:
-    """Leaf along +X from the origin, folded along its midrib, with a drooping tip."""
-    t = np.linspace(0, 1, rows)
-    half = 0.5 * width * np.sin(np.pi * t**0.8) ** 0.8
-    half[-1] = 0.002
-    half[0] = 0.004
-    bend = droop * t
-    x = np.concatenate([[0], np.cumsum(np.cos(0.5 * (bend[1:] + bend[:-1])) * np.diff(t))]) * length
-    z = (
-        -np.concatenate([[0], np.cumsum(np.sin(0.5 * (bend[1:] + bend[:-1])) * np.diff(t))])
-        * length
-    )
-    points = np.empty((rows, 3, 3))
-    for column, side in enumerate((-1.0, 0.0, 1.0)):
-        points[:, column, 0] = x
-        points[:, column, 1] = side * half
-        points[:, column, 2] = z + 0.35 * abs(side) * half
-    return grid(points)
-
-
-def _add_pot(b: Builder, draw: Draw, style: Style, radius: float, height: float) -> None:
-    """Add a pot with soil."""
-    wall = 0.08 * radius
-    kind = draw.random()
-    if kind < 0.25:
-        add_basket(b, 0, 0, 0, (radius, radius), height, 2.0)
-        b.add(SOIL, cylinder(radius - 0.028, 0.5 * height, 0.82 * height, 28), name="soil")
-        return
-    material = TERRACOTTA if kind < 0.5 else draw.pick(style.accents)
-    if kind > 0.8:
-        material = CERAMIC
-    foot = draw.between(0.65, 0.9) * radius
-    profile = [
-        (foot, 0.0), (radius - 0.06 * radius, 0.86 * height), (radius, 0.87 * height),
-        (radius, height), (radius - wall, height), (radius - 1.6 * wall, 0.7 * height),
-    ]  # fmt: skip
-    b.add(material, lathe(profile, 28), name="pot")
-    b.add(
-        SOIL,
-        lathe(
-            [
-                (0.8 * radius, 0.72 * height),
-                (radius - 1.25 * wall, 0.86 * height),
-                (0, 0.89 * height),
-            ],
-            24,
-        ),
-        name="soil",
-    )
-
-
-def plant(draw: Draw, style: Style, height: float | None = None) -> FurniturePiece:
-    """A tall pot plant: broad leaves on stalks, a palm's fronds, or sword leaves."""
-    height = draw.between(0.8, 1.5) if height is None else height
-    b = Builder("plant", "plant", "corner")
-    _foliage(b, draw, style, height, draw.between(0.14, 0.18), draw.between(0.26, 0.34))
-    return b.piece()
-
-
-def small_plant(draw: Draw, style: Style, species: int | None = None) -> FurniturePiece:
-    """A pot plant for tables and sills, of a species of `SPECIES`."""
-    species = draw.whole(len(SPECIES)) if species is None else species
-    b = Builder(SPECIES[species], "plant", "on_top")
-    kind = _PLANTS[species]
-    height, radius = draw.between(0.22, 0.4), draw.between(0.05, 0.07)
-    _foliage(b, draw, style, height, radius, draw.between(0.08, 0.12), kind)
-    return b.piece()
-
-
-_PLANTS = ("broad", "palm", "sword", "cactus", "herbs")
-SPECIES = ("rubber plant", "palm", "aloe", "cactus", "herbs")  # of small plants
-
-
-def _foliage(
-    b: Builder,
-    draw: Draw,
-    style: Style,
-    height: float,
-    radius: float,
-    pot: float,
-    kind: str = "",
-) -> None:
-    _add_pot(b, draw, style, radius, pot)
-    green = hex_color(draw.pick(LEAVES))
-    pale = (min(1.0, green[0] * 1.35), min(1.0, green[1] * 1.3), min(1.0, green[2] * 1.2))
-    leaves = tuple(
-        Material("leaf", color, 0.45, accent=pale, variant=draw.variant())
-        for color in (green, pale)
-    )
-    stalk = Material("leaf", (green[0] * 1.1, green[1] * 0.9, green[2] * 0.8), 0.6)
-    base = 0.84 * pot
-    rise = height - base
-    kind = kind or draw.pick(_PLANTS[:3])
-
-    def branch(turn: float, extent: float, top: float) -> np.ndarray:
-        t = np.linspace(0, 1, 6)
-        out = extent * t**1.7
-        rings = [
-            out * np.cos(turn), out * np.sin(turn),
-            base + (top - base) * np.sin(0.5 * np.pi * t) ** 0.9,
-        ]  # fmt: skip
-        return np.stack(rings, axis=1)
-
-    if kind == "cactus":
-        _add_cactus(b, draw, leaves[0], 0.6 * radius, base, rise)
-    elif kind == "herbs":
-        for k in range(draw.whole(26, 40)):
-            turn, out = k * 2.4, 0.75 * radius * float(np.sqrt(draw.random()))
-            tall = rise * draw.between(0.45, 1.0)
-            foot = (out * float(np.cos(turn)), out * float(np.sin(turn)), base)
-            tip = (1.7 * foot[0], 1.7 * foot[1], base + tall)
-            b.add(stalk, bar(foot, tip, 0.0013, 8), name="stalks")
-            for share in (0.45, 0.7, 0.92):
-                leaf = _leaf(draw.between(0.018, 0.032), 0.02, 0.8, rows=4)
-                at = np.array(foot) + share * (np.array(tip) - np.array(foot))
-                leaf = leaf.turned("y", -20.0).turned("z", draw.between(0, 360))
-                b.add(draw.pick(leaves), leaf.moved(*at), name="leaves")
-    elif kind == "broad":
-        for k in range(draw.whole(14, 22)):
-            turn = k * 2.4 + draw.between(-0.3, 0.3)
-            share = draw.between(0.35, 1.0)
-            extent = 0.33 * rise * draw.between(0.4, 1.0) * (1.25 - 0.6 * share)
-            path = branch(turn, extent, base + 0.92 * rise * share)
-            b.add(stalk, tube(path, np.linspace(0.013, 0.005, 6) * rise, 8), name="stalks")
-            length = draw.between(0.24, 0.34) * rise
-            leaf = _leaf(length, 0.62 * length, draw.between(0.7, 1.5))
-            tilt = draw.between(-35, 10)
-            b.add(
-                draw.pick(leaves),
-                leaf.turned("x", draw.between(-18, 18))
-                .turned("y", tilt)
-                .turned("z", np.degrees(turn))
-                .moved(*path[-1]),
-                name="leaves",
-            )
-    elif kind == "palm":
-        for k in range(draw.whole(8, 12)):
-            turn = k * 2.4 + draw.between(-0.3, 0.3)
-            extent = 0.45 * rise * draw.between(0.45, 1.0)
-            path = branch(turn, extent, base + rise * draw.between(0.6, 0.93))
-            b.add(stalk, tube(path, np.linspace(0.009, 0.003, 6) * rise, 8), name="stalks")
-            fine = np.linspace(0.35, 1.0, 11)
-            at = np.stack([np.interp(fine, np.linspace(0, 1, 6), path[:, c]) for c in range(3)], 1)
-            for j, point in enumerate(at):
-                length = 0.26 * rise * float(np.sin(np.pi * (0.25 + 0.68 * j / 10))) + 0.02
-                for side in (-1, 1):
-                    blade = _leaf(length, 0.13 * length, 0.8, rows=5)
-                    spread = side * draw.between(42, 62) * (1 - 0.04 * j)
-                    b.add(
-                        draw.pick(leaves),
-                        blade.turned("y", -12).turned("z", np.degrees(turn) + spread).moved(*point),
-                        name="leaves",
-                    )
-    else:
-        for k in range(draw.whole(12, 18)):
-            turn = k * 2.4 + draw.between(-0.3, 0.3)
-            length = rise * draw.between(0.55, 1.0)
-            blade = _leaf(length, max(0.1 * rise, 0.012), draw.between(0.02, 0.25), rows=9)
-            lean = draw.between(68, 86)
-            near = 0.45 * radius * draw.between(0.1, 1.0)
-            b.add(
-                draw.pick(leaves),
-                blade.turned("x", draw.between(-60, 60))
-                .turned("y", -lean)
-                .turned("z", np.degrees(turn))
-                .moved(near * float(np.cos(turn)), near * float(np.sin(turn)), base),
-                name="leaves",
-            )
-
-
-def _add_cactus(
-    b: Builder, draw: Draw, skin: Material, radius: float, base: float, rise: float
-) -> None:
-    """Add one to three ribbed columns of a cactus that stand at z = base, `rise` metres high."""
-    angle = 2 * np.pi * np.arange(48) / 48
-    count = draw.whole(1, 4)
-    for k in range(count):
-        size = radius * draw.between(0.45, 0.6) if count > 1 else radius
-        tall = rise * draw.between(0.6, 0.95)
-        x, y = (0.55 * radius * f(2.1 * k) if count > 1 else 0.0 for f in (np.cos, np.sin))
-        ribs = 1 + 0.1 * np.cos(12 * angle)
-        rings = []
-        for z, wide in ((0.0, 0.75), (0.2, 1.0), (0.6, 1.0), (0.85, 0.8), (0.96, 0.45), (1, 0.1)):
-            ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-            rings.append(ring * (size * wide * ribs)[:, None] + (x, y, base - 0.002 + z * tall))
-        b.add(skin, loft(np.stack(rings)), name="columns")
 
 
 def vase(draw: Draw, style: Style) -> FurniturePiece:

@@ -82,7 +82,7 @@ def _row(
     found: list[tuple[FurniturePiece, float]] = []
     names = [_CONTENTS[what][k] for k in draw.permutation(len(_CONTENTS[what]))]
     at = -width / 2
-    while names and draw.chance(share + 1.0) * (len(found) < 2):
+    while names and draw.chance(share + 1.0 * (len(found) < 2)):
         made = _content(draw, style, what, names.pop())
         low, high = made.bounds[:, 0]
         if at + high - low > width / 2:
