@@ -113,7 +113,7 @@ def _images(data: Path, view: View) -> Images:
     """Return the images of a row as the dataset stores them."""
     frames: Frames = {kind: read_frame(frame_path(data, kind, view)) for kind in KINDS}
     unit, _ = in_row_unit(frames)
-    wanted = [channel.name for channel in dataset_channels(KINDS)]
+    wanted = [channel.name for channel in dataset_channels()]
     cells = image_cells(unit)
     return {name: cells[name] for name in wanted}
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.pipeline.channels import KINDS, RADIANCE, channels_of, dataset_channels, layout
+from pbrnet.pipeline.channels import RADIANCE, channels_of, dataset_channels, layout
 from pbrnet.scenes.arrays import AnyArray
 
 HALF_MAX = float(np.finfo(np.float16).max)
@@ -21,7 +21,7 @@ _HEADROOM = 6  # stops that an image may lie below its typical exposure to save 
 _LARGEST = 100  # exponent of a scale, so that scales and products fit float32
 # Column of the unit of a row's images of radiance; absent from older datasets, where it is 1.
 RADIANCE_SCALE = "radiance_scale"
-RADIANCES = frozenset(c.name for c in dataset_channels(KINDS) if c.unit == RADIANCE)
+RADIANCES = frozenset(c.name for c in dataset_channels() if c.unit == RADIANCE)
 
 
 def radiance_halves(kind: str, lights: int = 0) -> tuple[str, ...]:

@@ -8,19 +8,17 @@ sum have no such bound.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from pbrnet.pipeline.channels import (
-    ALBEDO,
-    DIFFUSE,
-    DIRECT,
-    IRRADIANCE,
     RADIANCE,
+    Channel,
     Kind,
     channels_of,
+    column_channel,
     dataset_channels,
     light_bands,
 )
@@ -57,19 +55,20 @@ def in_row_unit(frames: Mapping[Kind, Frame]) -> tuple[dict[Kind, Frame], float]
     return divided, scale
 
 
-def remainders(frames: Mapping[Kind, Frame]) -> dict[str, AnyArray]:
-    """Return the derived images of a view with a `light` frame, (H, W, 3), by column.
+def remainder(channel: Channel, frames: Mapping[Kind, Frame]) -> AnyArray:
+    """Return a remainder of a view with a `light` frame, (H, W, 3), of its column's type.
 
-    `frames` are in the row's unit. The images have the types of their columns.
+    It is color less the product of the channels that it names. `frames` are in the row's unit.
     """
-    light, color = frames["light"], frames["color"].rgb
-    found = {
-        "indirect": color - light.stack(*DIRECT),
-        "specular": color - light.stack(*DIFFUSE),
-        "residual": color - _product(frames),
-    }
-    types = {channel.name: channel.dtype for channel in dataset_channels(("light",))}
-    return {name: image.astype(types[name]) for name, image in found.items()}
+    image: AnyArray = frames["color"].rgb - product(channel.remainder, frames)
+    return image.astype(channel.dtype)
+
+
+def product(names: Sequence[str], frames: Mapping[Kind, Frame]) -> Float32Array:
+    """Return the product of channels, float32 (H, W, 3)."""
+    factors = (column_channel(name) for name in names)
+    images = [frames[factor.kind].stack(*factor.bands) for factor in factors]
+    return images[0] if len(images) == 1 else images[0] * images[1]
 
 
 def light_groups(light: Frame, count: int) -> AnyArray:
@@ -91,17 +90,14 @@ def light_fault(frames: Mapping[Kind, Frame], lights: int) -> str | None:
         return "it belongs to another image of color"
     frames, _ = in_row_unit(frames)
     light = frames["light"]
-    color, rest = frames["color"].rgb, remainders(frames)
+    color = frames["color"].rgb
     tolerance = _TOLERANCE * np.maximum(color, _DARK * color.mean())
-    sums = {
-        "direct + indirect": (light.stack(*DIRECT), rest["indirect"]),
-        "diffuse + specular": (light.stack(*DIFFUSE), rest["specular"]),
-        "reflectance x irradiance + residual": (_product(frames), rest["residual"]),
-    }
-    for name, (part, other) in sums.items():
-        if name != "reflectance x irradiance + residual" and (part > color).any():
+    for channel in (one for one in dataset_channels(("light",)) if one.remainder):
+        part, other = product(channel.remainder, frames), remainder(channel, frames)
+        name = f"{' x '.join(channel.remainder)} + {channel.name}"
+        if len(channel.remainder) == 1 and (part > color).any():
             brighter = int((part > color).any(axis=-1).sum())
-            return f"{name.split()[0]}: {brighter} pixels brighter than color"
+            return f"{channel.remainder[0]}: {brighter} pixels brighter than color"
         gap = np.abs(part + other.astype(np.float32) - color)
         wrong = int((~(gap <= tolerance)).any(axis=-1).sum())
         if wrong:
@@ -120,7 +116,3 @@ def light_fault(frames: Mapping[Kind, Frame], lights: int) -> str | None:
 def _groups(frame: Frame) -> int:
     names = frame.meta.get("light_names")
     return len(names) if isinstance(names, list) else 0
-
-
-def _product(frames: Mapping[Kind, Frame]) -> Float32Array:
-    return frames["inputs"].stack(*ALBEDO) * frames["light"].stack(*IRRADIANCE)

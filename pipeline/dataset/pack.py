@@ -24,17 +24,16 @@ from pbrnet.pipeline.channels import layout
 from pbrnet.pipeline.dataset.checks import Rejection, Size, check_frames, load_frames, read_failures
 from pbrnet.pipeline.dataset.checksums import write_sums
 from pbrnet.pipeline.dataset.columns import Column, dataset_columns
-from pbrnet.pipeline.dataset.description.card import (
-    DatasetSummary,
+from pbrnet.pipeline.dataset.description.card import DatasetSummary, dataset_card
+from pbrnet.pipeline.dataset.description.citation import (
     attribution_of,
-    dataset_card,
+    citation_file,
     licence_of,
 )
-from pbrnet.pipeline.dataset.description.citation import citation_file
 from pbrnet.pipeline.dataset.description.croissant import write_croissant
 from pbrnet.pipeline.dataset.description.facts import DatasetFacts, ViewFacts, view_facts
 from pbrnet.pipeline.dataset.label_tables import CLASSES
-from pbrnet.pipeline.dataset.rows import make_row
+from pbrnet.pipeline.dataset.rows import RowSource, make_row
 from pbrnet.pipeline.dataset.shards import ShardWriter
 from pbrnet.pipeline.dataset.splits import SPLITS, Source, read_sources, split_plans
 from pbrnet.pipeline.frames import Channels, frame_path, kinds_of, read_frame
@@ -176,7 +175,8 @@ def _prepare(
     why = check_frames(view, frames, size, panorama, limits, neighbours, environment, lights)
     if why is not None:
         return why
-    return make_row(source.scene, view, split, frames, params.tone, params.dataset.preview_width)
+    row = RowSource(source.scene, view, split, frames, params.tone)
+    return make_row(_columns(params), row, params.dataset.preview_width)
 
 
 def _neighbours(data: Path, source: Source, view: View) -> dict[str, Channels]:

@@ -2,126 +2,131 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from pbrnet.pipeline.channels import Channel, dataset_channels
 from pbrnet.pipeline.dataset.checks import Frames, noise_of
-from pbrnet.pipeline.dataset.columns import NOISE_OF_PARTS
-from pbrnet.pipeline.dataset.description.card import attribution_of, licence_of
-from pbrnet.pipeline.dataset.label_tables import json_text, room_layout
-from pbrnet.pipeline.dataset.light import in_row_unit, light_groups, remainders
+from pbrnet.pipeline.dataset.columns import Column
+from pbrnet.pipeline.dataset.description.citation import attribution_of, licence_of
+from pbrnet.pipeline.dataset.label_tables import room_layout
+from pbrnet.pipeline.dataset.light import in_row_unit, light_groups, remainder
 from pbrnet.pipeline.dataset.previews import preview_cells
 from pbrnet.pipeline.frames import Frame
-from pbrnet.pipeline.tonemap import ToneParams, exposure_of
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of
 from pbrnet.pipeline.views import View
-from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.arrays import AnyArray, Float32Array, Float64Array
 from pbrnet.scenes.contract import Scene
 
 
-def make_row(
-    scene: Scene, view: View, split: str, frames: Frames, tone: ToneParams, preview_width: int
-) -> dict[str, Any]:
+@dataclass
+class RowSource:
+    """Scene, view and frames of a row, and the values that `columns.toml` names."""
+
+    scene: Scene
+    view: View
+    split: str
+    frames: Frames  # in the renderer's unit, afterwards in the row's
+    tone: ToneParams
+    radiance_scale: float = field(init=False)
+    exposures: dict[str, Exposure] = field(init=False)  # of radiance in the renderer's unit
+
+    def __post_init__(self) -> None:
+        self.exposures = {
+            kind: exposure_of(self.frames[kind].rgb, self.tone) for kind in ("shading", "color")
+        }
+        self.frames, self.radiance_scale = in_row_unit(self.frames)
+        self.images = image_cells(self.frames)
+        self.facts = {kind: frame.meta for kind, frame in self.frames.items()}
+        self.noises = {kind: noise_of(frame) for kind, frame in self.frames.items()}
+
+    @property
+    def intrinsics(self) -> Float64Array | None:
+        """Camera matrix (3, 3), None for an equirectangular view."""
+        return None if self.view.is_panorama else self.view.intrinsics
+
+    @property
+    def objects(self) -> int:
+        """Number of objects, without structure, that each cover over 1 % of the view."""
+        numbers = self.frames["inputs"].channels["object"].astype(np.int64)
+        pixels = np.bincount(numbers.ravel(), minlength=len(self.scene.objects) + 1)[1:]
+        furniture = [not item.is_structure for item in self.scene.objects]
+        return int((pixels[: len(furniture)][furniture] > 0.01 * numbers.size).sum())
+
+    @property
+    def seed(self) -> int | None:
+        """Seed of 64 bits in two's complement, for Parquet's signed integers."""
+        seed = self.facts["color"].get("seed")
+        if not isinstance(seed, int):
+            return None
+        seed &= (1 << 64) - 1
+        return seed - (1 << 64) if seed >= 1 << 63 else seed
+
+    @property
+    def renderer(self) -> str:
+        """Renderer and instruction set: light frames depend on both."""
+        about = (self.facts["color"].get(name) for name in ("renderer", "instruction_set"))
+        return ", ".join(str(text) for text in about if text) or "unknown"
+
+    @property
+    def source(self) -> str:
+        """Kind of the scene's source."""
+        return str(self.scene.source.get("kind", "unknown"))
+
+    @property
+    def licence(self) -> str:
+        """SPDX expression of the scene."""
+        return licence_of(self.scene)
+
+    @property
+    def attribution(self) -> str:
+        """Title, author and licence of every part of the scene."""
+        return attribution_of(self.scene)
+
+    @property
+    def plan(self) -> str:
+        """Floor plan of the scene."""
+        return self.scene.plan or self.scene.scene_id
+
+    @property
+    def material_names(self) -> list[str]:
+        """Names of the scene's materials, of the labels' frame if there is one."""
+        frame = self.frames.get("labels") or self.frames["materials"]
+        return [str(name) for name in frame.meta["material_names"]]
+
+    @property
+    def layout(self) -> dict[str, Any]:
+        """Rooms of the scene."""
+        return room_layout(self.scene, self.view)
+
+    @property
+    def lights(self) -> AnyArray:
+        """Images of the light groups, float16 (n, H, W, 3)."""
+        return light_groups(self.frames["light"], len(self.facts["light"]["light_names"]))
+
+    @property
+    def noise_lights(self) -> Float32Array:
+        """Relative noise of the light groups, (n,)."""
+        return np.array(self.facts["light"]["noise_lights"], dtype=np.float32)
+
+
+def make_row(columns: Iterable[Column], source: RowSource, preview_width: int) -> dict[str, Any]:
     """Return one row by column name; images are arrays in the precision of the frames.
 
     Radiance is divided by `radiance_scale`; exposures are of radiance in the renderer's unit.
     """
-    shading, color = frames["shading"], frames["color"]
-    frames, radiance_scale = in_row_unit(frames)
-    own_shading, own_color = exposure_of(shading.rgb, tone), exposure_of(color.rgb, tone)
-    cells = {
-        "scene_id": view.scene_id,
-        "view_id": view.view_id,
-        "split": split,
-        "room_type": view.room_type,
-        "lighting": scene.lighting,
-        "width": view.width,
-        "height": view.height,
-        **image_cells(frames),
-        "K": None if view.is_panorama else view.intrinsics,
-        "camera_to_world": view.pose,
-        "radiance_scale": radiance_scale,
-        "exposure_shading": own_shading.scale,
-        "white_shading": own_shading.white,
-        "exposure_color": own_color.scale,
-        "white_color": own_color.white,
-        "spp": color.meta.get("spp"),
-        "noise_shading": noise_of(shading),
-        "noise_color": noise_of(color),
-        "denoiser": color.meta.get("denoiser"),
-        "residual_noise_shading": shading.meta.get("residual_noise"),
-        "residual_noise_color": color.meta.get("residual_noise"),
-        "score": view.score,
-        "objects": _objects_in(frames, scene),
-        "seed": _signed(color.meta.get("seed")),
-        "renderer": _renderer(color),
-        "source": str(scene.source.get("kind", "unknown")),
-        "licence": licence_of(scene),
-        "attribution": attribution_of(scene),
-        "plan": scene.plan or scene.scene_id,
-        "trajectory": view.trajectory or None,
-        "frame": view.frame if view.trajectory else None,
-        "stereo_partner": view.stereo_partner or None,
-        "stereo_offset": view.stereo_offset if view.stereo_partner else None,
-        "view_set": view.view_set or None,
-        "set_overlap": view.set_overlap if view.view_set else None,
-        "projection": view.projection,
-        **_tables(view, scene, frames),
-        **_light_cells(frames),
-        **({"noisy_spp": frames["noisy"].meta.get("spp")} if "noisy" in frames else {}),
-        **_environment_cells(frames),
-    }
+    cells = {column.name: column.value(source) for column in columns if column.value}
     return {**preview_cells(cells, preview_width), **cells}
-
-
-def _environment_cells(frames: Frames) -> dict[str, Any]:
-    """Return the cells that say how the panorama of the environment was made."""
-    if "environment" not in frames:
-        return {}
-    frame = frames["environment"]
-    return {"environment_spp": frame.meta.get("spp"), "noise_environment": noise_of(frame)}
-
-
-def _renderer(color: Frame) -> str:
-    """Return renderer and instruction set: light frames depend on both."""
-    about = (color.meta.get(name) for name in ("renderer", "instruction_set"))
-    return ", ".join(str(text) for text in about if text) or "unknown"
-
-
-def _tables(view: View, scene: Scene, frames: Frames) -> dict[str, Any]:
-    """Return the cells that explain the numbers in images of materials and labels."""
-    cells: dict[str, Any] = {}
-    for kind in ("materials", "labels"):
-        if kind in frames:
-            cells["material_names"] = [str(name) for name in frames[kind].meta["material_names"]]
-    if "labels" in frames:
-        facts = frames["labels"].meta
-        cells |= {name: json_text(facts[name]) for name in ("instances", "light_sources")}
-        cells["layout"] = json_text(room_layout(scene, view))
-    return cells
-
-
-def _light_cells(frames: Frames) -> dict[str, Any]:
-    """Return the noise estimates of the light's parts, and its groups."""
-    if "light" not in frames:
-        return {}
-    facts = frames["light"].meta
-    cells = {f"noise_{part}": facts.get(f"noise_{part}") for part in NOISE_OF_PARTS}
-    names = facts.get("light_names")
-    if names:
-        cells["lights"] = light_groups(frames["light"], len(names))
-        cells["light_names"] = [str(name) for name in names]
-        cells["noise_lights"] = np.array(facts["noise_lights"], dtype=np.float32)
-    return cells
 
 
 def image_cells(frames: Frames) -> dict[str, AnyArray]:
     """Return the images of all channels that the frames hold or derive, by column name."""
-    derived = remainders(frames) if "light" in frames else {}
     return {
-        channel.name: derived[channel.name]
-        if channel.derived
+        channel.name: remainder(channel, frames)
+        if channel.remainder
         else _image(frames[channel.kind], channel)
         for channel in dataset_channels(tuple(frames))
     }
@@ -134,19 +139,3 @@ def _image(frame: Frame, channel: Channel) -> AnyArray:
         planes = [plane > 0 for plane in planes]
     planes = [plane.astype(channel.dataset_dtype, copy=False) for plane in planes]
     return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
-
-
-def _objects_in(frames: Frames, scene: Scene) -> int:
-    """Return the number of objects, without structure, that each cover over 1 % of the view."""
-    numbers = frames["inputs"].channels["object"].astype(np.int64)
-    pixels = np.bincount(numbers.ravel(), minlength=len(scene.objects) + 1)[1:]
-    furniture = [not item.is_structure for item in scene.objects]
-    return int((pixels[: len(furniture)][furniture] > 0.01 * numbers.size).sum())
-
-
-def _signed(seed: Any) -> int | None:
-    """Return a 64-bit seed in two's complement, for Parquet's signed integers."""
-    if not isinstance(seed, int):
-        return None
-    seed &= (1 << 64) - 1
-    return seed - (1 << 64) if seed >= 1 << 63 else seed

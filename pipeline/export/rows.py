@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pbrnet.pipeline.channels import KINDS, RADIANCE, SETS, dataset_channels
+from pbrnet.pipeline.channels import dataset_channels, remedy
 from pbrnet.pipeline.dataset.parquet import (
     check_filled,
     check_types,
@@ -25,7 +25,7 @@ from pbrnet.pipeline.dataset.parquet import (
     reading,
 )
 from pbrnet.pipeline.dataset.splits import SPLITS
-from pbrnet.pipeline.radiance import is_scale
+from pbrnet.pipeline.radiance import RADIANCES, is_scale
 from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.checked import check_name
@@ -35,12 +35,7 @@ from pbrnet.scenes.files import digest_bytes, digest_file
 _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 _CAMERA = ("scene_id", "view_id", "split", "camera_to_world", "exposure_color", "white_color")
 _OPTIONAL = ("radiance_scale", "room_type", "trajectory", "frame", "projection")
-_RADIANCES = frozenset(c.name for c in dataset_channels(KINDS) if c.unit == RADIANCE) | {"lights"}
-_CHANNEL_SETS = {
-    channel.name: name
-    for name, kinds in reversed(SETS.items())
-    for channel in dataset_channels(kinds)
-}
+_RADIANCES = RADIANCES | {"lights"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +114,7 @@ class DatasetRows:
         """Raise `InputError` that names the channel set to add if one of `columns` is missing."""
         for name in columns:
             if name not in self.columns:
-                raise InputError(f"{self.folder}: {purpose} needs {name!r}; {_remedy(name)}")
+                raise InputError(f"{self.folder}: {purpose} needs {name!r}; {remedy(name)}")
 
     def require_perspective(self, purpose: str) -> None:
         """Raise `InputError` for a dataset of equirectangular views."""
@@ -145,7 +140,7 @@ class DatasetRows:
         path = self.shards[0]
         with reading(path), open_parquet(path) as file:
             schema = file.schema_arrow
-        known = {channel.name for channel in dataset_channels(KINDS)} | {"lights"}
+        known = {channel.name for channel in dataset_channels()} | {"lights"}
         return tuple(name for name in schema.names if name in known & self.columns)
 
     def _content(self, row: ViewRow, images: tuple[str, ...], values: tuple[str, ...]) -> Content:
@@ -223,13 +218,3 @@ def _check_known(folder: Path, what: str, wanted: Sequence[str], known: set[str]
             raise InputError(
                 f"{folder}: no {what} {name!r}; it has: {', '.join(sorted(known)[:20])}"
             )
-
-
-def _remedy(column: str) -> str:
-    """Return what adds a missing column to the dataset."""
-    if column in ("trajectory", "frame"):
-        return "set cameras.walks in params.yaml, then run: dvc repro dataset"
-    name = {"instances": "labels", "layout": "labels"}.get(column, _CHANNEL_SETS.get(column))
-    if name is None or name == "paper":
-        return "pack the dataset again with: pbrnet dataset"
-    return f"add {name!r} to channels in params.yaml, then run: dvc repro dataset"

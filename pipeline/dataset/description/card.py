@@ -48,20 +48,6 @@ class DatasetSummary:
         return self.total + sum(self.rejected.values())
 
 
-def licence_of(scene: Scene) -> str:
-    """Return the SPDX expression over all parts of a scene, e.g. "CC-BY-3.0 AND CC0-1.0"."""
-    return " AND ".join(sorted({credit.licence for credit in scene.credits}))
-
-
-def attribution_of(scene: Scene) -> str:
-    """Return one line with title, author and licence of every part of a scene."""
-    return "; ".join(
-        sorted(
-            {f"{credit.title} by {credit.author} ({credit.licence})" for credit in scene.credits}
-        )
-    )
-
-
 def dataset_card(
     summary: DatasetSummary, columns: Sequence[Column], scenes: Sequence[Scene], params: Params
 ) -> str:

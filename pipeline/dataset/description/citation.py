@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import yaml
 
+from pbrnet.scenes.contract import Scene
+
 NAME = "pbrnet"
 VERSION = "2.0.0"  # of format and meaning of the columns
 PUBLISHED = "2026-11-26"  # of that version: dates of packing would change the bytes
@@ -18,6 +20,20 @@ KEYWORDS = (
     "intrinsic images",
     "depth estimation",
 )
+
+
+def licence_of(scene: Scene) -> str:
+    """Return the SPDX expression over all parts of a scene, e.g. "CC-BY-3.0 AND CC0-1.0"."""
+    return " AND ".join(sorted({credit.licence for credit in scene.credits}))
+
+
+def attribution_of(scene: Scene) -> str:
+    """Return one line with title, author and licence of every part of a scene."""
+    return "; ".join(
+        sorted(
+            {f"{credit.title} by {credit.author} ({credit.licence})" for credit in scene.credits}
+        )
+    )
 
 
 def bibtex() -> str:

@@ -19,10 +19,9 @@ import pytest
 import yaml
 from PIL import Image
 
-from pbrnet.pipeline.dataset.columns import PREVIEWS, dataset_columns
+from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.description.facts import DatasetFacts, view_facts
 from pbrnet.pipeline.dataset.pack import pack_dataset
-from pbrnet.pipeline.dataset.previews import _DRAW
 from tests.fixtures.dataset import box_frames as frames_of
 from tests.fixtures.dataset import make_data, make_view, rows_of, small_params, write_view
 from tests.fixtures.paths import ROOT
@@ -97,7 +96,6 @@ def test_previews_come_first(folder: Path) -> None:
     names = [column.name for column in dataset_columns((32, 24), (32, 16), shadows=True)]
     first = table.column_names[:8]
     assert table.column_names == names and all(name.startswith("preview") for name in first)
-    assert set(_DRAW) == {preview.name for preview in PREVIEWS}
     features = json.loads(table.schema.metadata[b"huggingface"])["info"]["features"]
     row = table.slice(0, 1).to_pylist()[0]
     pictures = {}
