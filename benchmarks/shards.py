@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 from benchmarks.bench import Bench
 from benchmarks.rows import Row, at_least
 from benchmarks.timing import Clock, Spent, by_turns, ratio, spread
-from pbrnet.model.data.reader import IMAGES, OPTIONAL_IMAGES, Dataset
+from pbrnet.model.data.reader import OPTIONAL, PAPER, Dataset
 from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import RGB, TINT, Kind
 from pbrnet.pipeline.dataset.pack import pack_dataset
@@ -185,7 +185,7 @@ def read_columns(folder: Path, pool: ThreadPoolExecutor) -> int:
 
 def _read_group(path: Path, group: int) -> int:
     with pq.ParquetFile(path) as file:
-        names = [n for n in (*IMAGES, *OPTIONAL_IMAGES) if n in file.schema_arrow.names]
+        names = [n for n in (*PAPER, *OPTIONAL) if n in file.schema_arrow.names]
         table = file.read_row_group(group, columns=names, use_threads=False)
     return sum(images_of(path, table, name).size for name in names)
 
@@ -213,8 +213,8 @@ def _packed_pages(folder: Path) -> list[tuple[bytes, int]]:
     """Return the images' cells as the shards compress them, with their raw sizes."""
     codec, pages = pa.Codec("lz4_raw", LZ4_LEVEL), []
     for path in sorted(folder.glob("*.parquet")):
-        table = pq.read_table(path, columns=list(IMAGES))
-        for name in IMAGES:
+        table = pq.read_table(path, columns=list(PAPER))
+        for name in PAPER:
             for cell in table.column(name):
                 content = cell.as_py()
                 pages.append((codec.compress(content, asbytes=True), len(content)))

@@ -69,18 +69,18 @@ def submissions(dataset: Path, data: Path, views: ViewList, out: Path) -> dict[T
 
 
 def _ways() -> Iterator[Way]:
-    yield Way("reflectance", "color", "reflectance x one grey", 0, lambda one: one.reflectance)
+    yield Way("reflectance", "color", "reflectance x one grey", 0, lambda one: one["reflectance"])
     yield Way(
-        "radiosity", "color", "light transport", 0, lambda one: _there(one.transport_color),
+        "radiosity", "color", "light transport", 0, lambda one: one["transport_color"],
         stages=("transport",),
     )  # fmt: skip
     yield from _network("plus", "network on light transport, pretrained", 0, ("transport",))
     yield Way(
         "denoised", "color", "4 samples, Open Image Denoise", 4,
-        lambda one: _there(one.denoised_color), stages=("noisy",),
+        lambda one: one["denoised_color"], stages=("noisy",),
     )  # fmt: skip
     yield from _network("hybrid", "4 samples, network, pretrained", 4, ("noisy", "transport"))
-    yield Way("grey", "albedo", "one grey", 0, lambda one: np.full_like(one.color, _MATT))
+    yield Way("grey", "albedo", "one grey", 0, lambda one: np.full_like(one["color"], _MATT))
     yield Way("picture", "albedo", "the picture itself", 0, _as_displayed)
     yield Way("retinex", "albedo", "picture over its blurred luminance", 0, _retinex)
     yield Way("camera", "normal", "all towards the camera", 0, _towards)
@@ -130,32 +130,27 @@ def _radiance(networks: Networks, example: Example) -> AnyArray:
     return networks.radiance(example, networks.predict(networks.methods[0], example)).color
 
 
-def _there(image: AnyArray | None) -> AnyArray:
-    assert image is not None
-    return image
-
-
 def _as_displayed(example: Example) -> AnyArray:
     """Return what the picture shows as if it were albedo."""
-    return decode_srgb(tonemap(example.color, example.exposure_color).astype(np.float32))
+    return decode_srgb(tonemap(example["color"], example.exposure_color).astype(np.float32))
 
 
 def _retinex(example: Example) -> AnyArray:
     """Return radiance over its luminance blurred by a tenth of the width: light varies slowly."""
-    level = luminance(example.color.astype(np.float64))
-    blurred = gaussian_filter(level, example.color.shape[1] / 10)
-    return np.clip(_MATT * example.color / np.maximum(blurred, 1e-9)[..., None], 0, 1)
+    level = luminance(example["color"].astype(np.float64))
+    blurred = gaussian_filter(level, example["color"].shape[1] / 10)
+    return np.clip(_MATT * example["color"] / np.maximum(blurred, 1e-9)[..., None], 0, 1)
 
 
 def _towards(example: Example) -> AnyArray:
-    normal = np.zeros_like(example.normal)
+    normal = np.zeros_like(example["normal"])
     normal[..., 2] = -1
     return normal
 
 
 def _box(example: Example) -> AnyArray:
     """Return normals of a box room seen straight on: the lower quarter of the picture is floor."""
-    height, width = example.color.shape[:2]
+    height, width = example["color"].shape[:2]
     normal = _towards(example)
     normal[:, : width // 4] = (1, 0, 0)
     normal[:, -(width // 4) :] = (-1, 0, 0)

@@ -29,7 +29,6 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.baselines.layers import (
-    IMAGES,
     STACKED,
     InstanceNorm,
     display,
@@ -38,14 +37,13 @@ from pbrnet.model.baselines.layers import (
     stacked,
 )
 from pbrnet.model.baselines.pix2pix import PatchDiscriminator
-from pbrnet.model.data.encoding import CHANNELS, Tensors, centred
+from pbrnet.model.data.encoding import Tensors, centred
 from pbrnet.model.networks.objective import Batch, Objective, Setting
 from pbrnet.model.networks.pbrnet import Architecture
 
 CYCLE, IDENTITY = 10.0, 5.0  # weights of the cycle consistency and identity losses
 BUFFER_SIZE = 50  # images
-_FIRST = sum(CHANNELS[name] for name in IMAGES[: IMAGES.index("reflectance")])
-REFLECTANCE = slice(_FIRST, _FIRST + CHANNELS["reflectance"])  # channels of the stack
+REFLECTANCE = slice(5, 8)  # channels of the stack, after depth and normal
 
 
 class Generator(nn.Module):

@@ -6,11 +6,11 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from pbrnet.model.data.encoding import CHANNELS, Tensors
+from pbrnet.model.data.encoding import PAPER_INPUTS, Tensors, input_named
 from pbrnet.model.networks.pbrnet import NormalPanorama, Panorama, log_panorama
 
 IMAGES = ("depth", "normal", "reflectance")
-STACKED = sum(CHANNELS.values())  # channels of `stacked`
+STACKED = sum(input_named(name).channels for name in PAPER_INPUTS)  # channels of `stacked`
 
 
 def stacked(inputs: Tensors) -> torch.Tensor:
@@ -32,7 +32,7 @@ class Stack(nn.Module):
     def __init__(self, panorama: Panorama, width: int) -> None:
         super().__init__()
         branch = max(1, width // 2)
-        images = sum(CHANNELS[name] for name in IMAGES)
+        images = sum(input_named(name).channels for name in IMAGES)
         self.join = NormalPanorama(branch) if panorama == "normal" else None
         self.channels = STACKED if self.join is None else images + 2 * branch
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 
 from pbrnet.model.data.encoding import MAX_SAMPLES
 from pbrnet.model.evaluation import predict as prediction
-from pbrnet.model.evaluation.budget import Effort, choose, efforts_for, stopwatch
+from pbrnet.model.evaluation.budget import choose, efforts_for, stopwatch
 from pbrnet.model.evaluation.inference import PREDICTABLE, Networks, load_networks
 from pbrnet.model.evaluation.predict import ViewSource
 from pbrnet.model.evaluation.previews import (
@@ -24,14 +26,16 @@ from pbrnet.model.evaluation.previews import (
 from pbrnet.model.networks.tiles import MIN_TILE
 from pbrnet.model.options import FILE, FOLDER, found_models_option, size_option
 from pbrnet.model.release.pretrained import find_models
+from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.commands.options import common_options
-from pbrnet.pipeline.images import png_bytes
+from pbrnet.pipeline.images import Picture, png_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.views import View, intrinsics_of
+from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_file
@@ -121,75 +125,114 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 )
 @found_models_option()
 @common_options
-def predict(
-    params: Params,
-    data: Path,
-    models: Path | None,
-    method: str | None,
-    quality: Quality | None,
-    tile: int | None,
-    exr: bool,
-    with_truth: bool,
-    out: Path | None,
-    seconds: float | None,
-    **source: Any,
-) -> int:
+def predict(**options: Any) -> int:
     """Predict images with the trained networks, from SCENE or from frames."""
-    if seconds is not None:
-        if method or source["spp"] or quality:
-            raise click.UsageError("--seconds chooses --method and --spp; give one or the other")
-        effort = _within(seconds, params, data, models, **source)
-        method, source["spp"], quality = effort.method, effort.spp, effort.quality
-    if method in PREVIEWS:
-        how = quality or "high"
-        return _predict_preview(params, data, method, how, exr, with_truth, out, **source)
-    if quality and seconds is None:
-        raise click.UsageError(f"--denoiser is for --method {' and '.join(PREVIEWS)}")
-    if (source["spp"] or 0) > MAX_SAMPLES:
-        raise click.UsageError(f"--spp: networks take at most {MAX_SAMPLES} samples per pixel")
-    views = _view_sources(params, data, with_truth, **source)
-    _check_out(out, len(views))
-    found = find_models(models, method)
-    networks = load_networks(found.folder, [found.method], tile or 0)
-    click.echo(f"{found.method}, networks from {found.description}")
-    scene = source["scene"]
+    request = Request(**options)
+    if request.seconds is not None:
+        request = _within_seconds(request)
+    pictures = _previews(request) if request.method in PREVIEWS else _predictions(request)
+    _check_out(request.out, len(pictures))
     failed = 0
-    with Progress(len(views), "predict") as progress:
-        for each in views:
-            folder = scene or data / "scenes" / each.view.scene_id
-            target = _target(out, each.view, len(views))
+    with Progress(len(pictures), "predict") as progress:
+        for view, draw in pictures:
             try:
-                message = _predict_view(
-                    networks, each, target, folder, exr, with_truth, str(found.folder)
-                )
+                click.echo(_write(request, view, draw(), len(pictures)))
             except InputError as error:
-                if len(views) == 1:
+                if len(pictures) == 1:
                     raise
                 failed += 1
-                click.echo(f"Error: {each.name}: {error}", err=True)
-            else:
-                click.echo(message)
+                click.echo(f"Error: {view.scene_id}/{view.view_id}: {error}", err=True)
             progress.advance()
     return 1 if failed else 0
 
 
-def _within(
-    seconds: float,
-    params: Params,
-    data: Path,
-    models: Path | None,
-    scene: Path | None,
-    spp: int | None,
-    **chosen: Any,
-) -> Effort:
-    """Return the effort of the best picture in so many seconds, measured on a view."""
-    scene, views = _preview_views(params, data, scene, "--seconds", **chosen)
-    opened = Preview(scene, params, data).scene
+@dataclass(frozen=True)
+class Request:
+    """The options of `pbrnet predict`; None or empty: not given."""
+
+    params: Params
+    data: Path
+    models: Path | None
+    scene: Path | None
+    views: tuple[str, ...]
+    all_views: bool
+    camera: Path | None
+    eye: str | None
+    towards: str | None
+    size: tuple[int, int] | None
+    inputs: Path | None
+    illumination: Path | None
+    transport: Path | None
+    materials: Path | None
+    noisy: Path | None
+    method: str | None
+    spp: int | None
+    quality: Quality | None
+    seconds: float | None
+    tile: int | None
+    exr: bool
+    with_truth: bool
+    out: Path | None
+
+    @property
+    def gives_frames(self) -> bool:
+        """True if frames are given, which replace a scene."""
+        return any((self.inputs, self.illumination, self.transport, self.materials, self.noisy))
+
+    def scene_of(self, view: View) -> Path:
+        """Folder of a view's scene, which may be absent."""
+        return self.scene or self.data / "scenes" / view.scene_id
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A picture of a view, and what is written about it.
+
+    `write_exr` writes linear radiance with these facts to a file and returns what to say about it.
+    """
+
+    picture: Picture
+    size: tuple[int, int]
+    made_by: str
+    metrics: str
+    write_exr: Callable[[Path, dict[str, Any]], str]
+
+
+Pictures = list[tuple[View, Callable[[], Drawn]]]
+
+
+def _write(request: Request, view: View, drawn: Drawn, count: int) -> str:
+    """Write the picture of a view, and its radiance with `--exr`; returns a message."""
+    name, target = f"{view.scene_id}/{view.view_id}", _target(request.out, view, count)
+    facts = {
+        "prediction": name,
+        "models": drawn.made_by,
+        "words": drawn.metrics,
+        "credits": _credits(request.scene_of(view)),
+    }
+    with atomic_file(target) as partial:
+        partial.write_bytes(png_bytes(drawn.picture, facts))
+    width, height = drawn.size
+    message = f"{target}: {name}, {width}x{height} {drawn.metrics}".rstrip()
+    if request.exr:
+        exr = target.with_suffix(".exr")
+        message += f"\n{exr}: {drawn.write_exr(exr, facts)}"
+    return message
+
+
+def _within_seconds(request: Request) -> Request:
+    """Return the request with the effort of the best picture in so many seconds, as measured."""
+    seconds, params = request.seconds, request.params
+    assert seconds is not None
+    if request.method or request.spp or request.quality:
+        raise click.UsageError("--seconds chooses --method and --spp; give one or the other")
+    scene, views = _preview_views(request, "--seconds")
+    opened = Preview(scene, params, request.data).scene
     networks: Networks | None = None
     methods = PREVIEWS if integrator.available() else (DENOISED,)
     if integrator.available():
         try:
-            found = find_models(models, HYBRID)
+            found = find_models(request.models, HYBRID)
         except InputError as error:
             click.echo(f"without {HYBRID}: {error}", err=True)
         else:
@@ -199,168 +242,119 @@ def _within(
     click.echo(f"{choice.effort}: {choice.seconds:.2f} s a view here, of {choice.tried} measured")
     if choice.seconds > seconds:
         click.echo(f"nothing takes {seconds:g} s or less; this is the fastest", err=True)
-    return choice.effort
+    effort = choice.effort
+    quality = effort.quality if effort.method in PREVIEWS else None
+    return replace(request, method=effort.method, spp=effort.spp, quality=quality)
 
 
-def _predict_preview(
-    params: Params,
-    data: Path,
-    method: str,
-    quality: Quality,
-    exr: bool,
-    with_truth: bool,
-    out: Path | None,
-    scene: Path | None,
-    spp: int | None,
-    **chosen: Any,
-) -> int:
-    """Write pictures of a scene's views without a network; return the exit code."""
-    scene, views = _preview_views(params, data, scene, f"--method {method}", **chosen)
-    _check_out(out, len(views))
-    preview = Preview(scene, params, data, method, spp or 0, quality)
-    with Progress(len(views), "predict") as progress:
-        for view in views:
-            target = _target(out, view, len(views))
-            found = preview.render(view)
-            picture, metrics = photograph(found.color), ""
-            if with_truth:
-                picture, metrics = preview.compare(view, found)
-            name = f"{view.scene_id}/{view.view_id}"
-            facts = {
-                "prediction": name,
-                "models": method,
-                "words": metrics,
-                "credits": _credits(scene),
-            }
-            with atomic_file(target) as partial:
-                partial.write_bytes(png_bytes(picture, facts))
-            click.echo(f"{target}: {name}, {view.width}x{view.height} {metrics}".rstrip())
-            if exr:
-                write_rendering(target.with_suffix(".exr"), view, found, method, facts)
-            progress.advance()
-    return 0
+def _previews(request: Request) -> Pictures:
+    """Pictures of a scene's views without a network."""
+    method = request.method
+    assert method is not None
+    scene, views = _preview_views(request, f"--method {method}")
+    preview = Preview(
+        scene, request.params, request.data, method, request.spp or 0, request.quality or "high"
+    )
+
+    def draw(view: View) -> Drawn:
+        found = preview.render(view)
+        picture, metrics = photograph(found.color), ""
+        if request.with_truth:
+            picture, metrics = preview.compare(view, found)
+        write_exr = partial(write_rendering, view=view, found=found, method=method)
+        return Drawn(picture, (view.width, view.height), method, metrics, write_exr)
+
+    return [(view, partial(draw, view)) for view in views]
 
 
-def _preview_views(
-    params: Params,
-    data: Path,
-    scene: Path | None,
-    what: str,
-    inputs: Path | None,
-    illumination: Path | None,
-    transport: Path | None,
-    materials: Path | None,
-    noisy: Path | None,
-    **chosen: Any,
-) -> tuple[Path, list[View]]:
-    """Scene and views that the options select; raises `UsageError` for frames."""
-    if scene is None or any((inputs, illumination, transport, materials, noisy)):
+def _preview_views(request: Request, what: str) -> tuple[Path, list[View]]:
+    """Scene and views of the request; raises `UsageError` for frames."""
+    if request.scene is None or request.gives_frames:
         raise click.UsageError(f"{what} computes from a SCENE, not from frames")
-    return scene, _scene_views(params, data, scene, **chosen)
+    return request.scene, _scene_views(request, request.scene)
 
 
-def _predict_view(
-    networks: Networks,
-    source: ViewSource,
-    out: Path,
-    scene: Path,
-    exr: bool,
-    with_truth: bool,
-    models: str,
-) -> str:
-    """Write the image of a view, and its radiance with `exr`; returns a message."""
-    example = source.load(networks.card)
-    predicted = networks.predict(networks.methods[0], example)
-    picture, metrics = photograph(networks.radiance(example, predicted).color), ""
-    if with_truth:
-        picture, metrics = prediction.compare(networks, example, predicted)
-    facts = {
-        "prediction": example.name,
-        "models": f"{predicted.method} of {models}",
-        "words": metrics,
-        "credits": _credits(scene),
+def _predictions(request: Request) -> Pictures:
+    """Pictures by networks."""
+    if request.quality:
+        raise click.UsageError(f"--denoiser is for --method {' and '.join(PREVIEWS)}")
+    if (request.spp or 0) > MAX_SAMPLES:
+        raise click.UsageError(f"--spp: networks take at most {MAX_SAMPLES} samples per pixel")
+    sources = _view_sources(request)
+    found = find_models(request.models, request.method)
+    networks = load_networks(found.folder, [found.method], request.tile or 0)
+    click.echo(f"{found.method}, networks from {found.description}")
+
+    def draw(source: ViewSource) -> Drawn:
+        example = source.load(networks.card)
+        predicted = networks.predict(networks.methods[0], example)
+        picture, metrics = photograph(networks.radiance(example, predicted).color), ""
+        if request.with_truth:
+            picture, metrics = prediction.compare(networks, example, predicted)
+        height, width = predicted.color.shape[:2]
+        write_exr = partial(
+            prediction.write_radiance,
+            networks=networks,
+            view=source.view,
+            example=example,
+            predicted=predicted,
+        )
+        made_by = f"{predicted.method} of {found.folder}"
+        return Drawn(picture, (width, height), made_by, metrics, write_exr)
+
+    return [(source.view, partial(draw, source)) for source in sources]
+
+
+def _view_sources(request: Request) -> list[ViewSource]:
+    """The views that the options select, for networks."""
+    if request.scene is not None:
+        if request.gives_frames:
+            raise click.UsageError("give a SCENE, or --inputs and --illumination, not both")
+        views = _scene_views(request, request.scene)
+        return prediction.from_scene(
+            request.scene, views, request.params, request.data, request.with_truth, request.spp or 0
+        )
+    inputs, illumination = request.inputs, request.illumination
+    if inputs is None or illumination is None:
+        raise click.UsageError("give a SCENE and a --view, or --inputs and --illumination")
+    of_scene = (request.size, request.views, request.all_views, request.camera, request.eye)
+    if any(of_scene) or request.towards or request.spp:
+        raise click.UsageError(
+            "--size, --view, --all-views, --camera, --eye, --towards and --spp need a SCENE"
+        )
+    given: dict[Kind, Path | None] = {
+        "inputs": inputs,
+        "illumination": illumination,
+        "transport": request.transport or _beside(illumination, "transport"),
+        "materials": request.materials or _beside(illumination, "materials"),
+        "noisy": request.noisy,
     }
-    with atomic_file(out) as partial:
-        partial.write_bytes(png_bytes(picture, facts))
-    height, width = predicted.color.shape[:2]
-    message = f"{out}: {example.name}, {width}x{height} {metrics}".rstrip()
-    if exr:
-        target = out.with_suffix(".exr")
-        about = prediction.write_radiance(target, networks, source.view, example, predicted, facts)
-        message += f"\n{target}: {about}"
-    return message
+    paths = {kind: path for kind, path in given.items() if path}
+    truth = request.data if request.with_truth else None
+    return [
+        prediction.from_frames(dict(zip(paths, files, strict=True)), truth)
+        for files in prediction.frame_sets(*paths.values())
+    ]
 
 
-def _view_sources(
-    params: Params,
-    data: Path,
-    with_truth: bool,
-    scene: Path | None,
-    views: tuple[str, ...],
-    all_views: bool,
-    camera: Path | None,
-    eye: str | None,
-    towards: str | None,
-    inputs: Path | None,
-    illumination: Path | None,
-    transport: Path | None,
-    materials: Path | None,
-    noisy: Path | None,
-    spp: int | None,
-    size: tuple[int, int] | None,
-) -> list[ViewSource]:
-    """The views that the options select."""
-    if scene is None:
-        if inputs is None or illumination is None:
-            raise click.UsageError("give a SCENE and a --view, or --inputs and --illumination")
-        if size or views or all_views or camera or eye or towards or spp:
-            raise click.UsageError(
-                "--size, --view, --all-views, --camera, --eye, --towards and --spp need a SCENE"
-            )
-        paths = {
-            "transport": transport or _beside(illumination, "transport"),
-            "materials": materials or _beside(illumination, "materials"),
-            "noisy": noisy,
-        }
-        optional = {name: path for name, path in paths.items() if path}
-        frames = prediction.frame_sets(inputs, illumination, *optional.values())
-        truth = data if with_truth else None
-        return [
-            prediction.from_frames(
-                *files[:2], truth=truth, **dict(zip(optional, files[2:], strict=True))
-            )
-            for files in frames
-        ]
-    if any((inputs, illumination, transport, materials, noisy)):
-        raise click.UsageError("give a SCENE, or --inputs and --illumination, not both")
-    chosen = _scene_views(params, data, scene, views, all_views, camera, eye, towards, size)
-    return prediction.from_scene(scene, chosen, params, data, with_truth, spp or 0)
-
-
-def _scene_views(
-    params: Params,
-    data: Path,
-    scene: Path,
-    views: tuple[str, ...],
-    all_views: bool,
-    camera: Path | None,
-    eye: str | None,
-    towards: str | None,
-    size: tuple[int, int] | None,
-) -> list[View]:
+def _scene_views(request: Request, scene: Path) -> list[View]:
     """The views of a scene that the options select."""
-    if sum((bool(views), all_views, eye is not None)) != 1 or (eye is None) != (towards is None):
+    eye, towards, size = request.eye, request.towards, request.size
+    ways = (bool(request.views), request.all_views, eye is not None)
+    if sum(ways) != 1 or (eye is None) != (towards is None):
         raise click.UsageError(
             "with SCENE, give --view (repeatable), or --all-views, or --eye and --towards"
         )
     if eye is not None and towards is not None:
-        image = replace(params.image, width=size[0], height=size[1]) if size else params.image
+        image = request.params.image
+        if size:
+            image = replace(image, width=size[0], height=size[1])
         placed = prediction.placed_view(
             scene, _triple(eye, "--eye"), _triple(towards, "--towards"), intrinsics_of(image)
         )
         return [placed]
-    camera = camera or data / "cameras" / f"{scene.name}.json"
-    return prediction.find_views(scene, camera, views, size)
+    camera = request.camera or request.data / "cameras" / f"{scene.name}.json"
+    return prediction.find_views(scene, camera, request.views, size)
 
 
 def _beside(illumination: Path, kind: str) -> Path | None:
@@ -401,7 +395,7 @@ def _credits(scene: Path) -> list[str]:
     return list(dict.fromkeys(f"{c.title} by {c.author}, {c.licence}" for c in credits))
 
 
-def _triple(text: str, option: str) -> Any:
+def _triple(text: str, option: str) -> Float64Array:
     try:
         numbers = np.array([float(part) for part in text.split(",")])
     except ValueError:

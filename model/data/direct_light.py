@@ -25,10 +25,10 @@ def direct_light(view: Example, albedo: float) -> tuple[AnyArray, AnyArray]:
     radiance of the panorama in the direction of each pixel.
     """
     rays, radiance = pixel_rays(view), panorama_radiance(view)
-    irradiance = panorama_irradiance(view, rays * view.depth[..., None], radiance)
+    irradiance = panorama_irradiance(view, rays * view["depth"][..., None], radiance)
     reflected = albedo / np.pi * irradiance
-    if view.visibility is not None:
-        reflected = reflected * view.visibility[..., None]
+    if "visibility" in view:
+        reflected = reflected * view["visibility"][..., None]
     return reflected, panorama_lookup(radiance, rays)
 
 
@@ -44,25 +44,26 @@ def panorama_irradiance(view: Example, points: AnyArray, radiance: AnyArray) -> 
     The sum over all sources of cosine x intensity / squared distance. `radiance` (h, w, 3) is
     `panorama_radiance`.
     """
-    places, intensities = sources(radiance, view.distance)
-    found = np.zeros((int(view.valid.sum()), 3), np.float32)
-    for block, factor in unshadowed_irradiance(points[view.valid], view.normal[view.valid], places):
+    places, intensities = sources(radiance, view["distance"])
+    valid = view["valid"]
+    found = np.zeros((int(valid.sum()), 3), np.float32)
+    for block, factor in unshadowed_irradiance(points[valid], view["normal"][valid], places):
         found[block] = factor @ intensities
     irradiance = np.zeros(points.shape, np.float32)
-    irradiance[view.valid] = found
+    irradiance[valid] = found
     return irradiance
 
 
 def panorama_radiance(view: Example) -> AnyArray:
     """Linear RGB radiance float32 (h, w, 3) of the panorama's sources; grey without a `tint`."""
-    tint = np.ones(3, np.float32) if view.tint is None else view.tint
-    radiance: AnyArray = (view.intensity[..., None] * tint).astype(np.float32)
+    tint = view["tint"] if "tint" in view else np.ones(3, np.float32)
+    radiance: AnyArray = (view["intensity"][..., None] * tint).astype(np.float32)
     return radiance
 
 
 def pixel_rays(view: Example) -> AnyArray:
     """Rays float32 (H, W, 3) through the pixel centres, scaled to z = 1, in camera axes."""
-    height, width = view.depth.shape
+    height, width = view["depth"].shape
     return pixel_directions(view.intrinsics, width, height).astype(np.float32)
 
 

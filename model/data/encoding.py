@@ -1,10 +1,11 @@
 """Encoding of views for the networks: inputs and targets as tensors.
 
-The paper's inputs do not depend on the unit of radiance because the target does not: shading is
-tone-mapped by its own log average, and panoramic intensity is relative to its mean over the sphere.
-Light transport and noisy samples keep the unit, and so do the networks that take them. Logarithms
-compress the ranges: a bare bulb is 10^5 times as bright as a dim wall. Images are centred about 0:
-otherwise a short training learns brightness but not colour.
+`INPUTS` is the table of the networks' inputs. The paper's inputs do not depend on the unit of
+radiance because the target does not: shading is tone-mapped by its own log average, and panoramic
+intensity is relative to its mean over the sphere. Light transport and noisy samples keep the unit,
+and so do the networks that take them. Logarithms compress the ranges: a bare bulb is 10^5 times as
+bright as a dim wall. Images are centred about 0: otherwise a short training learns brightness but
+not colour.
 
 The encoder takes NumPy arrays. While a network is exported (`pbrnet.model.release.onnx_export`) it
 takes tensors, and torch's exporter traces it.
@@ -13,27 +14,25 @@ takes tensors, and torch's exporter traces it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Literal, TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeVar
 
 import numpy as np
 import torch
 
 from pbrnet.model.data.display import log_average
-from pbrnet.model.data.reader import Example, ViewInputs
+from pbrnet.model.data.reader import PAPER, Example
+from pbrnet.pipeline.channels import column_channel
 from pbrnet.pipeline.tonemap import Exposure, tonemap
 from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
 from pbrnet.scenes.color import encode_srgb
-from pbrnet.scenes.errors import InputError
 
 Value = TypeVar("Value", AnyArray, torch.Tensor)
 Policy = Literal["own", "shared"]
 Tensors = dict[str, torch.Tensor]
 
-# Channels of every encoded input, then of the inputs that only some networks take.
-CHANNELS = {"depth": 2, "normal": 3, "intensity": 1, "distance": 1, "reflectance": 3}
-TRANSPORT_CHANNELS = {"transport": 9, "materials": 3}
-NOISY_SAMPLES_CHANNELS = {"noisy": 9}
+PAPER_INPUTS = ("depth", "normal", "reflectance", "intensity", "distance")
 MAX_SAMPLES = 8  # per pixel, of noisy samples
 NEUTRAL = 0.5  # reflectance input where there is no surface; albedo of the shading frames
 DEFAULT_WHITE = 20.0  # exposed luminance that maps to white if it is unknown; typical indoors
@@ -41,67 +40,68 @@ DEFAULT_WHITE = 20.0  # exposed luminance that maps to white if it is unknown; t
 MIN_DEPTH, REFERENCE_DEPTH, MAX_DEPTH = 0.05, 2.5, 100.0
 
 
-def encode(
-    examples: Sequence[ViewInputs],
-    panorama: bool = True,
-    transport: bool = False,
-    noisy_samples: bool = False,
-) -> Tensors:
-    """Network inputs, float32 (N, C, H, W), `CHANNELS` each; all views must be of one size.
+class Columns(Protocol):
+    """Columns of a view by name: an `Example`, or a mapping of tensors."""
 
-    * `depth`: ln(depth / `REFERENCE_DEPTH`), 0 where there is no surface; and the validity mask
-    * `normal`: camera frame, unit
-    * `reflectance`: `neutral_background`, sRGB-encoded and `centred` like display values
+    def __getitem__(self, name: str, /) -> ArrayOrTensor: ...
 
-    With `panorama`:
+    def __contains__(self, name: object, /) -> bool: ...
 
-    * `intensity`: relative to its mean over the sphere; all 0 if no light is visible
-    * `distance`: metres, at most `MAX_DEPTH`. The network takes the logarithms of intensity and
-      distance itself, because it may average them first.
 
-    With `transport`:
+@dataclass(frozen=True)
+class Input:
+    """An input of networks: the columns it is made of, its channels and its encoding.
 
-    * `transport`, 9 channels: direct light, indirect light, picture; linear, in the view's unit
-    * `level`, (N, 1, 1, 1): log average of direct + indirect light, bands alike
-    * `materials`, 3 channels: roughness, metalness, and 1 where they are known; 0 without them
-
-    With `noisy_samples`:
-
-    * `noisy`, 9 channels: colour of a few samples a pixel, of half of them, and denoised; linear
-    * `samples`, (N, 1, 1, 1): ln(samples per pixel) / ln(`MAX_SAMPLES`)
-
-    Traceable, see the module. Raises `InputError` for a view without transport or samples.
+    `encode` returns an image (H, W, channels). An `optional` input is 0 for views without its
+    columns. One that is `whole` is no image of the view: a panorama, or a number (1, 1, 1).
     """
-    encoded = {
-        "depth": _stack([_depth(view) for view in examples]),
-        "normal": _stack([view.normal for view in examples]),
-        "reflectance": encode_reflectance(examples),
-    }
-    if panorama:
-        encoded["intensity"] = _stack([_relative_intensity(view.intensity) for view in examples])
-        encoded["distance"] = _stack([_clamped_distance(view.distance) for view in examples])
-    if transport:
-        encoded["transport"] = _stack([_transport(view) for view in examples])
-        encoded["level"] = log_average(
-            (encoded["transport"][:, :3] + encoded["transport"][:, 3:6]).mean(1, keepdim=True)
-        )
-        encoded["materials"] = _stack([_materials(view) for view in examples])
-    if noisy_samples:
-        encoded["noisy"] = _stack([_noisy(view) for view in examples])
-        encoded["samples"] = torch.stack([_samples(view) for view in examples])
-    return encoded
+
+    columns: tuple[str, ...]
+    channels: int
+    encode: Callable[[Columns], ArrayOrTensor]
+    optional: bool = False
+    whole: bool = False
+
+    def of(self, view: Columns) -> ArrayOrTensor:
+        """The encoded input of a view."""
+        if self.optional and not all(name in view for name in self.columns):
+            xp = array_namespace(view["depth"])
+            return xp.stack([xp.zeros_like(view["depth"])] * self.channels, axis=-1)
+        return self.encode(view)
 
 
-def encode_reflectance(views: Sequence[ViewInputs]) -> torch.Tensor:
-    """`reflectance` of `encode` alone, for the composition network."""
-    return _stack([centred(encode_srgb(neutral_background(view, NEUTRAL))) for view in views])
+def encode(views: Sequence[Columns], inputs: Iterable[str] = PAPER_INPUTS) -> Tensors:
+    """Inputs of networks by name, float32 (N, C, H, W); all views must be of one size.
+
+    Traceable, see the module. Raises `InputError` for a view without a column that an input needs.
+    """
+    return {name: _stack([input_named(name).of(view) for view in views]) for name in inputs}
+
+
+def input_named(name: str) -> Input:
+    """The input of this name: of `INPUTS`, else an image column as it is.
+
+    Raises `KeyError` if it is neither.
+    """
+    return INPUTS.get(name) or _images(name)
+
+
+def input_columns(inputs: Iterable[str]) -> tuple[str, ...]:
+    """Columns beyond the paper's that a view must have for these inputs."""
+    needed = [
+        column
+        for name in inputs
+        if not input_named(name).optional
+        for column in input_named(name).columns
+    ]
+    return tuple(dict.fromkeys(column for column in needed if column not in PAPER))
 
 
 def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
     """Display values in [0, 1], float32 (N, 3, H, W): `shading` and `color`."""
     return {
-        "shading": _stack([tonemap(e.shading, e.exposure_shading) for e in examples]),
-        "color": _stack([tonemap(e.color, color_exposure(e, policy)) for e in examples]),
+        "shading": _stack([tonemap(e["shading"], e.exposure_shading) for e in examples]),
+        "color": _stack([tonemap(e["color"], color_exposure(e, policy)) for e in examples]),
     }
 
 
@@ -113,7 +113,7 @@ def radiances(examples: Sequence[Example], policy: Policy) -> Tensors:
     """
     exposures = [color_exposure(example, policy) for example in examples]
     return {
-        "color": _stack([example.color for example in examples]),
+        "color": _stack([example["color"] for example in examples]),
         "exposure": _stack([np.array([[[e.scale, e.white]]]) for e in exposures]),
     }
 
@@ -123,15 +123,15 @@ def color_exposure(example: Example, policy: Policy) -> Exposure:
     return example.exposure_shading if policy == "shared" else example.exposure_color
 
 
-def neutral_background(view: ViewInputs, neutral: float) -> ArrayOrTensor:
+def neutral_background(view: Columns, neutral: float) -> ArrayOrTensor:
     """Reflectance with `neutral` where there is no surface, float32 (H, W, 3).
 
     The view through a window is the same in shading and in colour. The same holds for a surface
     with the neutral grey of the shading frames, so `neutral` makes reflectance x shading right
     there. The dataset stores 0, which would make windows black.
     """
-    xp = array_namespace(view.reflectance)
-    return xp.where(view.valid[..., None], view.reflectance, neutral)
+    xp = array_namespace(view["reflectance"])
+    return xp.where(view["valid"][..., None], view["reflectance"], neutral)
 
 
 def centred(display: Value) -> Value:
@@ -158,62 +158,75 @@ def solid_angles(panorama: ArrayOrTensor) -> ArrayOrTensor:
     return xp.asarray(strips, dtype=xp.float32)[:, None]
 
 
-def _depth(view: ViewInputs) -> ArrayOrTensor:
-    xp = array_namespace(view.depth)
-    log = xp.log(xp.clip(view.depth, MIN_DEPTH, MAX_DEPTH) / REFERENCE_DEPTH)
-    valid = xp.asarray(view.valid, dtype=xp.float32)
+def _depth(view: Columns) -> ArrayOrTensor:
+    xp = array_namespace(view["depth"])
+    log = xp.log(xp.clip(view["depth"], MIN_DEPTH, MAX_DEPTH) / REFERENCE_DEPTH)
+    valid = xp.asarray(view["valid"], dtype=xp.float32)
     return xp.stack([log * valid, valid], axis=-1)
 
 
-def _relative_intensity(intensity: ArrayOrTensor) -> ArrayOrTensor:
+def _reflectance(view: Columns) -> ArrayOrTensor:
+    return centred(encode_srgb(neutral_background(view, NEUTRAL)))
+
+
+def _relative_intensity(view: Columns) -> ArrayOrTensor:
+    intensity = view["intensity"]
     xp = array_namespace(intensity)
     mean = (intensity * solid_angles(intensity)).sum() / (4 * np.pi)
     relative = intensity / xp.where(mean > 0, mean, xp.ones_like(mean))
     return xp.where(mean > 0, relative, 0.0)[..., None]
 
 
-def _clamped_distance(distance: ArrayOrTensor) -> ArrayOrTensor:
-    return array_namespace(distance).clip(distance, None, MAX_DEPTH)[..., None]
+def _clamped_distance(view: Columns) -> ArrayOrTensor:
+    return array_namespace(view["distance"]).clip(view["distance"], None, MAX_DEPTH)[..., None]
 
 
-def _transport(view: ViewInputs) -> ArrayOrTensor:
-    images = (view.transport_direct, view.transport_indirect, view.transport_color)
-    return _side_by_side(view, images, "light transport", "channels: [transport]")
+def _level(view: Columns) -> ArrayOrTensor:
+    light = torch.cat([_stack([view[f"transport_{part}"]]) for part in ("direct", "indirect")], 1)
+    level = log_average((light[:, :3] + light[:, 3:]).mean(1, keepdim=True))[0]
+    return level if array_namespace(view["depth"]) is torch else level.numpy()
 
 
-def _materials(view: ViewInputs) -> ArrayOrTensor:
-    xp = array_namespace(view.depth)
-    images = (view.roughness, view.metalness, view.material_known)
-    if any(image is None for image in images):
-        images = (xp.zeros_like(view.depth),) * 3
-    return xp.stack(images, axis=-1)
+def _samples(view: Columns) -> ArrayOrTensor:
+    number = torch.as_tensor(view["noisy_spp"]).float().clamp(1, MAX_SAMPLES)
+    logarithm = (number.log() / math.log(MAX_SAMPLES)).reshape(1, 1, 1)
+    return logarithm if array_namespace(view["depth"]) is torch else logarithm.numpy()
 
 
-def _noisy(view: ViewInputs) -> ArrayOrTensor:
-    images = (view.noisy_color, view.noisy_half, view.denoised_color)
-    return _side_by_side(view, images, "noisy samples", "noisy.spp to 1 to 8")
+def _side_by_side(view: Columns, columns: Sequence[str]) -> ArrayOrTensor:
+    """Images side by side as channels."""
+    images = [view[name] for name in columns]
+    images = [image[..., None] if image.ndim == 2 else image for image in images]
+    return array_namespace(images[0]).concatenate(images, axis=-1)
 
 
-def _side_by_side(
-    view: ViewInputs, images: Sequence[ArrayOrTensor | None], what: str, parameter: str
-) -> ArrayOrTensor:
-    """Images side by side as channels; raises `InputError` if one is missing."""
-    known = [image for image in images if image is not None]
-    if len(known) < len(images):
-        raise InputError(
-            f"{_name(view)}: has no {what}, which the network takes as input; set {parameter}, "
-            "then run: pbrnet groundtruth, pbrnet dataset"
-        )
-    return array_namespace(view.depth).concatenate(known, axis=-1)
+def _images(*columns: str, optional: bool = False) -> Input:
+    channels = sum(math.prod(column_channel(name).shape) for name in columns)
+    return Input(columns, channels, lambda view: _side_by_side(view, columns), optional)
 
 
-def _samples(view: ViewInputs) -> torch.Tensor:
-    number = torch.as_tensor(view.noisy_spp).float().clamp(1, MAX_SAMPLES)
-    return (number.log() / math.log(MAX_SAMPLES)).reshape(1, 1, 1)
-
-
-def _name(view: ViewInputs) -> str:
-    return view.name if isinstance(view, Example) else "the view"
+# Inputs that are not a column as it is.
+#   depth: ln(depth / `REFERENCE_DEPTH`), 0 where there is no surface; and the validity mask
+#   reflectance: `neutral_background`, sRGB-encoded and `centred` like display values
+#   intensity: relative to its mean over the sphere; all 0 if no light is visible
+#   distance: metres, at most `MAX_DEPTH`; the network takes the logarithms of intensity and
+#     distance itself, because it may average them first
+#   transport: direct light, indirect light, picture; linear, in the view's unit
+#   level: log average of direct + indirect light, bands alike
+#   materials: roughness, metalness, and 1 where they are known
+#   noisy: colour of a few samples a pixel, of half of them, and denoised; linear
+#   samples: ln(samples per pixel) / ln(`MAX_SAMPLES`)
+INPUTS = {
+    "depth": Input(("depth", "valid"), 2, _depth),
+    "reflectance": Input(("reflectance", "valid"), 3, _reflectance),
+    "intensity": Input(("intensity",), 1, _relative_intensity, whole=True),
+    "distance": Input(("distance",), 1, _clamped_distance, whole=True),
+    "transport": _images("transport_direct", "transport_indirect", "transport_color"),
+    "level": Input(("transport_direct", "transport_indirect"), 1, _level, whole=True),
+    "materials": _images("roughness", "metalness", "material_known", optional=True),
+    "noisy": _images("noisy_color", "noisy_half", "denoised_color"),
+    "samples": Input(("noisy_spp",), 1, _samples, whole=True),
+}
 
 
 def _stack(images: Sequence[ArrayOrTensor]) -> torch.Tensor:

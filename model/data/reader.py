@@ -23,6 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
+from pbrnet.pipeline.channels import column_channel, remedy
 from pbrnet.pipeline.dataset.parquet import (
     check_filled,
     check_types,
@@ -33,7 +34,7 @@ from pbrnet.pipeline.dataset.parquet import (
 )
 from pbrnet.pipeline.radiance import RADIANCE_SCALE, RADIANCES, is_scale
 from pbrnet.pipeline.tonemap import Exposure
-from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, UInt8Array
+from pbrnet.scenes.arrays import AnyArray, UInt8Array
 from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file
@@ -41,40 +42,15 @@ from pbrnet.scenes.seeds import generator
 
 Split = Literal["train", "validation", "test"]
 ImageType = tuple[np.dtype[Any], tuple[int, ...]]  # of a column: NumPy type and shape
-Extra = Literal["noisy", "transport"]  # images beyond the paper's that a network needs
 
-# Image columns and their numbers of channels; None: an image (H, W) without a channel axis.
-IMAGES: dict[str, int | None] = {
-    "depth": None,
-    "normal": 3,
-    "reflectance": 3,
-    "valid": None,
-    "intensity": None,
-    "distance": None,
-    "shading": 3,
-    "color": 3,
-}
-# Columns of datasets made with `noisy.spp`, for the methods that take noisy samples.
-NOISY_IMAGES: dict[str, int | None] = {"noisy_color": 3, "noisy_half": 3, "denoised_color": 3}
-# Columns of the set `transport` of `channels`, and those of `materials` that networks take.
-TRANSPORT_IMAGES: dict[str, int | None] = {
-    "transport_direct": 3,
-    "transport_indirect": 3,
-    "transport_color": 3,
-}
-MATERIAL_IMAGES: dict[str, int | None] = {
-    "roughness": None,
-    "metalness": None,
-    "material_known": None,
-}
-# Absent from older datasets, from those made with `illumination.shadow_rays: 0`, and from those
-# without these sets of `channels`.
-OPTIONAL_IMAGES: dict[str, int | None] = {
-    "tint": 3,
-    "visibility": None,
-    **TRANSPORT_IMAGES,
-    **MATERIAL_IMAGES,
-}
+# Images of the paper, which every dataset has.
+PAPER = ("depth", "normal", "reflectance", "valid", "intensity", "distance", "shading", "color")
+# Images that are read where a dataset has them, and only if asked for must be there.
+OPTIONAL = (
+    *("tint", "visibility"),
+    *("transport_direct", "transport_indirect", "transport_color"),
+    *("roughness", "metalness", "material_known"),
+)
 SCALARS = (
     "scene_id",
     "view_id",
@@ -85,55 +61,25 @@ SCALARS = (
     "white_color",
     "K",
 )
-NOISY_SPP = "noisy_spp"  # samples per pixel of `NOISY_IMAGES`, a scalar
+NOISY_SPP = "noisy_spp"  # samples per pixel of noisy images, a number
 _PIECE = 32704  # values; PyTorch starts threads from 32768 on
 _SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewInputs:
-    """Input images of the networks for one view; camera frame OpenCV (x right, y down, z forward).
+class Example:
+    """One view of the dataset: its images by column name, which `example["depth"]` returns.
 
-    NumPy arrays; tensors while a network is exported.
-    """
-
-    depth: ArrayOrTensor  # float32 (H, W), z-depth in metres, 0 where there is no surface
-    normal: ArrayOrTensor  # float32 (H, W, 3), unit, facing the camera
-    reflectance: ArrayOrTensor  # float32 (H, W, 3), linear, [0, 1]
-    valid: ArrayOrTensor  # bool (H, W), True where there is a surface
-    intensity: ArrayOrTensor  # float32 (h, w = 2h), luminance of visible light sources, else 0
-    distance: ArrayOrTensor  # float32 (h, w), metres to the light sources, 0 elsewhere
-    intrinsics: ArrayOrTensor  # float64 (3, 3), pixel centres at +0.5
-    # float32 (h, w, 3), colour of the light sources with luminance 1; None: white
-    tint: ArrayOrTensor | None = None
-    # float32 (H, W), [0, 1], share of the sources' direct light that is not shadowed; None: 1
-    visibility: ArrayOrTensor | None = None
-    # Light transport, float32 (H, W, 3) in the unit of radiance, `pbrnet.pipeline.passes.transport`
-    transport_direct: ArrayOrTensor | None = None  # irradiance / pi by direct light
-    transport_indirect: ArrayOrTensor | None = None  # the same of indirect light
-    transport_color: ArrayOrTensor | None = None  # picture of the method `radiosity`
-    # Materials, float32 (H, W), [0, 1]
-    roughness: ArrayOrTensor | None = None
-    metalness: ArrayOrTensor | None = None
-    material_known: ArrayOrTensor | None = None  # 1 where the other two are known
-    # Path-traced samples, float32 (H, W, 3), linear radiance
-    noisy_color: ArrayOrTensor | None = None  # as color, with `noisy_spp` samples per pixel
-    noisy_half: ArrayOrTensor | None = None  # noisy_color of half of the samples
-    denoised_color: ArrayOrTensor | None = None  # noisy_color, denoised
-    noisy_spp: ArrayOrTensor = 0  # int; while a network is exported, a tensor (1,)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Example(ViewInputs):
-    """One view of the dataset: the networks' inputs and the truth.
-
-    Radiance is in the renderer's unit.
+    Images are float32 (H, W) or (H, W, C), panoramas (h, w = 2h) and (h, w, 3); radiance is in the
+    renderer's unit; `valid` is boolean. `pbrnet.pipeline.channels` describes them. `noisy_spp` is a
+    number (). `intrinsics` is float64 (3, 3), pixel centres at +0.5; camera axes are OpenCV's: x
+    right, y down, z forward.
     """
 
     scene_id: str
     view_id: str
-    shading: AnyArray  # float32 (H, W, 3), linear HDR radiance without textures and colours
-    color: AnyArray  # float32 (H, W, 3), linear HDR radiance
+    images: Mapping[str, AnyArray]
+    intrinsics: AnyArray
     exposure_shading: Exposure  # by the log-average luminance of shading
     exposure_color: Exposure  # by the log-average luminance of color
 
@@ -141,6 +87,24 @@ class Example(ViewInputs):
     def name(self) -> str:
         """Scene and view, for messages and file names."""
         return f"{self.scene_id}/{self.view_id}"
+
+    def __getitem__(self, column: str) -> AnyArray:
+        try:
+            return self.images[column]
+        except KeyError:
+            raise InputError(f"{self.name}: no {column}; {remedy(column)}") from None
+
+    def __contains__(self, column: object) -> bool:
+        return column in self.images
+
+    def having(self, **images: AnyArray) -> Example:
+        """The view with these images besides or instead of its own."""
+        return replace(self, images={**self.images, **images})
+
+    def without(self, *columns: str) -> Example:
+        """The view without these images."""
+        left = {name: image for name, image in self.images.items() if name not in columns}
+        return replace(self, images=left)
 
 
 @dataclass(frozen=True)
@@ -156,30 +120,29 @@ class Dataset:
     """Reader of the shards of one split, or of the scenes `only` in them.
 
     Raises `InputError` if the folder does not contain the split, or if a shard is missing,
-    truncated or lacks columns, among them those of `extras`. One file is open at a time, and only
-    during a read.
+    truncated or lacks columns, among them `columns` beyond the paper's. One file is open at a time,
+    and only during a read.
     """
 
     def __init__(
         self,
         folder: Path,
         split: Split,
-        extras: Collection[Extra] = (),
+        columns: Collection[str] = (),
         only: Collection[str] | None = None,
     ) -> None:
         self.folder, self.split = Path(folder), split
         self.only = None if only is None else frozenset(only)
         self.shards = _shards(self.folder, split)
-        self.images = {
-            **IMAGES,
-            **(NOISY_IMAGES if "noisy" in extras else {}),
-            **(TRANSPORT_IMAGES if "transport" in extras else {}),
-            **_optional(self.shards),
-        }
-        self.noisy = "noisy" in extras
+        there = image_columns(self.folder, split)
+        optional = [name for name in OPTIONAL if name in there]
+        wanted = dict.fromkeys((*PAPER, *columns, *optional))
+        self.images = tuple(name for name in wanted if name != NOISY_SPP)
+        self.numbers = tuple(name for name in wanted if name == NOISY_SPP)
         # By shard and row group: numbers of the selected rows.
         self.groups: list[list[Sequence[int]]] = [
-            [range(size) for size in _group_sizes(path, self.images)] for path in self.shards
+            [range(size) for size in _group_sizes(path, (*self.images, *self.numbers))]
+            for path in self.shards
         ]
         if self.only is not None:
             self._keep(self.only)
@@ -297,7 +260,7 @@ class Dataset:
                         self.held += len(loaded[key])
                     record = loaded[key].pop(row.row)
                     self.held -= 1
-                    example = _example(record, self.images)
+                    example = _example(record, self.images, self.numbers)
                     if len(self._spare) < len(self.groups[row.shard][row.group]):
                         self._spare.append(record["memory"])
                     yield example
@@ -315,12 +278,10 @@ class Dataset:
     def _load(self, shard: int, group: int, wanted: set[int]) -> dict[int, dict[str, Any]]:
         path = self.shards[shard]
         with reading(path), open_parquet(path) as file:
-            scalar_names = [*SCALARS, *_scale_columns(file), *([NOISY_SPP] if self.noisy else [])]
+            scalar_names = [*SCALARS, *_scale_columns(file), *self.numbers]
             table = file.read_row_group(group, columns=[*scalar_names, *self.images])
             check_filled(path, table, scalar_names)
-        types = {
-            name: _image_type(path, table, name, channels) for name, channels in self.images.items()
-        }
+        types = {name: _image_type(path, table, name) for name in self.images}
         scalars = {name: table.column(name).to_pylist() for name in scalar_names}
         if not all(map(is_scale, scalars.get(RADIANCE_SCALE, ()))):
             raise InputError(
@@ -353,13 +314,14 @@ def subset_fingerprint(whole: str, only: Collection[str]) -> str:
 
 
 def mirrored(example: Example) -> Example:
-    """The view mirrored left to right: images, panorama, x of the normals, intrinsics."""
-    images = {name: getattr(example, name) for name in (*IMAGES, *NOISY_IMAGES, *OPTIONAL_IMAGES)}
-    flipped = {name: image[:, ::-1].copy() for name, image in images.items() if image is not None}
-    flipped["normal"] = flipped["normal"] * np.array([-1, 1, 1], np.float32)
-    turned = np.array([[-1, 0, example.depth.shape[1]], [0, 1, 0], [0, 0, 1]])
+    """The view mirrored left to right: images, panorama, x of directions, intrinsics."""
+    flipped = {name: image[:, ::-1].copy() for name, image in example.images.items() if image.ndim}
+    for name in flipped:
+        if column_channel(name).is_direction:
+            flipped[name] = flipped[name] * np.array([-1, 1, 1], np.float32)
+    turned = np.array([[-1, 0, example["depth"].shape[1]], [0, 1, 0], [0, 0, 1]])
     intrinsics = turned @ example.intrinsics @ np.diag([-1, 1, 1])
-    return replace(example, **flipped, intrinsics=intrinsics)
+    return replace(example.having(**flipped), intrinsics=intrinsics)
 
 
 def coin_flips(seed: int, start: int, rows_per_pass: int) -> Iterator[bool]:
@@ -399,36 +361,19 @@ def image_columns(folder: Path, split: Split) -> set[str]:
     return set.intersection(*names)
 
 
-def _optional(shards: Sequence[Path]) -> dict[str, int | None]:
-    """The columns of `OPTIONAL_IMAGES` that all shards have."""
-    kept = dict(OPTIONAL_IMAGES)
-    for path in shards:
-        with reading(path), open_parquet(path) as file:
-            names = set(file.schema_arrow.names)
-            kept = {name: channels for name, channels in kept.items() if name in names}
-    return kept
-
-
 def _scale_columns(file: pq.ParquetFile) -> tuple[str, ...]:
     """`RADIANCE_SCALE`, if the shard has that column."""
     return (RADIANCE_SCALE,) if RADIANCE_SCALE in file.schema_arrow.names else ()
 
 
-def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
+def _group_sizes(path: Path, columns: Iterable[str]) -> list[int]:
     with reading(path), open_parquet(path) as file:
         names = file.schema_arrow.names
-        samples = (NOISY_SPP,) if NOISY_IMAGES.keys() <= set(images) else ()
-        missing = [name for name in (*SCALARS, *images, *samples) if name not in names]
-        if missing and missing[0] in (*NOISY_IMAGES, NOISY_SPP):
+        missing = [name for name in (*SCALARS, *columns) if name not in names]
+        if missing and missing[0] not in (*SCALARS, *PAPER):
             raise InputError(
-                f"{path}: no noisy samples in it (column {missing[0]!r}), which the method hybrid "
-                "takes; set noisy.spp to 1 to 8, then run: pbrnet groundtruth, pbrnet dataset"
-            )
-        if missing and missing[0] in TRANSPORT_IMAGES:
-            raise InputError(
-                f"{path}: no light transport in it (column {missing[0]!r}), which the methods plus "
-                "and hybrid take; set channels: [transport], then run: pbrnet groundtruth, pbrnet "
-                "dataset"
+                f"{path}: the column {missing[0]!r} is missing, which a network takes; "
+                f"{remedy(missing[0])}"
             )
         if missing:
             raise InputError(
@@ -439,15 +384,15 @@ def _group_sizes(path: Path, images: Iterable[str]) -> list[int]:
                 f"{path}: equirectangular views; the networks take perspective ones, "
                 "image.projection: perspective"
             )
-        check_types(path, file.schema_arrow, (*SCALARS, *samples, *_scale_columns(file)))
+        check_types(path, file.schema_arrow, (*SCALARS, *columns, *_scale_columns(file)))
         return [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
 
 
-def _image_type(path: Path, table: pa.Table, name: str, channels: int | None) -> ImageType:
+def _image_type(path: Path, table: pa.Table, name: str) -> ImageType:
     """Type and shape of a column's images; raises `InputError` for another number of channels."""
     dtype, shape = image_type(path, table.schema.field(name))
-    axes = shape[:2] if channels is None and shape[2:] == (1,) else shape
-    if len(axes) != (2 if channels is None else 3) or (channels and axes[2] != channels):
+    wanted = column_channel(name).shape
+    if shape[2:] not in (wanted, wanted or (1,)):
         raise InputError(f"{path}: the column {name!r} has the impossible shape {list(shape)}")
     return dtype, shape
 
@@ -480,24 +425,22 @@ def _together(
     return memory, images
 
 
-def _example(record: dict[str, Any], names: Mapping[str, int | None]) -> Example:
-    float32 = np.dtype(np.float32)
-    shapes = {
-        name: record[name].shape[: 2 if channels is None else 3] for name, channels in names.items()
-    }
-    _, images = _together({name: (float32, shapes[name]) for name in names if name != "valid"})
+def _example(record: dict[str, Any], names: Sequence[str], numbers: Sequence[str]) -> Example:
+    shapes = {name: record[name].shape[: 2 + len(column_channel(name).shape)] for name in names}
+    floats = {name: (np.dtype(np.float32), shapes[name]) for name in names if name != "valid"}
+    _, images = _together(floats)
     for name, image in images.items():
         scale = record.get(RADIANCE_SCALE, 1) if name in RADIANCES else 1
         _convert(record[name], image, scale)
+    images["valid"] = record["valid"].reshape(shapes["valid"]) > 0
+    images |= {name: np.array(record[name], np.float32) for name in numbers}
     return Example(
         scene_id=check_name(record["scene_id"] or "", "a scene's id", "dataset", InputError),
         view_id=check_name(record["view_id"] or "", "a view's id", "dataset", InputError),
-        valid=record["valid"].reshape(shapes["valid"]) > 0,
+        images=images,
         intrinsics=np.array(record["K"], dtype=np.float64).reshape(3, 3),
         exposure_shading=Exposure(record["exposure_shading"], record["white_shading"]),
         exposure_color=Exposure(record["exposure_color"], record["white_color"]),
-        noisy_spp=record.get(NOISY_SPP) or 0,
-        **images,
     )
 
 

@@ -15,15 +15,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from pbrnet.model.data.encoding import color_exposure
-from pbrnet.model.data.reader import (
-    MATERIAL_IMAGES,
-    NOISY_IMAGES,
-    TRANSPORT_IMAGES,
-    Dataset,
-    Example,
-    image_columns,
-)
+from pbrnet.model.data.encoding import color_exposure, input_named
+from pbrnet.model.data.reader import NOISY_SPP, Dataset, Example, image_columns
 from pbrnet.model.evaluation.inference import (
     PREDICTABLE,
     PRODUCTS,
@@ -32,9 +25,10 @@ from pbrnet.model.evaluation.inference import (
     load_networks,
 )
 from pbrnet.model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
-from pbrnet.model.methods import BASELINES, METHODS, extras_of
+from pbrnet.model.methods import BASELINES, METHODS, columns_of
 from pbrnet.model.training.store import ModelCard
 from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.channels import column_channel, remedy
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.settings import kept_back
 from pbrnet.pipeline.images import error_picture, png_bytes
@@ -47,7 +41,10 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_directory, read_json, write_json, write_text
 from pbrnet.scenes.seeds import derive
 
-EVALUATED_METHODS = (*PREDICTABLE, "radiosity", "denoised", "ceiling")
+# Methods of the renderer alone, by the column that holds their pictures.
+RENDERED = {"radiosity": "transport_color", "denoised": "denoised_color"}
+EVALUATED_METHODS = (*PREDICTABLE, *RENDERED, "ceiling")
+LEDGER_PARTS = {"noisy": "sampling", "transport": "radiosity"}  # stage to part of a method
 EXAMPLES = 4  # number of best views, and of worst views, with example images
 RENDERER_STAGES = (
     "groundtruth",
@@ -177,8 +174,8 @@ def open_split(
     mapping differs from that of the parameters.
     """
     networks = load_networks(folders.models, methods)
-    extras = extras_of(networks.baselines)
-    dataset = Dataset(folders.data / "dataset", params.evaluate.split, extras)
+    columns = columns_of(networks.baselines)
+    dataset = Dataset(folders.data / "dataset", params.evaluate.split, columns)
     refuse_leaks(dataset, networks.cards)
     if networks.card.tone != plain(params.tone):
         raise InputError(
@@ -216,17 +213,12 @@ def _measurable(
     for method in methods:
         card = folders.models / f"{method}.json"
         trained_with = read_json(card).get("training", {}) if card.is_file() else {}
-        extras = extras_of([method])
-        if "transport" in extras and not set(TRANSPORT_IMAGES) <= columns:
-            left_out[method] = (
-                "the dataset has no light transport; set channels: [transport] and compute it"
-            )
-        elif "noisy" in extras and not set(NOISY_IMAGES) <= columns:
-            left_out[method] = "the dataset has no noisy samples; set noisy.spp and render them"
-        elif trained_with.get("materials") and not set(MATERIAL_IMAGES) <= columns:
-            left_out[method] = (
-                "the dataset has no materials; set channels: [materials, transport] and render them"
-            )
+        needed = list(columns_of([method]))
+        for name in METHODS[method].optional_inputs if method in METHODS else ():
+            needed += input_named(name).columns if trained_with.get(name) else ()
+        missing = [name for name in needed if name not in columns]
+        if missing:
+            left_out[method] = f"the dataset has no {missing[0]}; {remedy(missing[0])}"
     if len(left_out) == len(methods):
         reasons = "; ".join(f"{method}: {reason}" for method, reason in left_out.items())
         raise InputError(f"{folders.models}: no network can be measured ({reasons})")
@@ -259,7 +251,7 @@ def refuse_leaks(dataset: Dataset, cards: Mapping[str, ModelCard]) -> None:
 
 def true_color(example: Example, networks: Networks) -> AnyArray:
     """True colour under the networks' exposure policy, display values float32 (H, W, 3)."""
-    return tonemap(example.color, color_exposure(example, networks.card.exposure))
+    return tonemap(example["color"], color_exposure(example, networks.card.exposure))
 
 
 def time_networks(dataset: Dataset, networks: Networks, views: int) -> dict[str, float]:
@@ -292,12 +284,11 @@ def ledger_seconds(data: Path, scores: Sequence[Score]) -> dict[str, float]:
     kernels of a scene were compiled, as the warm-up does for the networks.
     """
     views = {(score.scene_id, score.view_id) for score in scores}
-    parts = {"noisy": "sampling", "transport": "radiosity"}
     found: dict[str, list[float]] = {}
     for row in read_ledger(data).to_pylist():
-        if row["stage"] in parts and (row["scene_id"], row["view_id"]) in views:
+        if row["stage"] in LEDGER_PARTS and (row["scene_id"], row["view_id"]) in views:
             seconds = (row["seconds"] - (row["opening"] or 0)) * (row["threads"] or 1)
-            found.setdefault(parts[row["stage"]], []).append(seconds)
+            found.setdefault(LEDGER_PARTS[row["stage"]], []).append(seconds)
     processors = len(os.sched_getaffinity(0))
     return {part: float(np.median(times)) / processors for part, times in found.items()}
 
@@ -321,17 +312,10 @@ def image_of(
     for `denoised` if the view has no noisy samples, for `radiosity` if it has no transport.
     """
     if method == "ceiling":
-        method, shading = "product", tonemap(example.shading, example.exposure_shading)
-    if method == "denoised":
-        if example.denoised_color is None:
-            raise InputError(f"{example.name}: has no denoised samples; set noisy.spp")
+        method, shading = "product", tonemap(example["shading"], example.exposure_shading)
+    if method in RENDERED:
         exposure = color_exposure(example, networks.card.exposure)
-        return tonemap(example.denoised_color, exposure)
-    if method == "radiosity":
-        if example.transport_color is None:
-            raise InputError(f"{example.name}: has no transport; add it to channels")
-        exposure = color_exposure(example, networks.card.exposure)
-        return tonemap(example.transport_color, exposure)
+        return tonemap(example[RENDERED[method]], exposure)
     return networks.predict(method, example, shading).color
 
 
@@ -339,10 +323,7 @@ def _images(example: Example, networks: Networks) -> dict[str, AnyArray]:
     """Colour of a view by each method, and `shading` of the shading network if it is loaded."""
     shading = networks.shading(example) if networks.two_stage else None
     methods = [networks.methods[0], "ceiling", *networks.methods[1:]]
-    if example.transport_color is not None:
-        methods.append("radiosity")
-    if example.denoised_color is not None:
-        methods.append("denoised")
+    methods += [method for method, column in RENDERED.items() if column in example]
     images = {method: image_of(method, example, shading, networks) for method in methods}
     return images if shading is None else {"shading": shading, **images}
 
@@ -367,9 +348,9 @@ def _method_seconds(method: str, parts: dict[str, float]) -> float | None:
     needed: dict[str, tuple[str, ...]] = {"pbrnet": ("shading", "composition")}
     needed |= {name: ("shading", name) for name in PRODUCTS}
     # The ledger's seconds of `radiosity` are those of light transport, `sampling` those of samples.
-    parts_of = {"noisy": "sampling", "transport": "radiosity"}
     for name in BASELINES:
-        needed[name] = (name, *(parts_of[extra] for extra in METHODS[name].extras))
+        kinds = {column_channel(c).kind for c in METHODS[name].columns if c != NOISY_SPP}
+        needed[name] = (name, *(LEDGER_PARTS[kind] for kind in kinds if kind in LEDGER_PARTS))
     needed["denoised"] = ("sampling",)  # includes the guides and the denoiser
     times = [parts.get(part) for part in needed.get(method, (method,))]
     return None if None in times else sum(time for time in times if time is not None)

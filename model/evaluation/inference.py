@@ -7,7 +7,7 @@ size.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,14 +18,14 @@ from pbrnet.model.data.encoding import (
     Tensors,
     color_exposure,
     encode,
-    encode_reflectance,
+    input_named,
     neutral_background,
     to_batch,
     to_image,
 )
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.product import linear_product, product, product_linear
-from pbrnet.model.methods import BASELINES, METHODS
+from pbrnet.model.methods import BASELINES, METHODS, Method
 from pbrnet.model.networks.tiles import margin, tiled
 from pbrnet.model.training.store import ModelCard, load_model
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap, untonemap
@@ -105,7 +105,7 @@ class Networks:
         composed = self._run(
             "composition",
             lambda inputs: network(inputs["shading"], inputs["reflectance"]),
-            {"shading": to_batch(shading), "reflectance": encode_reflectance([example])},
+            {"shading": to_batch(shading), **encode([example], ("reflectance",))},
         )
         return Prediction(method, shading, to_image(composed))
 
@@ -117,7 +117,7 @@ class Networks:
         scale 1 and the median white point of the training data.
         """
         exposure = color_exposure(example, self.card.exposure)
-        known = bool(example.color.any())
+        known = bool(example["color"].any())
         if predicted.linear is not None:
             unclipped = np.zeros(predicted.linear.shape[:2], bool)
             return Radiance(predicted.linear, None, unclipped, exposure, known=True)
@@ -138,9 +138,8 @@ class Networks:
     def _predict_baseline(self, name: str, example: Example) -> Prediction:
         """Predict a view by a method of a single network."""
         method, network = METHODS[name], self.modules[name]
-        if method.uses_transport:
-            example = select_materials(example, self.cards[name])
-        found = self._run(name, network, encode([example], **method.inputs))
+        example = as_trained(example, method, self.cards[name])
+        found = self._run(name, network, encode([example], method.inputs))
         if not method.predicts_radiance:
             return Prediction(name, None, to_image(found))
         color = np.ascontiguousarray(found[0].permute(1, 2, 0).cpu().numpy())
@@ -148,7 +147,7 @@ class Networks:
 
     def _displayed(self, example: Example, color: AnyArray) -> AnyArray:
         """Display values of radiance, in the exposure of the truth, or in its own if unknown."""
-        if example.color.any():
+        if example["color"].any():
             return tonemap(color, color_exposure(example, self.card.exposure))
         return tonemap(color, exposure_of(color, ToneParams(**self.card.tone)))
 
@@ -159,20 +158,18 @@ class Networks:
         return tiled(call, self.cards[name].architecture, inputs, self.tile)
 
 
-def select_materials(example: Example, card: ModelCard) -> Example:
-    """The view with its materials if the network was trained with them, else without.
+def as_trained(example: Example, method: Method, card: ModelCard) -> Example:
+    """The view with the optional inputs that the network was trained with, and without the others.
 
-    Raises `InputError` if they are required and missing, and transport is not.
+    Raises `InputError` if one is required and missing.
     """
-    if example.transport_color is None:
-        return example  # more is missing than materials, which the encoder says
-    if not card.training.get("materials"):
-        return replace(example, roughness=None, metalness=None, material_known=None)
-    if example.material_known is None:
-        raise InputError(
-            f"{example.name}: roughness and metalness are missing, which the network was trained "
-            "with; set channels: [materials, transport], then run: pbrnet inputs, pbrnet dataset"
-        )
+    for name in method.optional_inputs:
+        columns = input_named(name).columns
+        if not card.training.get(name):
+            example = example.without(*columns)
+        elif all(column in example for column in method.columns):
+            for column in columns:
+                example[column]  # raises
     return example
 
 

@@ -6,7 +6,7 @@ take noisy samples. Light transport is computed for the methods that take it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.model.data.encoding import color_exposure
-from pbrnet.model.data.reader import MATERIAL_IMAGES, Example
+from pbrnet.model.data.encoding import color_exposure, input_named
+from pbrnet.model.data.reader import NOISY_SPP, Example
 from pbrnet.model.evaluation.inference import Networks, Prediction
 from pbrnet.model.evaluation.metrics import flip_map, measure
-from pbrnet.model.methods import METHODS
+from pbrnet.model.methods import METHODS, Method
 from pbrnet.model.training.store import ModelCard
-from pbrnet.pipeline.channels import DENOISED, HALF, RGB, TINT, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
+from pbrnet.pipeline.channels import RGB, Kind, channels_of, column_channel
 from pbrnet.pipeline.frames import (
     Channels,
     Frame,
@@ -50,20 +50,6 @@ from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.seeds import derive
 
-# Channels that each kind of frame must have; the key tells the kinds apart.
-_NEEDED = {
-    "Z": ("Z", "N.X", "N.Y", "N.Z", "albedo.R", "albedo.G", "albedo.B", "valid"),
-    "intensity.Y": ("intensity.Y", "distance.Z"),
-    TRANSPORT_INDIRECT[0]: (*TRANSPORT_DIRECT, *TRANSPORT_INDIRECT, *RGB),
-    "material_known": ("roughness", "metalness", "material_known"),
-    DENOISED[0]: (*RGB, *HALF, *DENOISED),
-}
-# Frames beside those of the inputs and the panorama: option of `from_frames`, channel as above.
-OTHER_FRAMES = {
-    "noisy": DENOISED[0],
-    "transport": TRANSPORT_INDIRECT[0],
-    "materials": "material_known",
-}
 Loader = Callable[[ModelCard], Example]  # takes the card of the network that gets the example
 
 
@@ -82,14 +68,14 @@ class ViewSource:
 
 @dataclass(frozen=True)
 class Rendered:
-    """Channels of a view, by kind of frame; None: not rendered."""
+    """Frames of a view by kind, and the samples per pixel of `noisy`."""
 
-    inputs: Channels
-    panorama: Channels | None = None
-    noisy: Channels | None = None
-    transport: Channels | None = None
-    materials: Channels | None = None
-    noisy_spp: int = 0  # samples per pixel of `noisy`
+    frames: Mapping[Kind, Channels]
+    noisy_spp: int = 0
+
+    def having(self, kind: Kind, channels: Channels, noisy_spp: int = 0) -> Rendered:
+        """These frames and another."""
+        return Rendered({**self.frames, kind: channels}, noisy_spp or self.noisy_spp)
 
 
 def from_scene(
@@ -122,49 +108,65 @@ def from_scene(
     return [ViewSource(view, partial(load, view)) for view in views]
 
 
-def from_frames(
-    inputs: Path, illumination: Path, *, truth: Path | None = None, **others: Path
-) -> ViewSource:
-    """A view from its frames; `truth` is the data folder to read its true images from, or None.
+def from_frames(paths: Mapping[Kind, Path], truth: Path | None = None) -> ViewSource:
+    """A view from its frames by kind; `truth` is the data folder to read its true images from.
 
-    `others` are further frames for networks that take them, by the names of `OTHER_FRAMES`. Raises
-    `InputError` for frames that are missing, damaged, or of different views.
+    Raises `InputError` for frames that are missing, damaged, or of different views.
     """
-    view = view_of(read_meta(inputs), inputs)
-    paths = {"Z": inputs, "intensity.Y": illumination}
-    paths |= {OTHER_FRAMES[name]: path for name, path in others.items()}
+    first = next(iter(paths.values()))
+    view = view_of(read_meta(first), first)
     for path in list(paths.values())[1:]:
         other = view_of(read_meta(path), path)
         if (view.scene_id, view.view_id) != (other.scene_id, other.view_id):
             raise InputError(
-                f"the frames are of different views: {inputs} of {view.view_id!r} and "
+                f"the frames are of different views: {first} of {view.view_id!r} and "
                 f"{path} of {other.view_id!r}"
             )
 
     def load(card: ModelCard) -> Example:
-        frames = {name: read_frame(path) for name, path in paths.items()}
-        for name, frame in frames.items():
-            size = None if name == "intensity.Y" else (view.width, view.height)
-            check_frame(frame, paths[name], _NEEDED[name], size)
+        frames = {kind: read_frame(path) for kind, path in paths.items()}
+        for kind, frame in frames.items():
+            size = None if kind == "illumination" else (view.width, view.height)
+            check_frame(frame, paths[kind], _needed_bands(kind), size)
         known = known_truth(truth, view) if truth else None
         if truth and known is None:
             raise InputError(
                 f"{truth}: no shading and colour frames of {view.scene_id}/{view.view_id} for "
                 "--compare; render them, or predict from the scene"
             )
-        pair = _channels(known) if known else None
-        channels = {name: frames[OTHER_FRAMES[name]].channels for name in others}
-        given = Rendered(
-            inputs=frames["Z"].channels,
-            panorama=frames["intensity.Y"].channels,
-            noisy=channels.get("noisy"),
-            transport=channels.get("transport"),
-            materials=channels.get("materials"),
-            noisy_spp=_samples_of(frames[DENOISED[0]]) if "noisy" in others else 0,
-        )
-        return example_of(view, given, card, pair)
+        spp = _samples_of(frames["noisy"]) if "noisy" in frames else 0
+        given = Rendered({kind: frame.channels for kind, frame in frames.items()}, spp)
+        return example_of(view, given, card, _channels(known) if known else None)
 
     return ViewSource(view, load)
+
+
+def _needed_bands(kind: Kind) -> tuple[str, ...]:
+    """Channels of a kind of frame that networks take."""
+    columns = columns_taken(METHODS.values())
+    return tuple(band for name in columns[kind] for band in column_channel(name).bands)
+
+
+def columns_taken(
+    methods: Iterable[Method], cards: Sequence[ModelCard] | None = None
+) -> dict[Kind, list[str]]:
+    """Image columns that these methods take, by kind of frame.
+
+    With `cards`, optional inputs only if one of the networks was trained with them.
+    """
+
+    def taken(name: str) -> bool:
+        if cards is None or not input_named(name).optional:
+            return True
+        return any(card.training.get(name) for card in cards)
+
+    names = [name for method in methods for name in method.inputs if taken(name)]
+    found: dict[Kind, list[str]] = {}
+    columns = dict.fromkeys(column for name in names for column in input_named(name).columns)
+    for column in columns:
+        if column != NOISY_SPP:
+            found.setdefault(column_channel(column).kind, []).append(column)
+    return found
 
 
 def frame_sets(inputs: Path, *others: Path) -> list[tuple[Path, ...]]:
@@ -267,20 +269,20 @@ def compare(networks: Networks, example: Example, predicted: Prediction) -> tupl
     values, as in evaluation.
     """
     exposure = color_exposure(example, networks.card.exposure)
-    truth = tonemap(example.color, exposure)
+    truth = tonemap(example["color"], exposure)
     values = measure(truth, predicted.color)
-    settings = meter(example.color)
+    settings = meter(example["color"])
     linear = networks.radiance(example, predicted)
     shown = {
         "prediction": photograph(linear.color, settings),
-        "truth": photograph(example.color, settings),
+        "truth": photograph(example["color"], settings),
         f"FLIP error, mean {values['flip']:.3f}": error_picture(flip_map(truth, predicted.color)),
     }
-    settings = meter(example.shading)
+    settings = meter(example["shading"])
     if linear.shading is not None:
         shown["predicted shading"] = photograph(linear.shading, settings)
-    shown["true shading"] = photograph(example.shading, settings)
-    shown["reflectance"] = reflectance_picture(example.reflectance)
+    shown["true shading"] = photograph(example["shading"], settings)
+    shown["reflectance"] = reflectance_picture(example["reflectance"])
     picture = contact_sheet(list(shown.values()), columns=3, labels=tuple(shown))
     words = f"SSIM {values['ssim']:.3f}, PSNR {values['psnr']:.1f} dB, FLIP {values['flip']:.3f}"
     return picture, words
@@ -288,11 +290,11 @@ def compare(networks: Networks, example: Example, predicted: Prediction) -> tupl
 
 def write_radiance(
     path: Path,
+    facts: dict[str, Any],
     networks: Networks,
     view: View,
     example: Example,
     predicted: Prediction,
-    facts: dict[str, Any],
 ) -> str:
     """Write linear radiance as OpenEXR by rename; returns a message about unit and clipping.
 
@@ -333,27 +335,31 @@ def rendered_for(
     scene: RenderScene, view: View, params: Params, cards: Sequence[ModelCard], samples: int = 0
 ) -> Rendered:
     """Render what the networks of these cards take; see `from_scene`."""
-    methods = {card.name: METHODS[card.name] for card in cards if card.name in METHODS}
-    rendered = surfaces_seen(scene, view, any(card.training.get("materials") for card in cards))
-    if any(method.uses_panorama for method in methods.values()):
-        rendered = replace(rendered, panorama=render_illumination(scene, view, params.illumination))
-    transport = any(method.uses_transport for method in methods.values())
-    trained_with = [card.training.get("noisy_spp", 0) for card in cards]
-    spp = max(trained_with, default=0) and (samples or max(trained_with))
-    prepared = prepared_for(scene, view, params) if transport or spp else None
-    if transport:
-        rendered = replace(rendered, transport=compute_transport(scene, view, params, prepared))
+    methods = [METHODS[card.name] for card in cards if card.name in METHODS]
+    taken = columns_taken(methods, cards)
+    rendered = surfaces_seen(scene, view, taken.get("materials", ()))
+    if "illumination" in taken:
+        panorama = render_illumination(scene, view, params.illumination)
+        rendered = rendered.having("illumination", panorama)
+    trained_with = max((card.training.get("noisy_spp", 0) for card in cards), default=0)
+    spp = trained_with and (samples or trained_with)
+    prepared = prepared_for(scene, view, params) if "transport" in taken or spp else None
+    if "transport" in taken:
+        light = compute_transport(scene, view, params, prepared)
+        rendered = rendered.having("transport", light)
     if spp:
         noisy = trace_samples(scene, view, params, spp, prepared)
-        rendered = replace(rendered, noisy=noisy, noisy_spp=spp)
+        rendered = rendered.having("noisy", noisy, spp)
     return rendered
 
 
-def surfaces_seen(scene: RenderScene, view: View, materials: bool) -> Rendered:
-    """Inputs of a view, and with `materials` those that networks take, from one trace."""
-    surfaces = visible_surfaces(scene, view, textures=materials)
-    values = materials_of(surfaces, MATERIAL_IMAGES)[0] if materials else None
-    return Rendered(inputs_of(surfaces), materials=values)
+def surfaces_seen(scene: RenderScene, view: View, materials: Collection[str] = ()) -> Rendered:
+    """Inputs of a view and these channels of its materials, from one trace."""
+    surfaces = visible_surfaces(scene, view, textures=bool(materials))
+    rendered = Rendered({"inputs": inputs_of(surfaces)})
+    if materials:
+        rendered = rendered.having("materials", materials_of(surfaces, materials)[0])
+    return rendered
 
 
 def prepared_for(scene: RenderScene, view: View, params: Params) -> Preparation:
@@ -378,25 +384,16 @@ def trace_samples(
     return render_samples(scene, view, trace, seed, prepared)
 
 
-def with_noisy_samples(example: Example, noisy: Channels, spp: int) -> Example:
-    """The view with the noisy samples and the denoised image of a frame."""
-    return replace(
-        example,
-        noisy_color=_stack(noisy, RGB),
-        noisy_half=_stack(noisy, HALF),
-        denoised_color=_stack(noisy, DENOISED),
-        noisy_spp=spp,
-    )
-
-
-def with_transport(example: Example, transport: Channels) -> Example:
-    """The view with the light transport of a frame."""
-    return replace(
-        example,
-        transport_direct=_stack(transport, TRANSPORT_DIRECT),
-        transport_indirect=_stack(transport, TRANSPORT_INDIRECT),
-        transport_color=_stack(transport, RGB),
-    )
+def images_of(kind: Kind, channels: Channels) -> dict[str, AnyArray]:
+    """Images by column of the channels that a frame holds, as an `Example` has them."""
+    images = {
+        channel.name: _stack(channels, channel.bands)
+        for channel in channels_of(kind)
+        if channel.in_dataset and channels.keys() >= set(channel.bands)
+    }
+    if "valid" in images:
+        images["valid"] = images["valid"] > 0
+    return images
 
 
 def example_of(
@@ -410,43 +407,24 @@ def example_of(
     Without `truth` the true images are black, and their exposure has scale 1 and the median white
     point of the training data. Without a panorama no light is visible.
     """
-    inputs, depth = given.inputs, given.inputs["Z"].astype(np.float32)
-    black = np.zeros((*depth.shape, 3), np.float32)
+    dark = np.zeros((1, 2), np.float32)
+    images: dict[str, AnyArray] = {"intensity": dark, "distance": dark}
+    for kind, channels in given.frames.items():
+        images |= images_of(kind, channels)
+    if given.noisy_spp:
+        images["noisy_spp"] = np.array(given.noisy_spp, np.float32)
+    black = np.zeros((*images["depth"].shape, 3), np.float32)
     shading, color = (_stack(images, RGB) for images in truth) if truth else (black, black)
     tone = ToneParams(**card.tone)
     unknown = Exposure(1.0, card.white)
-    panorama = given.panorama or dict.fromkeys(
-        ("intensity.Y", "distance.Z"), np.zeros((1, 2), np.float32)
-    )
-    example = Example(
+    return Example(
         scene_id=view.scene_id,
         view_id=view.view_id,
-        depth=depth,
-        normal=_stack(inputs, ("N.X", "N.Y", "N.Z")),
-        reflectance=_stack(inputs, ("albedo.R", "albedo.G", "albedo.B")),
-        valid=inputs["valid"] > 0,
-        intensity=panorama["intensity.Y"].astype(np.float32),
-        distance=panorama["distance.Z"].astype(np.float32),
+        images={**images, "shading": shading, "color": color},
         intrinsics=view.intrinsics,
-        tint=_stack(panorama, TINT) if all(name in panorama for name in TINT) else None,
-        shading=shading,
-        color=color,
         exposure_shading=exposure_of(shading, tone) if truth else unknown,
         exposure_color=exposure_of(color, tone) if truth else unknown,
     )
-    if given.materials is not None:
-        rough, metal, known = (given.materials[name] for name in MATERIAL_IMAGES)
-        example = replace(
-            example,
-            roughness=rough.astype(np.float32),
-            metalness=metal.astype(np.float32),
-            material_known=known.astype(np.float32),
-        )
-    if given.transport is not None:
-        example = with_transport(example, given.transport)
-    if given.noisy is not None:
-        example = with_noisy_samples(example, given.noisy, given.noisy_spp)
-    return example
 
 
 def _seed_of(view: View, params: Params, what: str) -> int:
@@ -464,4 +442,6 @@ def _channels(frames: tuple[Frame, Frame]) -> tuple[Channels, Channels]:
 
 
 def _stack(channels: Channels, names: tuple[str, ...]) -> AnyArray:
-    return np.stack([channels[name].astype(np.float32) for name in names], axis=-1)
+    """Channels as float32 (H, W), or (H, W, C) if there are several."""
+    bands = [channels[name].astype(np.float32) for name in names]
+    return bands[0] if len(bands) == 1 else np.stack(bands, axis=-1)

@@ -137,8 +137,8 @@ def denoised(
 
 
 def write_rendering(
-    path: Path, view: View, found: Rendering, method: str, facts: dict[str, Any]
-) -> None:
+    path: Path, facts: dict[str, Any], view: View, found: Rendering, method: str
+) -> str:
     """Write linear radiance as OpenEXR by rename, float32, in the scene's unit.
 
     Channels: `R`, `G`, `B`, the picture; of light transport also `direct.R` and so on and
@@ -157,6 +157,7 @@ def write_rendering(
     }
     meta = {"kind": "prediction", "method": method, "unit": "the scene's", **facts}
     write_pixels(path, pixels, view, meta)
+    return "unit: the scene's"
 
 
 def _stacked(channels: Channels) -> Float32Array:

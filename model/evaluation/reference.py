@@ -116,7 +116,7 @@ def _shown(models: Path, methods: Sequence[str]) -> list[str]:
         and (
             name == "pbrnet"
             or name in methods
-            or ("denoised" in methods and name in METHODS and METHODS[name].uses_noisy_samples)
+            or ("denoised" in methods and name in METHODS and METHODS[name].takes_samples)
         )
     ] or available(models)[:1]
 

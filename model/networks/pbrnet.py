@@ -15,7 +15,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from pbrnet.model.data.encoding import CHANNELS, Policy, Tensors, centred
+from pbrnet.model.data.encoding import Policy, Tensors, centred, input_named
 from pbrnet.scenes.checked import within
 
 Panorama = Literal["resize", "normal"]
@@ -62,7 +62,9 @@ class GuidedNet(nn.Module):
         super().__init__()
         branch = max(1, width // 2)
         self.images = images
-        self.branches = nn.ModuleDict({name: Branch(CHANNELS[name], branch) for name in images})
+        self.branches = nn.ModuleDict(
+            {name: Branch(input_named(name).channels, branch) for name in images}
+        )
         self.panorama: nn.Module = (
             ResizedPanorama(branch) if panorama == "resize" else NormalPanorama(branch)
         )
@@ -106,8 +108,8 @@ class ResizedPanorama(nn.Module):
 
     def __init__(self, branch: int) -> None:
         super().__init__()
-        self.intensity = Branch(CHANNELS["intensity"], branch)
-        self.distance = Branch(CHANNELS["distance"], branch)
+        self.intensity = Branch(1, branch)
+        self.distance = Branch(1, branch)
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
         """Features (N, 2 branch, H, W).
@@ -138,8 +140,8 @@ class NormalPanorama(nn.Module):
     def __init__(self, branch: int) -> None:
         super().__init__()
         hidden = 2 * branch
-        self.intensity = RoundConv(CHANNELS["intensity"], branch)
-        self.distance = RoundConv(CHANNELS["distance"], branch)
+        self.intensity = RoundConv(1, branch)
+        self.distance = RoundConv(1, branch)
         # 32x64 to 4x8 cells of 45 degrees: the last 3x3 kernels span a hemisphere.
         self.down = nn.Sequential(
             RoundConv(hidden, hidden, 2), RoundConv(hidden, hidden, 2), RoundConv(hidden, hidden, 2)

@@ -17,17 +17,12 @@ import torch
 from torch import nn
 
 from pbrnet.model.data.display import log_average, luminance, tonemap_exposed
-from pbrnet.model.data.encoding import DEFAULT_WHITE, Tensors, encode
-from pbrnet.model.data.reader import (
-    MATERIAL_IMAGES,
-    NOISY_IMAGES,
-    NOISY_SPP,
-    TRANSPORT_IMAGES,
-    ViewInputs,
-)
+from pbrnet.model.data.encoding import DEFAULT_WHITE, Tensors, encode, input_named
+from pbrnet.model.data.reader import NOISY_SPP
 from pbrnet.model.evaluation.inference import Networks, needed
 from pbrnet.model.methods import METHODS
 from pbrnet.model.networks.pbrnet import GRID
+from pbrnet.pipeline.channels import column_channel
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import MachineError
 from pbrnet.scenes.files import atomic_file
@@ -40,7 +35,6 @@ OUTPUTS = {"pbrnet": ("shading", "color"), "plus": ("radiance", "color")}
 OUTPUTS["hybrid"] = OUTPUTS["plus"]
 # Input sizes for the exporter's trace; the graph does not depend on them.
 _IMAGE, _PANORAMA = (45, 61), (40, 80)
-_BANDS = ("normal", "reflectance", *TRANSPORT_IMAGES, *NOISY_IMAGES)
 
 
 class ExportedMethod(nn.Module):
@@ -63,21 +57,15 @@ class ExportedMethod(nn.Module):
     def forward(self, *images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The images of `OUTPUTS`, (H, W, 3): display values in [0, 1], radiance linear.
 
-        The inputs are fields of `ViewInputs`, all as float32: images (H, W) or (H, W, 3), panoramas
+        The inputs are columns of the dataset, all as float32: images (H, W) or (H, W, 3), panoramas
         (h, w), and `noisy_spp` (1,). Radiance is in the unit of the inputs; its display values have
         their own exposure.
         """
         given = dict(zip(self.names, images, strict=True))
-        dark = given["depth"].new_zeros(1, 2)
-        view = ViewInputs(
-            **{name: given.get(name, dark) for name in PANORAMA},
-            **{name: image for name, image in given.items() if name not in (*PANORAMA, "valid")},
-            valid=given["valid"] > 0,
-            intrinsics=None,
-        )
+        view = {**given, "valid": given["valid"] > 0}
         if self.method == "pbrnet":
             return _pictures(*self._two_stages(encode([view])))
-        found = self.networks[self.method](encode([view], **METHODS[self.method].inputs))
+        found = self.networks[self.method](encode([view], METHODS[self.method].inputs))
         scale = self.key / log_average(luminance(found))
         return found[0].permute(1, 2, 0), _picture(tonemap_exposed(scale * found, DEFAULT_WHITE))
 
@@ -166,9 +154,10 @@ def exported_inputs(networks: Networks) -> list[str]:
     name = networks.methods[0]
     if name == "pbrnet":
         return [*INPUTS, *PANORAMA]
-    materials = MATERIAL_IMAGES if networks.card.training.get("materials") else ()
-    samples = (*NOISY_IMAGES, NOISY_SPP) if METHODS[name].uses_noisy_samples else ()
-    return [*INPUTS, *TRANSPORT_IMAGES, *materials, *samples]
+    method = METHODS[name]
+    known = (one for one in method.optional_inputs if networks.card.training.get(one))
+    optional = [column for one in known for column in input_named(one).columns]
+    return [*INPUTS, *optional, *method.columns]
 
 
 def _traced_size(name: str) -> tuple[int, ...]:
@@ -176,4 +165,4 @@ def _traced_size(name: str) -> tuple[int, ...]:
     if name == NOISY_SPP:
         return (1,)
     size = _PANORAMA if name in PANORAMA else _IMAGE
-    return (*size, 3) if name in _BANDS else size
+    return (*size, *column_channel(name).shape)

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from pbrnet.model.data.reader import Dataset, Example, Extra
+from pbrnet.model.data.reader import Dataset, Example
 from pbrnet.model.evaluation.inference import Networks, available, load_networks, needed
-from pbrnet.model.methods import METHODS, extras_of
+from pbrnet.model.methods import METHODS, columns_of
 from pbrnet.model.titles import NETWORK_TITLES
 from pbrnet.model.training.store import ModelCard, load_model
 from pbrnet.model.training.weights import write_weights
@@ -91,7 +91,7 @@ def pack(
     _check_target(source, target)
     methods = tuple(dict.fromkeys(methods))
     originals = load_networks(source, methods)
-    examples = _views(data, extras_of(methods))
+    examples = _views(data, columns_of(methods))
     figures = _figures(metrics)
     names = tuple(dict.fromkeys(name for method in methods for name in needed(method)))
     with atomic_directory(target) as partial:
@@ -154,12 +154,12 @@ def half_type(state: dict[str, torch.Tensor]) -> torch.dtype:
     return torch.float16 if largest < HALF_MAX else torch.bfloat16
 
 
-def _views(data: Path, extras: Sequence[Extra]) -> list[Example]:
+def _views(data: Path, columns: Sequence[str]) -> list[Example]:
     """Views spread evenly over the first split that exists: test, validation or train."""
     missing: InputError | None = None
     for split in ("test", "validation", "train"):
         try:
-            dataset = Dataset(data / "dataset", split, extras)  # type: ignore[arg-type]
+            dataset = Dataset(data / "dataset", split, columns)  # type: ignore[arg-type]
         except InputError as error:
             missing = missing or error
             continue
@@ -219,7 +219,7 @@ def _card(packed: Networks, differences: Sequence[Difference], figures: dict[str
             for block in (figures, held_out)
             if block
         ],
-        transport=any(METHODS[card.architecture.kind].uses_transport for card in cards),
+        transport=any("transport" in METHODS[card.architecture.kind].inputs for card in cards),
         materials=any(card.training.get("materials") for card in cards),
         noisy_spp=[spp for card in cards if (spp := card.training.get("noisy_spp"))],
         noisy_range=next((r for card in cards if (r := card.training.get("noisy_range"))), [4, 4]),

@@ -138,7 +138,7 @@ def cameras_of(data: Path, examples: Iterable[Example]) -> list[View]:
             views = load_cameras(path).views
             known[example.scene_id] = {view.view_id: view for view in views}
         view = known[example.scene_id].get(example.view_id)
-        shape = example.depth.shape
+        shape = example["depth"].shape
         if (
             view is None
             or (view.height, view.width) != shape

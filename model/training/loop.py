@@ -57,7 +57,7 @@ class Run:
             name: self._put(value)
             for name, value in targets(examples, self.params.train.exposure).items()
         }
-        encoded = encode(examples, **self.method.inputs)
+        encoded = encode(examples, self.method.inputs)
         inputs = {name: self._put(value) for name, value in encoded.items()}
         radiance = None
         if self.method.predicts_radiance:
@@ -154,7 +154,7 @@ def batches_from(dataset: Dataset, params: Params, step: int) -> Iterator[list[E
 
 
 def _same_size(examples: Sequence[Example]) -> None:
-    sizes = {(example.depth.shape, example.intensity.shape) for example in examples}
+    sizes = {(example["depth"].shape, example["intensity"].shape) for example in examples}
     if len(sizes) > 1:
         raise InputError(
             f"the views of one batch differ in size ({examples[0].name} and others); "

@@ -22,7 +22,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from pbrnet.model.data.reader import MATERIAL_IMAGES, NOISY_SPP, Dataset, Example, Extra
+from pbrnet.model.data.encoding import input_named
+from pbrnet.model.data.reader import NOISY_SPP, Dataset, Example
 from pbrnet.model.methods import METHODS, Method, build_network
 from pbrnet.model.networks.objective import Objective, Setting
 from pbrnet.model.networks.pbrnet import Architecture, channels_last
@@ -85,7 +86,7 @@ def train_network(
         params.train.exposure,
         method.revision,
     )
-    dataset = Dataset(folders.data / "dataset", "train", method.extras, only)
+    dataset = Dataset(folders.data / "dataset", "train", method.columns, only)
     backbone = load_backbone(folders.backbone)
     channels_last(backbone)
     shading, needs = _fixed_shading(method, params, folders)
@@ -118,7 +119,7 @@ def train_network(
     checkpoint = Checkpoint(folders.models / "checkpoints" / f"{name}.pt", identity)
     state = checkpoint.resume(run.objective, run.optimisers)
     began, first = time.monotonic(), state.step
-    validation = _validation_views(folders.data / "dataset", method.extras)
+    validation = _validation_views(folders.data / "dataset", method.columns)
     train_steps(run, state, checkpoint, dataset, validation)
     seconds = (time.monotonic() - began) / max(1, steps - first)
 
@@ -152,12 +153,12 @@ def train_network(
 def _input_facts(method: Method, dataset: Dataset) -> dict[str, Any]:
     """Facts about the network's inputs beyond those of the paper, for the model card."""
     facts: dict[str, Any] = {}
-    if method.uses_noisy_samples:
+    if method.takes_samples:
         samples = dataset.column(NOISY_SPP)
         facts["noisy_spp"] = int(median(samples))
         facts["noisy_range"] = [min(samples), max(samples)]
-    if method.uses_transport:
-        facts["materials"] = set(MATERIAL_IMAGES) <= set(dataset.images)
+    for name in method.optional_inputs:
+        facts[name] = set(input_named(name).columns) <= set(dataset.images)
     return facts
 
 
@@ -242,9 +243,9 @@ def _fixed_shading(
     return network, {"shading": card.sha256}
 
 
-def _validation_views(folder: Path, extras: Sequence[Extra]) -> list[Example]:
+def _validation_views(folder: Path, columns: Sequence[str]) -> list[Example]:
     try:
-        dataset = Dataset(folder, "validation", extras)
+        dataset = Dataset(folder, "validation", columns)
     except InputError:
         if list(folder.glob("validation-*.parquet")):
             raise

@@ -20,9 +20,9 @@ from scipy.ndimage import map_coordinates
 
 from pbrnet.model.data.encoding import color_exposure
 from pbrnet.model.data.reader import Example
+from pbrnet.model.evaluation.evaluate import RENDERED
 from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.evaluation.predict import example_of, rendered_for, trace_truth
-from pbrnet.model.evaluation.previews import DENOISED, RADIOSITY
 from pbrnet.model.studies.flicker.results import MethodFlicker, Move
 from pbrnet.pipeline.images import Picture, contact_sheet
 from pbrnet.pipeline.params import Params
@@ -93,8 +93,8 @@ def measure_move(
             own, first = (color_exposure(e, card.exposure) for e in (example, examples[0]))
             for name, image in _starts(example).items():
                 images[name].append(tonemap(image, own))
-            images["renderer"].append(tonemap(example.color, own))
-            images["renderer_one_exposure"].append(tonemap(example.color, first))
+            images["renderer"].append(tonemap(example["color"], own))
+            images["renderer_one_exposure"].append(tonemap(example["color"], first))
             progress.advance()
     matches = [
         reproject(examples[i], examples[i + 1], views[i].pose, views[i + 1].pose)
@@ -111,8 +111,7 @@ def measure_move(
 
 def _starts(example: Example) -> dict[str, AnyArray]:
     """Return the linear pictures (H, W, 3) that networks of this example start from."""
-    given = {RADIOSITY: example.transport_color, DENOISED: example.denoised_color}
-    return {name: image for name, image in given.items() if image is not None}
+    return {name: example[column] for name, column in RENDERED.items() if column in example}
 
 
 def move_cameras(view: View, config: FlickerConfig) -> list[View]:
@@ -148,22 +147,24 @@ def reproject(before: Example, after: Example, pose_before: AnyArray, pose_after
     visible in `before` if the pixels around its projection are surfaces whose interpolated depth
     agrees within `SAME_DEPTH`.
     """
-    height, width = after.depth.shape
+    height, width = after["depth"].shape
     rays = pixel_directions(after.intrinsics, width, height)
-    world = (rays * after.depth[..., None]) @ pose_after[:3, :3].T + pose_after[:3, 3]
+    world = (rays * after["depth"][..., None]) @ pose_after[:3, :3].T + pose_after[:3, 3]
     camera = (world - pose_before[:3, 3]) @ pose_before[:3, :3]
     z = camera[..., 2]
     pixel = (camera / np.where(z > 1e-6, z, 1.0)[..., None]) @ before.intrinsics.T
     rows, columns = pixel[..., 1] - 0.5, pixel[..., 0] - 0.5
     # Positions within rounding of a pixel's centre are snapped, so that no neighbour is read.
     rows, columns = _snap_to_pixels(rows), _snap_to_pixels(columns)
-    bottom, right = before.depth.shape[0] - 1, before.depth.shape[1] - 1
+    bottom, right = before["depth"].shape[0] - 1, before["depth"].shape[1] - 1
     inside = (rows >= 0) & (columns >= 0) & (rows <= bottom) & (columns <= right)
-    seen = after.valid & inside & (z > 1e-6)
+    seen = after["valid"] & inside & (z > 1e-6)
     positions = np.stack([rows, columns])
     # The reciprocal depth of a plane is linear in the image, whatever its slope.
-    surface = map_coordinates(before.valid.astype(np.float64), positions, order=1, mode="nearest")
-    reciprocal = 1 / np.where(before.valid, before.depth, np.inf).astype(np.float64)
+    surface = map_coordinates(
+        before["valid"].astype(np.float64), positions, order=1, mode="nearest"
+    )
+    reciprocal = 1 / np.where(before["valid"], before["depth"], np.inf).astype(np.float64)
     reciprocal_there = map_coordinates(reciprocal, positions, order=1, mode="nearest")
     seen &= (surface > 1 - 1e-6) & (np.abs(reciprocal_there * z - 1) <= SAME_DEPTH)
     return positions, seen

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from pbrnet.model.data.direct_light import direct_shading
 from pbrnet.model.data.encoding import NEUTRAL, neutral_background
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.inference import Networks
-from pbrnet.model.evaluation.predict import with_transport
+from pbrnet.model.evaluation.predict import images_of
 from pbrnet.model.evaluation.product import linear_product
 from pbrnet.model.studies.illumination.agreement import agreement, block_means, log_change, sums
 from pbrnet.model.studies.illumination.results import Change
@@ -50,14 +50,13 @@ class LitView:
         """Input of the networks."""
         original = self.original
         if self.transport is not None:
-            original = with_transport(original, self.transport)
-        return replace(
-            original,
-            intensity=self.intensity,
-            distance=self.distance,
-            tint=self.tint,
-            visibility=self.visibility,
-        )
+            original = original.having(**images_of("transport", self.transport))
+        original = original.having(intensity=self.intensity, distance=self.distance)
+        for name, image in (("tint", self.tint), ("visibility", self.visibility)):
+            original = original.without(name)
+            if image is not None:
+                original = original.having(**{name: image})
+        return original
 
 
 @dataclass(frozen=True)
@@ -191,8 +190,7 @@ def transported(networks: Networks, lit: LitView) -> Images:
     if lit.transport is None:
         return {}
     example = lit.example
-    assert example.transport_color is not None
-    images: Images = {"radiosity": example.transport_color}
+    images: Images = {"radiosity": example["transport_color"]}
     for name in networks.baselines:
         predicted = networks.predict(name, example)
         images[name] = networks.radiance(example, predicted).color

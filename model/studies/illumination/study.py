@@ -20,7 +20,7 @@ import torch
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.evaluate import open_split
 from pbrnet.model.evaluation.inference import PRODUCTS, Networks
-from pbrnet.model.methods import extras_of, trained_baselines
+from pbrnet.model.methods import columns_of, trained_baselines
 from pbrnet.model.studies.frame_store import (
     FrameStore,
     cameras_of,
@@ -161,7 +161,7 @@ def _planned(
                 for study_view in views_of_study:
                     if study_view.scene is not scene:
                         continue
-                    packed = study_view.example.intensity
+                    packed = study_view.example["intensity"]
                     check_same_scene(opened, scene.folder, study_view.view, packed, params)
                     average = key / study_view.example.exposure_shading.scale
                     radiance = lamp_radiance(average, albedo, config.strength)
@@ -178,7 +178,7 @@ def _planned(
 
 def _further_kinds(networks: Networks) -> tuple[Kind, ...]:
     """Return kinds of frames beside those of the paper: light transport, if a network takes it."""
-    return ("transport",) if "transport" in extras_of(networks.baselines) else ()
+    return ("transport",) if "transport_color" in columns_of(networks.baselines) else ()
 
 
 def _render_all(
@@ -261,10 +261,10 @@ def _compared(
                 exchanged = other.example
                 lit["exchanged"] = LitView(
                     before.example,
-                    exchanged.intensity,
-                    exchanged.distance,
-                    exchanged.tint,
-                    np.ones_like(before.example.depth),  # shadows are unknown
+                    exchanged["intensity"],
+                    exchanged["distance"],
+                    exchanged.images.get("tint"),
+                    np.ones_like(before.example["depth"]),  # shadows are unknown
                 )
             else:
                 plan.skipped["exchanged"]["no other view"] += 1

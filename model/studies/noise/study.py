@@ -184,5 +184,5 @@ class NoisyTruthStore:
 
     def _examples(self, scenes: set[str]) -> Iterator[Example]:
         for example in Dataset(self.data / "dataset", "train", only=scenes).ordered():
-            self.panoramas.setdefault(example.scene_id, (example.view_id, example.intensity))
+            self.panoramas.setdefault(example.scene_id, (example.view_id, example["intensity"]))
             yield example

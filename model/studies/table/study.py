@@ -18,6 +18,6 @@ def table_study(methods: Sequence[str]) -> TrialStudy:
     both = Variant("pbrnet", STAGES, {"pbrnet": "pbrnet", "product": "product"})
     others = []
     for name in dict.fromkeys(methods):
-        denoised = {"denoised": "denoised"} if METHODS[name].uses_noisy_samples else {}
+        denoised = {"denoised": "denoised"} if METHODS[name].takes_samples else {}
         others.append(Variant(name, (name,), {name: name, **denoised}))
     return TrialStudy("table", (both, *others), reference="pbrnet", labels=LABELS)

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from pbrnet.model.data.encoding import color_exposure
+from pbrnet.model.data.encoding import INPUTS, color_exposure
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.evaluate import open_split, true_color
 from pbrnet.model.evaluation.inference import PRODUCTS, Networks
@@ -39,14 +39,13 @@ from pbrnet.model.evaluation.predict import (
     Rendered,
     compute_transport,
     example_of,
+    images_of,
     prepared_for,
     resized,
     surfaces_seen,
     trace_samples,
-    with_noisy_samples,
-    with_transport,
 )
-from pbrnet.model.methods import METHODS, extras_of, trained_baselines
+from pbrnet.model.methods import METHODS, columns_of, trained_baselines
 from pbrnet.model.studies.frame_store import (
     FrameStore,
     cameras_of,
@@ -210,10 +209,10 @@ class ViewBenchmark:
         self.now = time.process_time if clock == "cpu" else time.perf_counter
         self.scene, self.view, self.params, self.networks = scene, view, params, networks
         self.seed = derive(params.seed, "study", "time", view.scene_id, view.view_id)
-        self.takes = extras_of(networks.baselines)
-        given = replace(self._surfaces(), panorama=self._illumination())
-        if "transport" in self.takes:
-            given = replace(given, transport=self._transport())
+        self.takes = columns_of(networks.baselines)
+        given = self._surfaces().having("illumination", self._illumination())
+        if "transport_color" in self.takes:
+            given = given.having("transport", self._transport())
         truths = store.read("shading", view), store.read("color", view)
         self.noise = float(truths[1].meta["noise"])
         pair = (truths[0].channels, truths[1].channels)
@@ -244,15 +243,14 @@ class ViewBenchmark:
         if self._materials_taken():
             self._timed("surfaces", self._surfaces)
         self._timed("illumination", self._illumination)
-        if "transport" in self.takes:
+        if "transport_color" in self.takes:
             self._timed("transport", self._transport)
-            assert example.transport_color is not None
             exposure = color_exposure(example, networks.card.exposure)
-            self._measure("radiosity", None, tonemap(example.transport_color, exposure))
+            self._measure("radiosity", None, tonemap(example["transport_color"], exposure))
             self._reduced_turn()
         shading = self._timed("shading", lambda: networks.shading(example))
         for method in ("pbrnet", "product", *networks.baselines):
-            if method in METHODS and METHODS[method].uses_noisy_samples:
+            if method in METHODS and METHODS[method].takes_samples:
                 self._hybrid_turn(method)
                 continue
             part = "composition" if method == "pbrnet" else method
@@ -269,9 +267,8 @@ class ViewBenchmark:
             light = self._timed(
                 f"transport_{spp}", partial(compute_transport, self.scene, self.view, settings)
             )
-            given = with_transport(self.example, light)
-            assert given.transport_color is not None
-            self._measure("radiosity", spp, tonemap(given.transport_color, exposure))
+            given = self.example.having(**images_of("transport", light))
+            self._measure("radiosity", spp, tonemap(given["transport_color"], exposure))
             if "plus" in self.networks.baselines:
                 prediction = self.networks.predict("plus", given)
                 self._measure("plus", spp, prediction.color)
@@ -285,7 +282,9 @@ class ViewBenchmark:
         for spp in HYBRID_SAMPLES:
             trace = partial(trace_samples, self.scene, self.view, self.params, spp, prepared)
             noisy = self._timed(f"samples_{spp}", trace)
-            given = with_noisy_samples(self.example, noisy, spp)
+            given = self.example.having(
+                **images_of("noisy", noisy), noisy_spp=np.array(spp, np.float32)
+            )
             prediction = self._timed(method, partial(self.networks.predict, method, given))
             self._measure(method, spp, prediction.color)
 
@@ -317,7 +316,8 @@ class ViewBenchmark:
 
     def _surfaces(self) -> Rendered:
         """Inputs and materials, from one trace."""
-        return surfaces_seen(self.scene, self.view, self._materials_taken())
+        materials = INPUTS["materials"].columns if self._materials_taken() else ()
+        return surfaces_seen(self.scene, self.view, materials)
 
     def _plain(self, settings: Params) -> Channels:
         """Render colour with Mitsuba's path integrator."""
@@ -456,7 +456,7 @@ def _better(measurements: list[ViewMeasurement]) -> dict[str, int]:
         for key, (flip, _) in measurement.errors.items():
             method, spp = _method_of(key)
             denoised = measurement.errors.get(_key("planned_denoised", spp))
-            samples = method in METHODS and METHODS[method].uses_noisy_samples
+            samples = method in METHODS and METHODS[method].takes_samples
             if samples and denoised is not None:
                 counts[key] = counts.get(key, 0) + (flip < denoised[0])
     return counts
@@ -477,11 +477,11 @@ def _parts_of(method: str, spp: int | None, materials: bool) -> tuple[str, ...]:
 
     `spp`: samples of a renderer, of a network that takes noisy samples, or of light transport.
     """
-    sampled = method in METHODS and METHODS[method].uses_noisy_samples
+    sampled = method in METHODS and METHODS[method].takes_samples
     transport = "transport" if spp is None or sampled else f"transport_{spp}"
     if method == "radiosity":
         return (transport,)
-    if method in METHODS and METHODS[method].uses_transport:
+    if method in METHODS and "transport" in METHODS[method].inputs:
         samples = (f"samples_{spp}",) if sampled else ()
         return ("surfaces" if materials else "inputs", transport, *samples, method)
     if spp is not None:

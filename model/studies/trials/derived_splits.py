@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pbrnet.model.data.reader import IMAGES, SCALARS, Dataset, Split
+from pbrnet.model.data.reader import PAPER, SCALARS, Dataset, Split
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.dataset.parquet import image_cell
 from pbrnet.pipeline.radiance import HALF_MAX, RADIANCE_SCALE
@@ -27,7 +27,7 @@ from pbrnet.scenes.files import atomic_directory, sweep, write_text
 TRUTHS: tuple[Kind, ...] = ("shading", "color")
 TruthImages = dict[str, AnyArray]  # `shading` and `color`, linear (H, W, 3)
 TruthLookup = Callable[[str, str], TruthImages]  # (scene_id, view_id) -> images
-_KEPT = (*SCALARS, *IMAGES, "licence", "attribution")
+_KEPT = (*SCALARS, *PAPER, "licence", "attribution")
 
 
 def write_derived_split(

@@ -18,7 +18,7 @@ from typing import Any
 from pbrnet.model.data.reader import Dataset, subset_fingerprint
 from pbrnet.model.evaluation.evaluate import refuse_leaks
 from pbrnet.model.evaluation.metrics import find_lpips
-from pbrnet.model.methods import METHODS, extras_of
+from pbrnet.model.methods import METHODS, columns_of
 from pbrnet.model.studies.trials.plan import Trial, TrialStudy
 from pbrnet.model.studies.trials.scores import (
     ViewScores,
@@ -202,8 +202,8 @@ def _measure(
     study: TrialStudy, trial: Trial, record: TrialRecord, folder: Path, folders: Folders
 ) -> None:
     """Score the variant's methods on the evaluation split and draw a few views."""
-    extras = extras_of(trial.variant.networks)
-    dataset = Dataset(folders.data / "dataset", trial.params.evaluate.split, extras)
+    columns = columns_of(trial.variant.networks)
+    dataset = Dataset(folders.data / "dataset", trial.params.evaluate.split, columns)
     exposure = trial.params.train.exposure
     predictors, cards = load_predictors(trial.variant.methods, folder)
     refuse_leaks(dataset, cards)

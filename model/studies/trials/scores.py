@@ -73,7 +73,7 @@ def score_views(
     rows: list[ViewScores] = []
     with Progress(len(dataset), label) as progress, atomic_directory(pictures) as partial:
         for example in dataset.ordered():
-            truth = tonemap(example.color, color_exposure(example, exposure))
+            truth = tonemap(example["color"], color_exposure(example, exposure))
             mask = None if albedo is None else specular_mask(example, albedo)
             drawn = {name: predict_image(example) for name, predict_image in predictors.items()}
             for name, image in ({"truth": truth} | drawn).items():

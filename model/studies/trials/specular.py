@@ -38,14 +38,14 @@ _STRIDE = 4  # pixels between samples of the median
 
 def specular_mask(example: Example, albedo: float) -> BoolArray:
     """Return where colour is not reflectance x shading / `albedo`, bool (H, W)."""
-    product = example.reflectance * example.shading / np.float32(albedo)
-    shading = luminance(example.shading)
+    product = example["reflectance"] * example["shading"] / np.float32(albedo)
+    shading = luminance(example["shading"])
     floor = FLOOR * float(np.exp(np.mean(np.log(np.maximum(shading, 1e-9)))))
-    ratio = np.log((luminance(example.color) + floor) / (luminance(product) + floor))
+    ratio = np.log((luminance(example["color"]) + floor) / (luminance(product) + floor))
     beyond = np.sign(ratio) * (ratio - _around(ratio))
     apart = (np.abs(ratio) > LIMIT) & (beyond > LIMIT)
     mask: BoolArray = binary_opening(
-        apart & example.valid & ~_light_sources(example), np.ones((3, 3))
+        apart & example["valid"] & ~_light_sources(example), np.ones((3, 3))
     )
     return mask
 
@@ -68,7 +68,7 @@ def measure_apart(truth: AnyArray, image: AnyArray, specular: BoolArray) -> dict
 def _light_sources(example: Example) -> BoolArray:
     """Return pixels that show a light source or its surrounding pixel of the panorama, (H, W)."""
     directions = pixel_rays(example)
-    nearby = maximum_filter(example.intensity, size=3, mode=("nearest", "wrap"))
+    nearby = maximum_filter(example["intensity"], size=3, mode=("nearest", "wrap"))
     lit: BoolArray = panorama_lookup(nearby, directions) > 0
     return lit
 

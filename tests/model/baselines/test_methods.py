@@ -23,8 +23,8 @@ from pbrnet.model.baselines.cyclegan import (
 )
 from pbrnet.model.baselines.layers import STACKED, BatchNorm, InstanceNorm, stacked
 from pbrnet.model.baselines.pix2pix import AdversarialObjective, Generator, PatchDiscriminator
-from pbrnet.model.data.encoding import CHANNELS
-from pbrnet.model.methods import BASELINES, METHODS, extras_of, is_current
+from pbrnet.model.data.encoding import PAPER_INPUTS, input_named
+from pbrnet.model.methods import BASELINES, METHODS, columns_of, is_current
 from pbrnet.model.networks.objective import Batch, Objective, Setting
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.titles import METHOD_TITLES, NETWORK_TITLES
@@ -35,8 +35,9 @@ def inputs(height: int, width: int) -> dict[str, torch.Tensor]:
     """Random encoded inputs of one view; the panorama 16 wide."""
     random = torch.Generator().manual_seed(0)
     shapes = {name: (8, 16) if name in ("intensity", "distance") else (height, width)
-              for name in CHANNELS}  # fmt: skip
-    given = {n: torch.rand(1, c, *shapes[n], generator=random) for n, c in CHANNELS.items()}
+              for name in PAPER_INPUTS}  # fmt: skip
+    channels = {name: input_named(name).channels for name in PAPER_INPUTS}
+    given = {n: torch.rand(1, c, *shapes[n], generator=random) for n, c in channels.items()}
     given["normal"] = functional.normalize(given["normal"] - 0.5, dim=1)
     return given
 
@@ -72,11 +73,13 @@ def test_the_report_has_words_for_every_baseline() -> None:
 
 
 def test_the_registry_knows_which_networks_need_more_than_the_paper_gives() -> None:
-    assert {name: method.extras for name, method in METHODS.items() if method.extras} == {
-        "plus": ("transport",),
-        "hybrid": ("noisy", "transport"),
+    light = tuple(f"transport_{part}" for part in ("direct", "indirect", "color"))
+    samples = ("noisy_color", "noisy_half", "denoised_color", "noisy_spp")
+    assert {name: method.columns for name, method in METHODS.items() if method.columns} == {
+        "plus": light,
+        "hybrid": (*light, *samples),
     }
-    assert extras_of(["unet", "plus", "hybrid"]) == ("transport", "noisy")
+    assert columns_of(["unet", "plus", "hybrid"]) == (*light, *samples)
     assert is_current(Architecture("unet", 4, 3))
     assert not is_current(Architecture("plus", 4, 3)), "weights without a revision are the first"
 

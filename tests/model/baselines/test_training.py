@@ -203,7 +203,7 @@ def test_one_view_is_learned_by_heart(
     example = next(Dataset(one_view.data / "dataset", "train").ordered())
     with torch.no_grad():
         predicted = to_image(network(encode([example])))
-    assert ssim(tonemap(example.color, example.exposure_shading), predicted) >= 0.98
+    assert ssim(tonemap(example["color"], example.exposure_shading), predicted) >= 0.98
 
 
 class Watched:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,8 @@ from pbrnet.model.data.direct_light import direct_shading, panorama_radiance, pi
 from pbrnet.model.data.encoding import solid_angles
 from pbrnet.model.data.reader import Dataset, Example, mirrored
 from pbrnet.pipeline.passes.panorama_lights import panorama_directions, sources
-from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.scenes.color import luminance
-from tests.fixtures.model import box_dataset
+from tests.fixtures.model import box_dataset, made_example
 
 SIZE = (60, 80)  # rows, columns
 
@@ -24,9 +22,7 @@ def wall(distance: float = 2.0, panorama: int = 256) -> Example:
     rows, columns = SIZE
     nothing = np.zeros((rows, columns, 3), np.float32)
     dark = np.zeros((panorama // 2, panorama), np.float32)
-    return Example(
-        scene_id="wall",
-        view_id="v",
+    return made_example(
         depth=np.full(SIZE, distance, np.float32),
         normal=np.broadcast_to(np.float32([0, 0, -1]), nothing.shape),
         reflectance=nothing + 0.5,
@@ -36,23 +32,21 @@ def wall(distance: float = 2.0, panorama: int = 256) -> Example:
         intrinsics=np.array([[64.0, 0, columns / 2], [0, 64.0, rows / 2], [0, 0, 1]]),
         shading=nothing,
         color=nothing,
-        exposure_shading=Exposure(1, 1),
-        exposure_color=Exposure(1, 1),
     )
 
 
 def with_lamp(view: Example, place: tuple[float, float, float], power: float) -> Example:
     """One panorama pixel that shines: a lamp of the radiant intensity `power` at `place`."""
-    height, width = view.intensity.shape
+    height, width = view["intensity"].shape
     metres = float(np.linalg.norm(place))
     toward = np.array(place) / metres
     row, column = np.unravel_index(
-        (panorama_directions(view.intensity) @ toward).argmax(), (height, width)
+        (panorama_directions(view["intensity"]) @ toward).argmax(), (height, width)
     )
-    intensity, distance = view.intensity.copy(), view.distance.copy()
-    intensity[row, column] = power / (solid_angles(view.intensity)[row, 0] * metres**2)
+    intensity, distance = view["intensity"].copy(), view["distance"].copy()
+    intensity[row, column] = power / (solid_angles(view["intensity"])[row, 0] * metres**2)
     distance[row, column] = metres
-    return replace(view, intensity=intensity, distance=distance)
+    return view.having(intensity=intensity, distance=distance)
 
 
 @pytest.mark.parametrize("place", [(0.5, -1.0, -1.5), (0, 0, -3), (2, 1, -0.2), (0.3, 0.2, 1.0)])
@@ -62,7 +56,7 @@ def test_a_lamp_lights_a_wall_by_cosine_and_square_of_distance(
     view = with_lamp(wall(), place, power=3.0)
     lit = direct_shading(view, albedo=0.5)[..., 1]
     # where the panorama's pixel has the lamp: its centre is half a pixel off at most
-    lamp = sources(panorama_radiance(view), view.distance)[0][0].astype(float)
+    lamp = sources(panorama_radiance(view), view["distance"])[0][0].astype(float)
     assert np.linalg.norm(lamp - place) < np.linalg.norm(place) * np.pi / 128
     point = pixel_rays(view).astype(float) * 2.0
     away = lamp - point
@@ -99,7 +93,7 @@ def test_lamps_light_in_their_own_colours() -> None:
     colours /= luminance(colours)[:, None]
     tint = sum((v.intensity > 0)[..., None] * c for v, c in zip(views, colours, strict=True))
     both = with_lamp(views[0], *lamps[1])
-    lit = direct_shading(replace(both, tint=tint), 0.5)
+    lit = direct_shading(both.having(tint=tint), 0.5)
     plain = [direct_shading(view, 0.5)[..., :1] for view in views]
     assert lit == pytest.approx(plain[0] * colours[0] + plain[1] * colours[1], rel=1e-4)
     assert luminance(lit) == pytest.approx(direct_shading(both, 0.5)[..., 0], rel=1e-4)
@@ -107,9 +101,9 @@ def test_lamps_light_in_their_own_colours() -> None:
 
 def test_where_no_surface_is_the_source_behind_it_is_seen() -> None:
     view = wall()
-    sky = np.full_like(view.intensity, 7.0)
-    window = replace(
-        view, valid=np.zeros(SIZE, bool), depth=0 * view.depth, intensity=sky, distance=sky
+    sky = np.full_like(view["intensity"], 7.0)
+    window = view.having(
+        valid=np.zeros(SIZE, bool), depth=0 * view["depth"], intensity=sky, distance=sky
     )
     assert (direct_shading(window, 0.5) == 7.0).all()
 
@@ -120,11 +114,11 @@ def test_no_light_is_black_and_finite() -> None:
 
 def test_direct_light_mirrors_with_its_view_and_follows_brightness(tmp_path: Path) -> None:
     example = next(Dataset(box_dataset(tmp_path) / "dataset", "train").ordered())
-    colors = np.random.default_rng(0).uniform(0.2, 2, (*example.intensity.shape, 3))
-    example = replace(example, tint=colors.astype(np.float32))
+    colors = np.random.default_rng(0).uniform(0.2, 2, (*example["intensity"].shape, 3))
+    example = example.having(tint=colors.astype(np.float32))
     lit = direct_shading(example, 0.5)
     assert direct_shading(mirrored(example), 0.5) == pytest.approx(lit[:, ::-1], rel=1e-3)
-    brighter = replace(example, intensity=100 * example.intensity)
+    brighter = example.having(intensity=100 * example["intensity"])
     assert direct_shading(brighter, 0.5) == pytest.approx(100 * lit, rel=1e-4)
 
 
@@ -132,7 +126,7 @@ def test_in_a_box_with_a_bulb_it_is_the_truth(tmp_path: Path) -> None:
     """The test world is lit by one bulb and a little even light: direct light is nearly all."""
     for example in Dataset(box_dataset(tmp_path) / "dataset", "train").ordered():
         lit = direct_shading(example, 0.5)[..., 0]
-        truth = example.shading[..., 0] - 0.5 * 0.5 / np.pi
+        truth = example["shading"][..., 0] - 0.5 * 0.5 / np.pi
         outside = lit < 50  # not the bulb itself, which the truth does not show
         kept = outside & (truth > 0.02)
         ratio = lit[kept] / truth[kept]

@@ -248,9 +248,9 @@ def test_the_product_of_true_shading_is_the_truth_where_light_bounces_not(
     networks = load_networks(trained.models)
     compared = 0
     for example in Dataset(trained.data / "dataset", "test").ordered():
-        shading = tonemap(example.shading, example.exposure_shading)
-        image = product(example.reflectance, shading, example.exposure_shading, networks.card)
-        truth = tonemap(example.color, example.exposure_shading)
+        shading = tonemap(example["shading"], example.exposure_shading)
+        image = product(example["reflectance"], shading, example.exposure_shading, networks.card)
+        truth = tonemap(example["color"], example.exposure_shading)
         unclipped = shading.max(axis=-1) < 0.999
         assert np.abs(image - truth)[unclipped].max(initial=0) < 2e-3
         compared += int(unclipped.sum())
@@ -260,19 +260,18 @@ def test_the_product_of_true_shading_is_the_truth_where_light_bounces_not(
 def test_the_product_shows_the_sky_as_bright_as_shading_does(trained: Folders) -> None:
     networks = load_networks(trained.models)
     example = next(Dataset(trained.data / "dataset", "test").ordered())
-    sky = np.zeros_like(example.valid)
+    sky = np.zeros_like(example["valid"])
     sky[:, :5] = True
-    outside = replace(
-        example,
-        valid=example.valid & ~sky,
-        reflectance=np.where(sky[..., None], np.float32(0), example.reflectance),
+    outside = example.having(
+        valid=example["valid"] & ~sky,
+        reflectance=np.where(sky[..., None], np.float32(0), example["reflectance"]),
     )
-    shading = tonemap(example.shading, example.exposure_shading)
+    shading = tonemap(example["shading"], example.exposure_shading)
     image = product(
         neutral_background(outside, 0.5), shading, example.exposure_shading, networks.card
     )
     assert np.abs(image - shading)[sky].max() < 2e-3
-    inside = product(example.reflectance, shading, example.exposure_shading, networks.card)
+    inside = product(example["reflectance"], shading, example.exposure_shading, networks.card)
     assert np.array_equal(image[~sky], inside[~sky])
 
 
@@ -282,9 +281,9 @@ def test_the_product_does_not_depend_on_the_unit_of_radiance(
 ) -> None:
     networks = load_networks(trained.models)
     example = next(Dataset(trained.data / "dataset", "test").ordered())
-    shading = tonemap(example.shading, example.exposure_shading)
+    shading = tonemap(example["shading"], example.exposure_shading)
     images = [
-        project(example.reflectance, shading, Exposure(scale, 0.9), networks.card)
+        project(example["reflectance"], shading, Exposure(scale, 0.9), networks.card)
         for scale in (1.0, 1e-4)
     ]
     assert np.allclose(*images, atol=1e-4)

@@ -353,20 +353,20 @@ def test_from_a_scene_only_what_the_network_takes_is_rendered(
 
 def test_with_the_truth_the_unit_is_the_scenes() -> None:
     networks = load_networks(Path("models"))
-    wanted = from_frames(Path(FRAMES[1]), Path(FRAMES[3]), truth=Path("data"))
+    wanted = from_frames({"inputs": Path(FRAMES[1]), "illumination": Path(FRAMES[3])}, Path("data"))
     example = wanted.load(networks.card)
     perfect = Prediction(
         "pbrnet",
-        tonemap(example.shading, example.exposure_shading),
-        tonemap(example.color, example.exposure_shading),
+        tonemap(example["shading"], example.exposure_shading),
+        tonemap(example["color"], example.exposure_shading),
     )
     linear = networks.radiance(example, perfect)
     inside = ~linear.clipped
     assert linear.known
-    assert linear.color[inside] == pytest.approx(example.color[inside], rel=2e-2, abs=1e-4)
+    assert linear.color[inside] == pytest.approx(example["color"][inside], rel=2e-2, abs=1e-4)
     # What is at white is less than the truth, or equal: a lower bound in that band.
     bright = replace(example, exposure_shading=Exposure(example.exposure_shading.scale, 0.9))
-    display = tonemap(example.color, bright.exposure_shading)
+    display = tonemap(example["color"], bright.exposure_shading)
     bound = networks.radiance(bright, Prediction("pbrnet", None, display))
     at_white = display >= 1 - 1e-6
     assert at_white.any() and (bound.clipped == at_white.any(axis=-1)).all()

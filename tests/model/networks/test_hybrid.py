@@ -15,8 +15,8 @@ import torch
 from PIL import Image
 
 from pbrnet.model.data.display import tonemap_exposed
-from pbrnet.model.data.encoding import encode, radiances, targets
-from pbrnet.model.data.reader import NOISY_IMAGES, TRANSPORT_IMAGES, Dataset, Example, mirrored
+from pbrnet.model.data.encoding import INPUTS, encode, radiances, targets
+from pbrnet.model.data.reader import Dataset, Example, mirrored
 from pbrnet.model.evaluation.evaluate import evaluate
 from pbrnet.model.evaluation.inference import load_networks
 from pbrnet.model.methods import METHODS
@@ -48,11 +48,12 @@ from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone
-from tests.fixtures.model import box_dataset, box_rows, write_shard
+from tests.fixtures.model import box_dataset, box_rows, made_example, write_shard
 from tests.fixtures.stages import write_room
 
-EXTRAS = ("noisy", "transport")
-LIGHT = (*NOISY_IMAGES, *TRANSPORT_IMAGES)
+NOISY = INPUTS["noisy"].columns
+LIGHT = (*NOISY, *INPUTS["transport"].columns)
+COLUMNS = (*LIGHT, "noisy_spp")
 SIZE = {"width": 24, "height": 18, "panorama": 16}
 SMALL = StageTrainParams(epochs=1, width=4, levels=2)
 PARAMS = Params(
@@ -75,7 +76,7 @@ def _one_thread() -> Iterator[None]:
 def view(tmp_path_factory: pytest.TempPathFactory) -> Example:
     """A box room with noisy samples."""
     folder = box_dataset(tmp_path_factory.mktemp("view"), 2, 0, 0, noisy=True)
-    return next(Dataset(folder / "dataset", "train", EXTRAS).ordered())
+    return next(Dataset(folder / "dataset", "train", COLUMNS).ordered())
 
 
 def untrained(width: int = 8, levels: int = 3, spread: float = 0.0) -> HybridNet:
@@ -87,7 +88,7 @@ def untrained(width: int = 8, levels: int = 3, spread: float = 0.0) -> HybridNet
 
 
 def encoded(example: Example) -> dict[str, torch.Tensor]:
-    return encode([example], **METHODS["hybrid"].inputs)
+    return encode([example], METHODS["hybrid"].inputs)
 
 
 def color_of(network: HybridNet, example: Example) -> np.ndarray:
@@ -108,8 +109,8 @@ def test_it_starts_from_a_mixture_of_transport_and_denoiser(
 
 
 def mixture_of(example: Example) -> AnyArray:
-    share = start_of(example.noisy_spp, example.depth.size)
-    return share * example.transport_color + (1 - share) * example.denoised_color
+    share = start_of(float(example["noisy_spp"]), example["depth"].size)
+    return share * example["transport_color"] + (1 - share) * example["denoised_color"]
 
 
 def start_of(samples: float, pixels: int) -> float:
@@ -132,28 +133,22 @@ def example_of(rng: np.random.Generator, width: int, height: int) -> Example:
     color = rng.random((height, width, 3), dtype=np.float32)
     normal = rng.normal(size=color.shape).astype(np.float32)
     panorama = np.zeros((8, 16), np.float32)
-    return Example(
-        scene_id="s",
-        view_id="v",
+    return made_example(
         depth=1 + color[..., 0],
         normal=normal / np.linalg.norm(normal, axis=-1, keepdims=True),
         reflectance=rng.random(color.shape, dtype=np.float32),
         valid=np.ones(color.shape[:2], bool),
         intensity=panorama,
         distance=panorama,
-        intrinsics=np.eye(3),
-        shading=color,
         color=color,
-        exposure_shading=Exposure(1, 2),
-        exposure_color=Exposure(1, 2),
         **{name: rng.exponential(1, color.shape).astype(np.float32) for name in LIGHT},
-        noisy_spp=3,
+        noisy_spp=np.array(3),
     )
 
 
 def test_it_changes_light_by_a_bounded_factor(view: Example) -> None:
     """The factor shows alone if samples and transport agree with the denoised image."""
-    same = replace(view, noisy_color=view.denoised_color, transport_color=view.denoised_color)
+    same = view.having(noisy_color=view["denoised_color"], transport_color=view["denoised_color"])
     found = color_of(untrained(spread=500.0), same)
     lit = same.denoised_color > 0.01
     factor = found[lit] / same.denoised_color[lit]
@@ -172,19 +167,19 @@ def test_it_may_turn_to_any_of_its_pictures(
     with torch.no_grad():
         network.bands.unet.out.bias[4:8] = share
         network.bands.unet.out.bias[8:12] = back
-    np.testing.assert_allclose(color_of(network, view), getattr(view, wanted), rtol=1e-4, atol=1e-5)
+    np.testing.assert_allclose(color_of(network, view), view[wanted], rtol=1e-4, atol=1e-5)
 
 
 def test_one_set_of_weights_knows_how_many_samples_it_has(view: Example) -> None:
     network = untrained(spread=1.0)
-    pictures = [color_of(network, replace(view, noisy_spp=spp)) for spp in range(1, 9)]
+    pictures = [color_of(network, view.having(noisy_spp=np.array(spp))) for spp in range(1, 9)]
     for few, more in itertools.pairwise(pictures):
         assert np.abs(few - more).max() > 1e-4
 
 
 def with_light(view: Example, change: Callable[[AnyArray], AnyArray]) -> Example:
     """The view with its samples changed, raw and denoised."""
-    return replace(view, **{name: change(getattr(view, name)) for name in LIGHT})
+    return view.having(**{name: change(view[name]) for name in LIGHT})
 
 
 def test_brighter_lamps_make_the_same_picture_brighter(view: Example) -> None:
@@ -233,7 +228,7 @@ def test_it_learns_what_the_mixture_does_wrong(view: Example) -> None:
     network = untrained(width=12, levels=3, spread=0.01)
     inputs = encoded(view)
     optimiser = torch.optim.Adam(network.parameters(), 3e-3)
-    truth = tonemap(view.color, view.exposure_shading)
+    truth = tonemap(view["color"], view.exposure_shading)
 
     def error() -> float:
         found = tonemap(color_of(network, view), view.exposure_shading)
@@ -255,12 +250,12 @@ def test_samples_are_read_where_asked_for_and_turn_with_the_view(tmp_path: Path)
     assert plain.noisy_color is None and mirrored(plain).denoised_color is None
     with pytest.raises(InputError, match=r"a/v000: has no noisy samples"):
         encode([plain], noisy_samples=True)
-    (example,) = Dataset(tmp_path, "train", EXTRAS).ordered()
-    assert example.noisy_spp == 2
-    for name in NOISY_IMAGES:
-        assert np.array_equal(getattr(example, name), rows[0][name].astype(np.float32))
-        turned = getattr(mirrored(example), name)
-        assert np.array_equal(turned, getattr(example, name)[:, ::-1])
+    (example,) = Dataset(tmp_path, "train", COLUMNS).ordered()
+    assert example["noisy_spp"] == 2
+    for name in NOISY:
+        assert np.array_equal(example[name], rows[0][name].astype(np.float32))
+        turned = mirrored(example)[name]
+        assert np.array_equal(turned, example[name][:, ::-1])
 
 
 def test_without_the_samples_it_says_what_to_do(tmp_path: Path) -> None:

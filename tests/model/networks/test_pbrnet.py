@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import nn
 
-from pbrnet.model.data.encoding import CHANNELS, NOISY_SAMPLES_CHANNELS, TRANSPORT_CHANNELS
+from pbrnet.model.data.encoding import PAPER_INPUTS, input_named
 from pbrnet.model.methods import METHODS, build_network
 from pbrnet.model.networks.pbrnet import Architecture, NormalPanorama, Panorama, averaged, look_up
 from pbrnet.model.training.backbone import EfficientNetLite0, Vgg19
@@ -24,17 +24,13 @@ def inputs(
     """Random encoded inputs of one view, with what only networks of this kind are given."""
     random = torch.Generator().manual_seed(0)
     tensors = {}
-    more: dict[str, dict[str, int]] = {
-        "plus": {**TRANSPORT_CHANNELS, "level": 1},
-        "hybrid": {**TRANSPORT_CHANNELS, **NOISY_SAMPLES_CHANNELS, "samples": 1},
-    }
-    for name, channels in {**CHANNELS, **(more.get(kind, {}) if kind else {})}.items():
+    for name in METHODS[kind].inputs if kind else PAPER_INPUTS:
         sizes = {
             **dict.fromkeys(("level", "samples"), (1, 1)),
             **dict.fromkeys(("intensity", "distance"), (panorama // 2, panorama)),
         }
         size = sizes.get(name, (height, width))
-        tensors[name] = torch.rand(1, channels, *size, generator=random)
+        tensors[name] = torch.rand(1, input_named(name).channels, *size, generator=random)
     tensors["normal"] = nn.functional.normalize(tensors["normal"] - 0.5, dim=1)
     return tensors
 
@@ -126,10 +122,7 @@ def test_every_input_reaches_the_output(kind: str, panorama: Panorama) -> None:
     for value in given.values():
         value.requires_grad_(True)
     network(given).sum().backward()
-    unused = () if METHODS[kind].uses_panorama else ("intensity", "distance")
     for name, value in given.items():
-        if name in unused:
-            continue
         assert value.grad is not None and value.grad.abs().sum() > 0, name
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from pbrnet.model.data.encoding import encode, radiances, targets
-from pbrnet.model.data.reader import TRANSPORT_IMAGES, Dataset, Example, mirrored
+from pbrnet.model.data.encoding import INPUTS, encode, radiances, targets
+from pbrnet.model.data.reader import Dataset, Example, mirrored
 from pbrnet.model.methods import METHODS
 from pbrnet.model.networks.flip import Flip
 from pbrnet.model.networks.objective import Batch, ExposedLoss, Setting
@@ -28,6 +28,7 @@ from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
 
 pytestmark = pytest.mark.usefixtures("one_thread")
+TRANSPORT = INPUTS["transport"].columns
 SMALL = StageTrainParams(epochs=1, width=4, levels=2)
 
 
@@ -37,16 +38,15 @@ def view(tmp_path_factory: pytest.TempPathFactory) -> Example:
     folder = box_dataset(tmp_path_factory.mktemp("view"), 2, 0, 0, transport=True)
     example = next(Dataset(folder / "dataset", "train", ("transport",)).ordered())
     rng = np.random.default_rng(0)
-    valid = example.valid.copy()
+    valid = example["valid"].copy()
     valid[:5, :7] = False  # sky: without light on a surface, but bright
     lit = valid[..., None] * np.float32([1.3, 1.0, 0.6])
-    gloss = rng.exponential(0.02, example.color.shape).astype(np.float32)
-    return replace(
-        example,
+    gloss = rng.exponential(0.02, example["color"].shape).astype(np.float32)
+    return example.having(
         valid=valid,
-        transport_direct=lit * example.transport_direct,
-        transport_indirect=lit * example.transport_indirect,
-        transport_color=lit * example.transport_color + gloss + ~valid[..., None],
+        transport_direct=lit * example["transport_direct"],
+        transport_indirect=lit * example["transport_indirect"],
+        transport_color=lit * example["transport_color"] + gloss + ~valid[..., None],
     )
 
 
@@ -66,7 +66,7 @@ def color_of(network: PlusNet, example: Example) -> AnyArray:
 
 def lit(example: Example, change: Callable[[AnyArray], AnyArray]) -> Example:
     """The view under another light."""
-    return replace(example, **{name: change(getattr(example, name)) for name in TRANSPORT_IMAGES})
+    return example.having(**{name: change(example[name]) for name in TRANSPORT})
 
 
 @pytest.mark.parametrize("levels", [1, 2, 4])
@@ -74,8 +74,8 @@ def lit(example: Example, change: Callable[[AnyArray], AnyArray]) -> Example:
 def test_it_starts_as_the_picture_of_light_transport(
     view: Example, crop: tuple[int, int], levels: int
 ) -> None:
-    images = ("depth", "normal", "reflectance", "valid", *TRANSPORT_IMAGES)
-    part = replace(view, **{n: getattr(view, n)[: crop[0], : crop[1]] for n in images})
+    images = ("depth", "normal", "reflectance", "valid", *TRANSPORT)
+    part = view.having(**{n: view[n][: crop[0], : crop[1]] for n in images})
     assert np.array_equal(color_of(untrained(levels=levels), part), part.transport_color)
 
 
@@ -83,7 +83,7 @@ def test_lamps_k_times_as_bright_make_a_picture_k_times_as_bright(view: Example)
     network = untrained(spread=1.0)
     bright = lit(view, lambda image: np.float32(1000) * image)
     dim = color_of(network, view)
-    assert np.abs(dim - view.transport_color).max() > 0.1, "it says something"
+    assert np.abs(dim - view["transport_color"]).max() > 0.1, "it says something"
     np.testing.assert_allclose(color_of(network, bright), 1000 * dim, rtol=2e-3, atol=1e-3)
 
 
@@ -91,12 +91,12 @@ def test_each_band_is_seen_apart_and_alike(view: Example) -> None:
     """Swapped bands swap the picture's; a change in one band changes no other."""
     network = untrained(spread=1.0)
     swapped = lit(view, lambda image: image[..., [2, 0, 1]])
-    swapped = replace(swapped, reflectance=view.reflectance[..., [2, 0, 1]])
+    swapped = swapped.having(reflectance=view["reflectance"][..., [2, 0, 1]])
     found = color_of(network, view)
     np.testing.assert_allclose(color_of(network, swapped), found[..., [2, 0, 1]], rtol=1e-4)
     # The level is a mean over the bands: more blue, less red.
-    shift = 0.1 * view.transport_indirect[..., :1]
-    other = replace(view, transport_indirect=view.transport_indirect + shift * [-1, 0, 1])
+    shift = 0.1 * view["transport_indirect"][..., :1]
+    other = view.having(transport_indirect=view["transport_indirect"] + shift * [-1, 0, 1])
     again = color_of(network, other)
     np.testing.assert_allclose(again[..., 1], found[..., 1], rtol=1e-3)
     assert np.abs(again[..., 2] - found[..., 2]).max() > 1e-3
@@ -104,8 +104,10 @@ def test_each_band_is_seen_apart_and_alike(view: Example) -> None:
 
 def test_light_changes_by_bounded_factors_and_never_below_black(view: Example) -> None:
     found = color_of(untrained(spread=500.0), view)
-    light = view.transport_direct + view.transport_indirect
-    most = view.reflectance * light + np.abs(view.transport_color - view.reflectance * light)
+    light = view["transport_direct"] + view["transport_indirect"]
+    most = view["reflectance"] * light + np.abs(
+        view["transport_color"] - view["reflectance"] * light
+    )
     bound = np.exp(MAX_LOG_FACTOR) * (most + MAX_GLOSS * light)
     assert np.isfinite(found).all() and found.min() >= 0
     assert (found <= 1.001 * bound + 1e-6).all()
@@ -114,8 +116,8 @@ def test_light_changes_by_bounded_factors_and_never_below_black(view: Example) -
 def test_gloss_on_metal_in_the_sun_stays_near_the_level_of_the_view(view: Example) -> None:
     """Black but for its gloss, a thousand times as brightly lit as the room."""
     place = np.s_[3:5, 4:6]
-    sun = 1000 * np.median(view.transport_direct)
-    metal = {name: getattr(view, name).copy() for name in ("reflectance", *TRANSPORT_IMAGES)}
+    sun = 1000 * np.median(view["transport_direct"])
+    metal = {name: view[name].copy() for name in ("reflectance", *TRANSPORT)}
     for name, value in (("reflectance", 0), ("transport_direct", sun), ("transport_color", 0)):
         metal[name][place] = value
     network = untrained()
@@ -149,12 +151,12 @@ def test_it_learns_the_light_that_transport_lacks(tmp_path: Path) -> None:
     optimiser = torch.optim.Adam(network.parameters(), 3e-3)
 
     def error(color: AnyArray) -> float:
-        shown = (tonemap(image, example.exposure_color) for image in (color, example.color))
+        shown = (tonemap(image, example.exposure_color) for image in (color, example["color"]))
         found, truth = shown
         return float(np.abs(found - truth).mean())
 
-    assert example.transport_color is not None
-    before = error(example.transport_color)
+    assert example["transport_color"] is not None
+    before = error(example["transport_color"])
     for _ in range(60):
         optimiser.zero_grad()
         exposed_loss(network, example).backward()  # type: ignore[no-untyped-call]
@@ -164,11 +166,11 @@ def test_it_learns_the_light_that_transport_lacks(tmp_path: Path) -> None:
 
 def test_materials_reach_it_and_transport_turns_with_the_view(view: Example) -> None:
     network = untrained(spread=1.0)
-    rough = np.full_like(view.depth, 0.5)
-    known = replace(view, roughness=rough, metalness=rough, material_known=np.ones_like(rough))
+    rough = np.full_like(view["depth"], 0.5)
+    known = view.having(roughness=rough, metalness=rough, material_known=np.ones_like(rough))
     assert np.abs(color_of(network, known) - color_of(network, view)).max() > 1e-3
-    for name in (*TRANSPORT_IMAGES, "roughness"):
-        assert np.array_equal(getattr(mirrored(known), name), getattr(known, name)[:, ::-1])
+    for name in (*TRANSPORT, "roughness"):
+        assert np.array_equal(mirrored(known)[name], known[name][:, ::-1])
 
 
 def test_without_transport_it_says_what_to_do(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import pytest
 from pbrnet.model.data.encoding import Policy
 from pbrnet.model.data.reader import Dataset, Example
 from pbrnet.model.evaluation.inference import Networks, load_networks
+from pbrnet.model.methods import METHODS
 from pbrnet.model.networks.pbrnet import Panorama
 from pbrnet.model.release.onnx_export import export_onnx
 from tests.fixtures.model import box_dataset
@@ -53,22 +54,21 @@ def views(tmp_path_factory: pytest.TempPathFactory) -> list[Example]:
     for width, height, panorama in SIZES:
         size = {"width": width, "height": height, "panorama": panorama}
         data = box_dataset(folder / str(width), 0, 0, 2, noisy=True, **size)
-        example = next(Dataset(data / "dataset", "test", ("noisy", "transport")).ordered())
-        sky = np.zeros_like(example.valid)
+        example = next(Dataset(data / "dataset", "test", METHODS["hybrid"].columns).ordered())
+        sky = np.zeros_like(example["valid"])
         sky[:3, : width // 2] = True
         random = np.random.default_rng(width)
         rough, metal = random.random((2, *sky.shape), dtype=np.float32)
         found.append(
-            replace(
-                example,
+            example.having(
                 valid=~sky,
-                depth=np.where(sky, 0, example.depth).astype(np.float32),
-                normal=np.where(sky[..., None], 0, example.normal).astype(np.float32),
-                reflectance=np.where(sky[..., None], 0, example.reflectance).astype(np.float32),
+                depth=np.where(sky, 0, example["depth"]).astype(np.float32),
+                normal=np.where(sky[..., None], 0, example["normal"]).astype(np.float32),
+                reflectance=np.where(sky[..., None], 0, example["reflectance"]).astype(np.float32),
                 roughness=rough,
                 metalness=metal,
                 material_known=np.ones_like(rough),
-                noisy_spp=3,
+                noisy_spp=np.array(3),
             )
         )
     return found

@@ -31,7 +31,7 @@ from tests.model.release.conftest import ExportedFile, untrained
 
 def columns(example: Example, names: Sequence[str]) -> list[torch.Tensor]:
     """The inputs of an exported file, float32."""
-    given = {name: np.atleast_1d(getattr(example, name)) for name in names}
+    given = {name: np.atleast_1d(example[name]) for name in names}
     return [torch.from_numpy(given[name].astype(np.float32)) for name in names]
 
 
@@ -124,5 +124,5 @@ def test_the_file_draws_the_same_pictures_of_any_size(
     for example in views:
         given = [value.numpy() for value in columns(example, names)]
         found = made.session.run(None, dict(zip(names, given, strict=True)))
-        assert found[1].shape == example.color.shape
+        assert found[1].shape == example["color"].shape
         check_pictures(method, example, made.networks.predict(method, example), *found)

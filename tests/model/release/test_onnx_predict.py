@@ -41,7 +41,9 @@ def test_onnx_predict_draws_a_view_from_its_frames(
     kinds = ("inputs", "illumination", "transport", "materials")
     frames = [tmp_path / "data" / kind / "box" / "v0.exr" for kind in kinds]
     run_example("onnx_predict.py", tmp_path, made.path, "picture.png", *frames)
-    wanted = from_frames(frames[0], frames[1], transport=frames[2], materials=frames[3])
+    wanted = from_frames(
+        dict(zip(("inputs", "illumination", "transport", "materials"), frames, strict=True))
+    )
     predicted = made.networks.predict(method, wanted.load(made.networks.card))
     expected = predicted.color
     if predicted.linear is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +14,8 @@ from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.flicker.study import FlickerConfig, flicker, move_cameras, reproject
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.model import made_example
 from tests.fixtures.predict import box_camera, box_room
 from tests.fixtures.predictor import untrained_models
 
@@ -28,12 +27,7 @@ def plane(depth: float) -> Example:
     """A wall that faces the camera, `depth` metres ahead."""
     whole = np.full((HEIGHT, WIDTH), depth, np.float32)
     rgb = np.zeros((HEIGHT, WIDTH, 3), np.float32)
-    panorama, exposure = np.zeros((8, 16), np.float32), Exposure(1.0, 1.0)
-    return Example(
-        scene_id="box", view_id="v0", depth=whole, normal=rgb, reflectance=rgb, valid=whole > 0,
-        intensity=panorama, distance=panorama, intrinsics=VIEW.intrinsics,
-        shading=rgb, color=rgb, exposure_shading=exposure, exposure_color=exposure,
-    )  # fmt: skip
+    return made_example(VIEW.intrinsics, depth=whole, normal=rgb, reflectance=rgb, valid=whole > 0)
 
 
 def picture(seed: int = 0) -> np.ndarray:
@@ -90,13 +84,13 @@ def test_a_pan_turns_right_and_has_no_parallax() -> None:
 def test_what_was_hidden_before_is_not_compared() -> None:
     """A box 1 m away before a wall at 3 m: where depths differ, nothing is seen in both."""
     before, after = plane(3), plane(3)
-    box = before.depth.copy()
+    box = before["depth"].copy()
     box[10:20, 10:20] = 1
-    _, seen = reproject(replace(before, depth=box), after, VIEW.pose, VIEW.pose)
+    _, seen = reproject(before.having(depth=box), after, VIEW.pose, VIEW.pose)
     assert not seen[10:20, 10:20].any() and seen[:, 25:].all()
-    holes = before.valid.copy()
+    holes = before["valid"].copy()
     holes[30:] = False
-    _, seen = reproject(replace(before, valid=holes), after, VIEW.pose, VIEW.pose)
+    _, seen = reproject(before.having(valid=holes), after, VIEW.pose, VIEW.pose)
     assert not seen[30:].any() and seen[:29].all()
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from pbrnet.pipeline.cli import main
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_file, read_json
-from tests.fixtures.model import box_rows, write_shard
+from tests.fixtures.model import box_rows, made_example, write_shard
 from tests.fixtures.training import stop_at
 from tests.fixtures.trial import PARAMS, SIZE, SMALL, folders_in, trial_workplace
 
@@ -106,50 +105,48 @@ def matte_view() -> Example:
         name: row[name].astype(np.float32) for name in ("depth", "normal", "reflectance", "shading")
     }
     dark = np.zeros((16, 32), np.float32)
-    fields: dict[str, Any] = dict.fromkeys(("distance", "exposure_shading", "exposure_color"))
-    fields |= {"intensity": dark, "intrinsics": row["K"].reshape(3, 3)}
     color = 2 * images["reflectance"] * images["shading"]
     valid = np.ones(row["depth"].shape, bool)
-    return Example(scene_id="a", view_id="v", valid=valid, color=color, **images, **fields)
+    return made_example(row["K"].reshape(3, 3), valid=valid, color=color, intensity=dark, **images)
 
 
 def test_a_mirror_is_found_and_nothing_else() -> None:
     view = matte_view()
     assert not specular_mask(view, 0.5).any()
-    mirror = np.zeros(view.valid.shape, bool)
+    mirror = np.zeros(view["valid"].shape, bool)
     mirror[20:34, 10:30] = True
-    level = float(view.shading.mean())
-    mirrored = np.where(mirror[..., None], np.float32(8 * level), view.color)
-    assert np.array_equal(specular_mask(replace(view, color=mirrored), 0.5), mirror)
-    dark = np.where(mirror[..., None], view.color / 4, view.color)
-    assert np.array_equal(specular_mask(replace(view, color=dark), 0.5), mirror)
+    level = float(view["shading"].mean())
+    mirrored = np.where(mirror[..., None], np.float32(8 * level), view["color"])
+    assert np.array_equal(specular_mask(view.having(color=mirrored), 0.5), mirror)
+    dark = np.where(mirror[..., None], view["color"] / 4, view["color"])
+    assert np.array_equal(specular_mask(view.having(color=dark), 0.5), mirror)
     # another grey of the shading, the same room
-    other = replace(view, color=mirrored, shading=1.5 * view.shading)
+    other = view.having(color=mirrored, shading=1.5 * view["shading"])
     assert np.array_equal(specular_mask(other, 0.75), mirror)
 
 
 def test_what_is_no_gloss_is_left_out() -> None:
     view = matte_view()
-    height, width = view.valid.shape
+    height, width = view["valid"].shape
     # indirect light: twice as bright at one end of the view as at the other
     slope = np.linspace(0.8, 1.6, width, dtype=np.float32)[None, :, None]
-    assert specular_mask(replace(view, color=slope * view.color), 0.5).mean() < 0.02
+    assert specular_mask(view.having(color=slope * view["color"]), 0.5).mean() < 0.02
     # silhouettes: one pixel of another colour
-    edges = view.color.copy()
+    edges = view["color"].copy()
     edges[:, 40], edges[30, :] = 5 * edges[:, 40], edges[30, :] / 5
-    assert not specular_mask(replace(view, color=edges), 0.5).any()
+    assert not specular_mask(view.having(color=edges), 0.5).any()
     # a lamp in front, which the panorama has; otherwise it would count as specular
     lamp = np.zeros((height, width), bool)
     lamp[25:35, 34:46] = True
-    lit = replace(view, color=np.where(lamp[..., None], np.float32(30.0), view.color))
+    lit = view.having(color=np.where(lamp[..., None], np.float32(30.0), view["color"]))
     assert np.array_equal(specular_mask(lit, 0.5), lamp)
     light = np.zeros((80, 160), np.float32)
     light[35:45, 75:85] = 30.0
-    assert not specular_mask(replace(lit, intensity=light), 0.5).any()
-    elsewhere = replace(lit, intensity=np.roll(light, 80, axis=1))
+    assert not specular_mask(lit.having(intensity=light), 0.5).any()
+    elsewhere = lit.having(intensity=np.roll(light, 80, axis=1))
     assert np.array_equal(specular_mask(elsewhere, 0.5), lamp)
     # the sky outside a window, where there is no surface
-    assert not specular_mask(replace(lit, valid=~lamp), 0.5).any()
+    assert not specular_mask(lit.having(valid=~lamp), 0.5).any()
 
 
 def test_regions_are_measured_by_themselves() -> None:

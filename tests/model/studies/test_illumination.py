@@ -152,12 +152,12 @@ def test_light_transport_follows_the_changed_light(tmp_path: Path) -> None:
 def as_it_is(example: Example) -> LitView:
     return LitView(
         example,
-        example.intensity,
-        example.distance,
-        example.tint,
-        example.visibility,
-        example.shading,
-        example.color,
+        example["intensity"],
+        example["distance"],
+        example["tint"],
+        example["visibility"],
+        example["shading"],
+        example["color"],
     )
 
 
@@ -168,14 +168,14 @@ def test_twice_the_light_is_predicted_as_twice_the_light(
     untrained_models(models, ("plus",), levels=2)
     networks = load_networks(models, ["pbrnet", "plus"])
     example = examples[0]
-    light = dict.fromkeys(layout("transport"), example.shading[..., 0])
+    light = dict.fromkeys(layout("transport"), example["shading"][..., 0])
     before = replace(as_it_is(example), transport=light)
     after = replace(
         before,
         transport={name: 2 * image for name, image in light.items()},
-        intensity=2 * example.intensity,
-        shading=2 * example.shading,
-        color=2 * example.color,
+        intensity=2 * example["intensity"],
+        shading=2 * example["shading"],
+        color=2 * example["color"],
     )
     levels = [log_average(direct_image(lit.example)) for lit in (before, after)]
     assert levels[1] == pytest.approx(2 * levels[0])
@@ -189,7 +189,7 @@ def test_twice_the_light_is_predicted_as_twice_the_light(
 def test_without_any_light_nothing_is_said(place: Folders, examples: list[Example]) -> None:
     example = examples[0]
     before = as_it_is(example)
-    dark = replace(before, intensity=0 * example.intensity, distance=0 * example.distance)
+    dark = replace(before, intensity=0 * example["intensity"], distance=0 * example["distance"])
     (found,) = compare(load_networks(place.models), before, {"without": dark})
     assert all(np.isnan(change).all() for change in found.predicted.values())
 

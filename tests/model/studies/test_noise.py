@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from pbrnet.model.data.reader import IMAGES, Dataset
+from pbrnet.model.data.reader import PAPER, Dataset
 from pbrnet.model.studies.noise import study
 from pbrnet.model.studies.noise.study import noisy_truths
 from pbrnet.model.studies.trials.derived_splits import TruthImages, write_derived_split
@@ -97,17 +97,17 @@ def test_only_the_truth_differs(folders: Folders) -> None:
     for truth in noisy_truths((1, 4)):
         for ours, theirs in zip(packed(folders, truth.name).ordered(), clean, strict=True):
             assert ours.name == theirs.name
-            for name in set(IMAGES) - {"shading", "color"}:
-                assert np.array_equal(getattr(ours, name), getattr(theirs, name)), name
+            for name in set(PAPER) - {"shading", "color"}:
+                assert np.array_equal(ours[name], theirs[name]), name
             for kind in ("shading", "color"):
                 path = folders.data / "studies" / "noise" / truth.name / kind / ours.scene_id
                 frame = read_frame(path / f"{ours.view_id}.exr")
                 # The row's unit need not be that of this frame: small values are rounded again.
                 least = 2**-24 * float(frame.rgb.max())
-                np.testing.assert_allclose(getattr(ours, kind), frame.rgb, 2**-11, least)
+                np.testing.assert_allclose(ours[kind], frame.rgb, 2**-11, least)
                 assert frame.meta["spp"] == truth.spp
                 # from the noisy image, not from the clean one
-                own = exposure_of(getattr(ours, kind), ToneParams())
+                own = exposure_of(ours[kind], ToneParams())
                 assert getattr(ours, f"exposure_{kind}") == own
                 assert own != getattr(theirs, f"exposure_{kind}")
 
@@ -128,10 +128,10 @@ def test_what_is_denoised_are_the_same_samples(folders: Folders) -> None:
 
 
 def test_fewer_samples_are_further_from_the_clean_truth(folders: Folders) -> None:
-    clean = np.stack([e.color for e in Dataset(folders.data / "dataset", "train").ordered()])
+    clean = np.stack([e["color"] for e in Dataset(folders.data / "dataset", "train").ordered()])
 
     def error(name: str) -> float:
-        views = np.stack([example.color for example in packed(folders, name).ordered()])
+        views = np.stack([example["color"] for example in packed(folders, name).ordered()])
         return float(np.sqrt(np.mean((np.log(views + 0.01) - np.log(clean + 0.01)) ** 2)))
 
     assert error("raw-1") > error("raw-4") and error("raw-1") > error("denoised-1")

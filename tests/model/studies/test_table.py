@@ -107,9 +107,11 @@ def test_the_table_from_the_command_to_the_report(
     views = list(Dataset(folders.data / "dataset", "test", ("noisy",)).ordered())
     values = []
     for view in views:
-        assert view.denoised_color is not None
+        assert view["denoised_color"] is not None
         exposure = color_exposure(view, TABLE.train.exposure)
-        values.append(psnr(tonemap(view.color, exposure), tonemap(view.denoised_color, exposure)))
+        values.append(
+            psnr(tonemap(view["color"], exposure), tonemap(view["denoised_color"], exposure))
+        )
     denoised = rows["denoised"].metrics["psnr"]
     assert denoised and denoised.mean == pytest.approx(np.mean(values)) and denoised.spread == 0
     assert rows["denoised"].views is None and rows["denoised"].steps is None

@@ -232,7 +232,7 @@ def test_mirrored_views_are_seen_only_where_flips_are_on(workplace: Workplace) -
         batches = batches_from(dataset, params, 0)
         for _ in range(40):
             example = next(batches)[0]
-            seen[flips] += not np.array_equal(example.depth, originals[example.name].depth)
+            seen[flips] += not np.array_equal(example["depth"], originals[example.name].depth)
     assert 8 < seen[True] < 32 and seen[False] == 0
 
 
@@ -259,7 +259,7 @@ def test_one_view_is_learned_by_heart(workplace: Workplace) -> None:
     example = next(Dataset(folders.data / "dataset", "train").ordered())
     with torch.no_grad():
         predicted = to_image(network(encode([example])))
-    assert ssim(tonemap(example.shading, example.exposure_shading), predicted) > 0.97
+    assert ssim(tonemap(example["shading"], example.exposure_shading), predicted) > 0.97
 
 
 def test_the_learning_rate_is_constant_or_half_a_cosine() -> None:

@@ -202,7 +202,7 @@ def test_direct_light_of_the_panorama_has_the_shadows(tmp_path: Path) -> None:
     example = example_of(view, given, Card(), None)  # type: ignore[arg-type]
     shadows = light["visibility.Y"].astype(np.float32)
     lit = direct_light(example, 0.5)[0]
-    shaded = direct_light(replace(example, visibility=shadows), 0.5)[0]
+    shaded = direct_light(example.having(visibility=shadows), 0.5)[0]
     assert shadows.min() < 0.5 < shadows.max()
     assert np.array_equal(shaded, lit * shadows[..., None]) and lit.max() > 0
 
