@@ -20,6 +20,7 @@ from pbrnet.model.benchmark.pictures import Task
 from pbrnet.model.benchmark.views import ViewList
 from pbrnet.model.data.reader import Dataset, Example
 from pbrnet.model.evaluation.inference import Networks, load_networks
+from pbrnet.model.methods import METHODS
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.export.images import rgb_planes, write_exr
 from pbrnet.pipeline.tonemap import tonemap
@@ -50,7 +51,7 @@ def submissions(dataset: Path, data: Path, views: ViewList, out: Path) -> dict[T
 
     `data` is the data folder of the dataset: its ledger says what a stage took.
     """
-    reader = Dataset(dataset, "test", ("noisy", "transport"))
+    reader = Dataset(dataset, "test", METHODS["hybrid"].columns)
     names = {(view.scene_id, view.view_id) for view in views.views}
     examples = [one for one in reader.ordered() if (one.scene_id, one.view_id) in names]
     folders: dict[Task, list[Path]] = {}

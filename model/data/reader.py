@@ -372,8 +372,8 @@ def _group_sizes(path: Path, columns: Iterable[str]) -> list[int]:
         missing = [name for name in (*SCALARS, *columns) if name not in names]
         if missing and missing[0] not in (*SCALARS, *PAPER):
             raise InputError(
-                f"{path}: the column {missing[0]!r} is missing, which a network takes; "
-                f"{remedy(missing[0])}"
+                f"{path}: no {', '.join(missing)}, which a network takes; "
+                + "; ".join(dict.fromkeys(map(remedy, missing)))
             )
         if missing:
             raise InputError(

@@ -218,7 +218,8 @@ def _measurable(
             needed += input_named(name).columns if trained_with.get(name) else ()
         missing = [name for name in needed if name not in columns]
         if missing:
-            left_out[method] = f"the dataset has no {missing[0]}; {remedy(missing[0])}"
+            remedies = "; ".join(dict.fromkeys(map(remedy, missing)))
+            left_out[method] = f"the dataset has no {', '.join(missing)}; {remedies}"
     if len(left_out) == len(methods):
         reasons = "; ".join(f"{method}: {reason}" for method, reason in left_out.items())
         raise InputError(f"{folders.models}: no network can be measured ({reasons})")

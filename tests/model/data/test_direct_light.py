@@ -81,7 +81,7 @@ def test_lamps_add_up_and_two_in_one_cell_keep_their_power() -> None:
     both = direct_shading(with_lamp(with_lamp(wall(), *first), *second), 0.5)
     assert both == pytest.approx(one + other, rel=1e-4)
     near = with_lamp(with_lamp(wall(), (0, 0, -3), 2.0), (0.08, 0, -3), 1.0)
-    power = sources(panorama_radiance(near), near.distance)[1]
+    power = sources(panorama_radiance(near), near["distance"])[1]
     assert power.sum(axis=0) == pytest.approx([3.0] * 3, rel=1e-5)
 
 
@@ -91,7 +91,7 @@ def test_lamps_light_in_their_own_colours() -> None:
     views = [with_lamp(wall(), *lamp) for lamp in lamps]
     colours = np.float32([[3.0, 0.5, 0.1], [0.2, 1.3, 0.4]])
     colours /= luminance(colours)[:, None]
-    tint = sum((v.intensity > 0)[..., None] * c for v, c in zip(views, colours, strict=True))
+    tint = sum((v["intensity"] > 0)[..., None] * c for v, c in zip(views, colours, strict=True))
     both = with_lamp(views[0], *lamps[1])
     lit = direct_shading(both.having(tint=tint), 0.5)
     plain = [direct_shading(view, 0.5)[..., :1] for view in views]

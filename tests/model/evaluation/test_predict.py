@@ -321,8 +321,8 @@ def test_light_transport_is_found_beside_the_panorama_or_named() -> None:
         assert "unit: the scene's; 0.00% of the pixels are white" in done.output
     assert Path("beside.png").read_bytes() == Path("named.png").read_bytes()
     for given, words in (
-        (elsewhere, r"has no light transport.*channels: \[transport\]"),
-        ((*elsewhere, *options[:2]), "roughness and metalness are missing"),
+        (elsewhere, "no transport_direct; add 'transport' to channels"),
+        ((*elsewhere, *options[:2]), "no roughness; add 'materials' to channels"),
         ((*elsewhere, "--transport", FRAMES[1]), "without the channel 'direct.R'"),
     ):
         wrong = predict(*given, "--method", "plus", "--out", "wrong.png")

@@ -150,8 +150,8 @@ def test_it_changes_light_by_a_bounded_factor(view: Example) -> None:
     """The factor shows alone if samples and transport agree with the denoised image."""
     same = view.having(noisy_color=view["denoised_color"], transport_color=view["denoised_color"])
     found = color_of(untrained(spread=500.0), same)
-    lit = same.denoised_color > 0.01
-    factor = found[lit] / same.denoised_color[lit]
+    lit = same["denoised_color"] > 0.01
+    factor = found[lit] / same["denoised_color"][lit]
     bound = np.exp(MAX_LOG_FACTOR) * 1.001
     assert 1 / bound < factor.min() < 0.1 and 10 < factor.max() < bound
 
@@ -247,9 +247,9 @@ def test_samples_are_read_where_asked_for_and_turn_with_the_view(tmp_path: Path)
     rows = box_rows(["a"], 1, "train", noisy=True, **SIZE)
     write_shard(tmp_path / "train-00000-of-00001.parquet", rows)
     (plain,) = Dataset(tmp_path, "train").ordered()
-    assert plain.noisy_color is None and mirrored(plain).denoised_color is None
-    with pytest.raises(InputError, match=r"a/v000: has no noisy samples"):
-        encode([plain], noisy_samples=True)
+    assert "noisy_color" not in plain and "denoised_color" not in mirrored(plain)
+    with pytest.raises(InputError, match=r"a/v000: no noisy_color; set noisy\.spp"):
+        encode([plain], ("noisy",))
     (example,) = Dataset(tmp_path, "train", COLUMNS).ordered()
     assert example["noisy_spp"] == 2
     for name in NOISY:
@@ -259,8 +259,8 @@ def test_samples_are_read_where_asked_for_and_turn_with_the_view(tmp_path: Path)
 
 
 def test_without_the_samples_it_says_what_to_do(tmp_path: Path) -> None:
-    box_dataset(tmp_path, 2, 0, 0, **SIZE)
-    with pytest.raises(InputError, match=r"no noisy samples.*hybrid.*set noisy\.spp.*groundtruth"):
+    box_dataset(tmp_path, 2, 0, 0, transport=True, **SIZE)
+    with pytest.raises(InputError, match=r"no noisy_color, .*set noisy\.spp.*dvc repro"):
         train_network("hybrid", PARAMS, Folders(tmp_path, tmp_path))
 
 
@@ -306,7 +306,7 @@ def test_evaluation_without_samples_says_what_is_missing(trained: Folders, tmp_p
     write_shard(tmp_path / "data" / "dataset" / "test-00000-of-00001.parquet", rows)
     result = evaluate(PARAMS, replace(trained, data=tmp_path / "data", metrics=tmp_path))
     assert "hybrid" not in result["methods"]
-    assert "no light transport" in result["left_out"]["hybrid"]
+    assert "no transport_direct, " in result["left_out"]["hybrid"]
 
 
 @pytest.fixture

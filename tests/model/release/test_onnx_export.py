@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +54,7 @@ def test_the_exported_module_draws_what_the_method_draws(
     assert ("intensity" in names, "roughness" in names) == (method == "pbrnet", materials)
     assert ("noisy_spp" in names) == (method == "hybrid")
     chain = ExportedMethod(networks).eval()
-    dark = replace(views[0], intensity=0 * views[0].intensity, distance=0 * views[0].distance)
+    dark = views[0].having(intensity=0 * views[0]["intensity"], distance=0 * views[0]["distance"])
     for example in (*views, dark):
         made = networks.predict(method, example)
         with torch.no_grad():

@@ -154,8 +154,8 @@ def as_it_is(example: Example) -> LitView:
         example,
         example["intensity"],
         example["distance"],
-        example["tint"],
-        example["visibility"],
+        example.images.get("tint"),
+        example.images.get("visibility"),
         example["shading"],
         example["color"],
     )

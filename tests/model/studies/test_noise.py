@@ -170,7 +170,7 @@ def test_packs_of_the_same_rows_are_read_in_the_same_order(tmp_path: Path) -> No
     assert orders[0] == orders[1] and len(set(orders[0])) == 6
     assert same.plans() == {"a-0": "a", "c-0": "c"}
     for ours, theirs in zip(other.ordered(), same.ordered(), strict=True):
-        np.testing.assert_allclose(ours.color, theirs.color / 4, rtol=2e-3, atol=1e-6)
+        np.testing.assert_allclose(ours["color"], theirs["color"] / 4, rtol=2e-3, atol=1e-6)
         ratio = ours.exposure_shading.scale / theirs.exposure_shading.scale
         assert ratio == pytest.approx(4, rel=1e-2)
 

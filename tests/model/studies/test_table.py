@@ -104,7 +104,7 @@ def test_the_table_from_the_command_to_the_report(
     assert "standard deviation over 2 trainings" in words
 
     # scores without a network do not depend on the seed
-    views = list(Dataset(folders.data / "dataset", "test", ("noisy",)).ordered())
+    views = list(Dataset(folders.data / "dataset", "test", ("denoised_color",)).ordered())
     values = []
     for view in views:
         assert view["denoised_color"] is not None
@@ -134,6 +134,6 @@ def test_a_method_that_lacks_its_samples_is_named(
 ) -> None:
     trial_workplace(folders.data.parent, TABLE, noisy=False)
     code, _, errors = run("--steps", 1, "--seeds", 1, "--method", "hybrid")
-    assert code == 3 and "no noisy samples in it" in errors and "noisy.spp" in errors
+    assert code == 3 and "noisy_color," in errors and "noisy.spp" in errors
     code, _, errors = run("--method", "nothing")
     assert code == 2 and "nothing" in errors

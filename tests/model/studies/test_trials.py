@@ -128,7 +128,7 @@ def test_a_dataset_of_some_scenes_holds_those_alone(folders: Folders) -> None:
     assert [next(stream).name for _ in range(9)][5:] == [next(later).name for _ in range(4)]
     theirs = {example.name: example for example in whole.ordered()}
     for example in some.ordered():
-        assert np.array_equal(example["depth"], theirs[example.name].depth)
+        assert np.array_equal(example["depth"], theirs[example.name]["depth"])
     others = {some.fingerprint(), whole.fingerprint()}
     others.add(Dataset(folders.data / "dataset", "train", only=["a-1", "c-0"]).fingerprint())
     assert len(others) == 3

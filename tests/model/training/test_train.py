@@ -232,7 +232,7 @@ def test_mirrored_views_are_seen_only_where_flips_are_on(workplace: Workplace) -
         batches = batches_from(dataset, params, 0)
         for _ in range(40):
             example = next(batches)[0]
-            seen[flips] += not np.array_equal(example["depth"], originals[example.name].depth)
+            seen[flips] += not np.array_equal(example["depth"], originals[example.name]["depth"])
     assert 8 < seen[True] < 32 and seen[False] == 0
 
 
