@@ -13,10 +13,10 @@ import stat
 import warnings
 from pathlib import Path
 
-import opengl_basisu
 from PIL import Image, ImageOps
 
-from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.installation import optional
 
 FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "PPM", "WEBP")
 MAX_PIXELS = 100_000_000
@@ -51,7 +51,7 @@ def open_image(source: Path | bytes, *, load: bool = True, upright: bool = False
                 image.load()
             if upright:
                 image = ImageOps.exif_transpose(image)
-    except UnreadableImage:
+    except (MachineError, UnreadableImage):
         raise
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise UnreadableImage(str(error)) from None
@@ -77,13 +77,14 @@ def _open_ktx(source: Path | bytes) -> Image.Image:
     """The first image of a KTX 2.0 file, decoded from ETC1S or UASTC to 8-bit RGB or RGBA."""
     if isinstance(source, Path) and source.stat().st_size > MAX_KTX_BYTES:
         raise UnreadableImage(f"larger than the limit of {MAX_KTX_BYTES >> 20} MiB")
+    basis = optional("opengl_basisu")
     try:
-        texture = opengl_basisu.open(source)
+        texture = basis.open(source)
         if texture.width * texture.height > MAX_PIXELS:
             raise UnreadableImage(f"{texture.width} x {texture.height} pixels")
         mode = "RGBA" if texture.has_alpha else "RGB"
         pixels = texture.transcode("rgba8").data
-    except opengl_basisu.BasisuError as error:
+    except basis.BasisuError as error:
         raise UnreadableImage(
             f"a KTX2 image that cannot be decoded ({error}); convert the model's textures to PNG "
             "or WebP, for example with 'gltf-transform webp'"

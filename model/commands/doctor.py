@@ -54,9 +54,13 @@ EXTRAS = (
         "pbrnet[export]",
         "pbrnet export-data to HDF5 and COCO",
     ),
-    Extra("draco", ("DracoPy",), "DracoPy", "glTF with KHR_draco_mesh_compression"),
-    Extra("meshopt", ("meshopt",), "meshopt", "glTF with EXT_meshopt_compression"),
-    Extra("ktx2", ("opengl_basisu",), "opengl_basisu", "glTF with KHR_texture_basisu"),
+    Extra(
+        "formats",
+        ("DracoPy", "meshopt", "opengl_basisu", "collada", "javaobj"),
+        "pbrnet[formats]",
+        "glTF with Draco, meshopt or KTX2; .dae; .sh3d of before 5.3",
+    ),
+    Extra("dvc", ("dvc",), "pbrnet[dvc]", "dvc repro; without it: pbrnet run"),
 )
 NETWORKS = ("shading", "composition", *get_args(Baseline))
 
@@ -136,7 +140,7 @@ def examine() -> list[Finding]:
 
 
 def _packages() -> Finding:
-    names = ("mitsuba", "drjit", "torch", "dask", "pyarrow", "OpenEXR", "dvc")
+    names = ("mitsuba", "drjit", "torch", "dask", "pyarrow", "OpenEXR")
     found, missing = [], []
     for name in names:
         try:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.formats.collada import read_dae
 from pbrnet.scenes.formats.model_parts import UnreadableModel
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.materials.textures import TextureStore
 from pbrnet.scenes.importing.sandbox import Sandbox
 from pbrnet.scenes.importing.shape import MAX_SCENE_TRIANGLES
+from pbrnet.scenes.installation import optional
 from pbrnet.scenes.models.model import Model
 from pbrnet.scenes.models.parts import PartImages, model_of_parts, read_bytes
 
@@ -21,7 +21,7 @@ def read_model(
     """Read a `.dae` file; see `importer.ModelReader`."""
     images = PartImages(path, sandbox, changes)
     try:
-        found = read_dae(
+        found = optional("pbrnet.scenes.formats.collada").read_dae(
             read_bytes(path),
             images.find,
             changes.note,

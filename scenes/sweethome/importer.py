@@ -23,11 +23,11 @@ from pbrnet.scenes.contract import (
 )
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.archive import MAX_XML, HomeArchive
-from pbrnet.scenes.formats.java_objects import MAX_BYTES
 from pbrnet.scenes.geometry.regions import union
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.light.plan import note_filled, note_without_light
 from pbrnet.scenes.importing.materials.textures import TextureStore
+from pbrnet.scenes.installation import optional
 from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.sweethome.building.plan import Level, building_items, planned_levels
 from pbrnet.scenes.sweethome.building.slabs import build_ground
@@ -39,7 +39,6 @@ from pbrnet.scenes.sweethome.furnishing.missing import MissingPiece, note_missin
 from pbrnet.scenes.sweethome.furnishing.models import Models
 from pbrnet.scenes.sweethome.furnishing.pieces import furniture_items
 from pbrnet.scenes.sweethome.home import Home
-from pbrnet.scenes.sweethome.java_home import home_xml
 from pbrnet.scenes.sweethome.options import SweetHomeOptions
 from pbrnet.scenes.sweethome.reader import read_home
 from pbrnet.scenes.sweethome.rooms import (
@@ -190,7 +189,9 @@ def _home_xml(archive: HomeArchive, changes: Changes) -> bytes:
     if "Home" not in archive:
         raise InputError(f"{archive.path}: no Home.xml inside; not a Sweet Home 3D home")
     changes.note("the home is of a version before 5.3: its serialised objects were read")
-    return home_xml(archive.read("Home", MAX_BYTES), f"{archive.path}: Home")
+    java = optional("pbrnet.scenes.sweethome.java_home")
+    made: bytes = java.home_xml(archive.read("Home", java.MAX_BYTES), f"{archive.path}: Home")
+    return made
 
 
 def _indoor_first(

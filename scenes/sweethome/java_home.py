@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.formats.java_objects import MAX_BYTES as MAX_BYTES
 from pbrnet.scenes.formats.java_objects import JavaRecord, read_java_object
 
 _MODEL = "com.eteks.sweethome3d.model."

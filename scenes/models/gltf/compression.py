@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import DracoPy
-import meshopt
 import numpy as np
 
 from pbrnet.scenes.arrays import AnyArray, Int64Array
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.installation import optional
 
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
@@ -29,8 +28,9 @@ class DracoMesh:
 
 def decode_draco(data: bytes, where: str) -> DracoMesh:
     """Decode a Draco mesh; `InputError` begins with `where` if it is damaged or a point cloud."""
+    draco = optional("DracoPy")
     try:
-        decoded = DracoPy.decode(data)
+        decoded = draco.decode(data)
     except Exception as error:  # the decoder raises its own types, and MemoryError
         raise InputError(f"{where}: the Draco data is damaged ({error})") from None
     faces = getattr(decoded, "faces", None)
@@ -53,6 +53,7 @@ def decode_meshopt(
         raise InputError(
             f"{where}.filter: expected one of {', '.join(_FILTERS)}, got {filtered!r:.40}"
         )
+    meshopt = optional("meshopt")
     try:
         decoded = meshopt.decode_gltf_buffer(data, count, stride, mode, filtered)
     except (ValueError, RuntimeError, TypeError, MemoryError) as error:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.archive import HomeArchive
-from pbrnet.scenes.formats.collada import read_dae
 from pbrnet.scenes.formats.max3ds import read_3ds
 from pbrnet.scenes.formats.model_parts import Model, ModelMaterial, UnreadableModel
 from pbrnet.scenes.formats.mtl import MAX_MTL
 from pbrnet.scenes.formats.obj_model import read_model_materials, read_obj_model
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.installation import optional
 from pbrnet.scenes.sweethome.furnishing.missing import ABSENT
 
 _SUFFIXES = (".obj", ".dae", ".3ds")  # of models in a zip; the first is preferred
@@ -74,7 +74,11 @@ def read_model(archive: HomeArchive, member: str, changes: Changes) -> Model:
     if kind == "OBJ":
         return read_obj_model(data, member, library)
     if kind == "COLLADA":
-        return read_dae(data, image, lambda lost: changes.note(f"{lost}: {{}}", member))
+        collada = optional("pbrnet.scenes.formats.collada")
+        parts: Model = collada.read_dae(
+            data, image, lambda lost: changes.note(f"{lost}: {{}}", member)
+        )
+        return parts
     if kind == "3DS":
         return read_3ds(data, image)
     raise UnreadableModel(f"{kind} models are not read")
