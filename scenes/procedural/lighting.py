@@ -144,7 +144,10 @@ def draw_screen_states(rng: Draw, setting: str, items: Sequence[SceneItem]) -> d
 
 def lamp_descriptions(items: Sequence[SceneItem]) -> list[Lamp]:
     """Return a `Lamp` for each item with a light source."""
-    return [Lamp(item.id, item.room, _lumens(item)) for item in lamp_items(items)]
+    return [
+        Lamp(item.id, item.room, sum(part.lumens for part in item.parts))
+        for item in lamp_items(items)
+    ]
 
 
 def choose_lit_lamps(
@@ -239,7 +242,3 @@ def area_emitter(part: PiecePart, weight: float = 1.0, image: str = "") -> str:
         f'<emitter type="area">{emission}'
         f'<float name="sampling_weight" value="{weight * sampling_weight(part):.4g}"/></emitter>'
     )
-
-
-def _lumens(item: SceneItem) -> float:
-    return sum(part.lumens for part in item.parts)

@@ -8,7 +8,10 @@ left out; `RoomSpace` decides which poses are valid.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
+from pbrnet.scenes.checked import build
+from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
 from pbrnet.scenes.procedural.furnishing.clutter import leave_things
 from pbrnet.scenes.procedural.furnishing.drapery import drape_cloth
@@ -28,6 +31,16 @@ from pbrnet.scenes.procedural.plan import Plan
 from pbrnet.scenes.procedural.scene_item import Pose, SceneItem
 from pbrnet.scenes.seeds import Draw
 
+
+@dataclass(frozen=True)
+class _Tables:
+    """The tables of `placement.yaml`."""
+
+    ceiling_lamps: dict[str, tuple[str, ...]]
+    on_furniture: dict[str, tuple[tuple[str, ...], int, int]]
+
+
+_TABLES = build(_Tables, data_beside(__file__))
 _FURNISH_ROOM: dict[str, Callable[[Furnisher], None]] = {
     "living": furnish_living,
     "bedroom": furnish_bedroom,
@@ -72,16 +85,7 @@ def _hang_ceiling_lamp(furnisher: Furnisher) -> None:
     hanging = any(item.kind == "pendant_lamp" for item in space.items)
     if hanging and furnisher.area < 16:
         return
-    kinds = {
-        "study": ["ceiling_lamp", "spot_rail"],
-        "kitchen": ["ceiling_lamp", "spot_rail"],
-        "living": ["ceiling_lamp", "pendant_lamp"],
-        "bedroom": ["ceiling_lamp", "ceiling_lamp", "pendant_lamp"],
-        "dining": ["ceiling_lamp", "pendant_lamp"],
-        "bathroom": ["ceiling_lamp"],
-        "hall": ["ceiling_lamp", "spot_rail"],
-    }[furnisher.room.type]
-    kind = rng.pick(kinds)
+    kind = rng.pick(_TABLES.ceiling_lamps[furnisher.room.type])
     lamp = (
         furnisher.make(kind, drop=min(0.5, furnisher.plan.height - 2.05))
         if kind == "pendant_lamp"
@@ -98,33 +102,10 @@ def _hang_ceiling_lamp(furnisher: Furnisher) -> None:
 def _place_small_objects(furnisher: Furnisher) -> None:
     """Place small objects on the support surfaces of the room's furniture."""
     rng = furnisher.rng
-    # Kind of furniture -> kinds of objects, least and greatest number of attempts.
-    wanted: dict[str, tuple[tuple[str, ...], int, int]] = {
-        "coffee_table": (("books_stack", "vase", "candle", "fruit_bowl", "laptop"), 0, 2),
-        "side_table": (("books_stack", "small_plant", "candle", "vase"), 0, 2),
-        "night_table": (("books_stack", "small_plant", "candle"), 0, 1),
-        "tv_stand": (("vase", "small_plant", "books_stack", "candle"), 0, 2),
-        "desk": (("books_stack", "small_plant", "laptop", "vase"), 0, 2),
-        "dining_table": (("fruit_bowl", "vase", "crockery", "candle", "bottle"), 0, 2),
-        "sideboard": (("vase", "books_stack", "small_plant", "candle", "table_lamp"), 1, 3),
-        "console_table": (("vase", "small_plant", "table_lamp", "books_stack"), 0, 2),
-        "chest_of_drawers": (("table_lamp", "vase", "books_stack", "small_plant"), 0, 2),
-        "base_cupboard": (("kettle", "microwave", "bottle", "fruit_bowl", "crockery"), 0, 1),
-        "drawer_unit": (("kettle", "crockery", "cooking_pot", "small_plant"), 0, 1),
-        "wash_basin": (("toiletries", "candle"), 0, 1),
-        "washing_machine": (("toiletries", "storage_box", "small_plant"), 0, 1),
-        "toilet": (("small_plant", "candle"), 0, 1),
-        "bookshelf": (("small_plant", "storage_box", "vase", "laptop"), 0, 2),
-        "wardrobe": (("storage_box",), 0, 1),
-        "fridge": (("storage_box", "small_plant", "microwave"), 0, 1),
-        "wall_shelf": (("small_plant", "books_stack", "vase", "candle"), 0, 2),
-        "bath_tub": (("toiletries", "candle"), 0, 1),
-        "niche": (("vase", "books_stack", "books_stack", "small_plant", "candle"), 3, 6),
-    }
     for item in [*furnisher.space.items, *furnisher.space.niches]:
-        if item.kind not in wanted or not item.piece.surfaces:
+        if item.kind not in _TABLES.on_furniture or not item.piece.surfaces:
             continue
-        kinds, low, high = wanted[item.kind]
+        kinds, low, high = _TABLES.on_furniture[item.kind]
         for _ in range(rng.whole(low, high + 1)):
             kind = rng.pick(kinds)
             # A niche was built for them.

@@ -26,6 +26,7 @@ from pbrnet.scenes.seeds import Draw, derive, generator
 
 SEEDS = 6  # different draws of each family
 WEARS = 3  # steps from new to old
+_STEEPEST = 1.2
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,14 @@ def _family(row: dict[str, Any], grains: dict[str, woods.Grain]) -> Family:
     """Read a row of `families.yaml`; keys that are none of `Family`'s are options of `make`."""
     options = dict(row)
     module, _, function = options.pop("make").partition(".")
-    how = {key: options.pop(key) for key in ("detail", "hard", "sheen", "wears") if key in options}
+    names = ("detail", "hard", "sheen", "wears")
+    how: dict[str, Any] = {name: options.pop(name) for name in names if name in options}
+    how.setdefault("wears", 1.0 if how.get("hard", True) else 0.7)
     if isinstance(options.get("grain"), str):
         options["grain"] = grains[options["grain"]]
     make = partial(getattr(_MODULES[module], function), **options)
     signature(make).bind(None, 64)  # TypeError for an unknown option
-    return Family(make, **{"wears": 1.0 if how.get("hard", True) else 0.7} | how)
+    return Family(make, **how)
 
 
 def _read() -> tuple[dict[str, dict[str, Family]], dict[str, tuple[str, ...]]]:
@@ -123,17 +126,17 @@ def surface(kind: str, family: str, seed: int, size: int, wear: int = 0) -> Surf
     return worn(made, generator(seed, "wear", kind, family), level, how.hard)
 
 
-def normal_map(made: Surface, steepest: float = 1.2) -> UInt8Array:
+def normal_map(made: Surface) -> UInt8Array:
     """Return a surface's normals as an image (size, size, 3); x along u, y along v.
 
-    Slopes are those of the heights in metres, at most `steepest`.
+    Slopes are those of the heights in metres, at most `_STEEPEST`.
     """
     size = made.height.shape[0]
     step = np.float32(2 * made.metres / size)
     slope_u, slope_v = _difference(made.height, 1), _difference(made.height, 0)
     for slope in (slope_u, slope_v):
         slope /= step
-        np.clip(slope, -steepest, steepest, out=slope)
+        np.clip(slope, -_STEEPEST, _STEEPEST, out=slope)
     length = 1 + slope_u * slope_u
     length += slope_v * slope_v
     np.sqrt(length, out=length)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.procedural.piece import PiecePart, Trace
+from pbrnet.scenes.procedural.piece import Trace
 from pbrnet.scenes.procedural.scene_item import SceneItem
 from pbrnet.scenes.procedural.use.faces import Face, split
 from pbrnet.scenes.seeds import Draw
@@ -24,13 +24,13 @@ def _on_table(face: Face, rng: Draw) -> list[Trace]:
         found.append(Trace("touch", a, b, 0.16, round(rng.between(0.4, 0.9), 2)))
     middle = face.inside(0.5, 0.5)
     found.append(Trace("scuff", middle, middle, round(0.5 * min(face.size), 3), 0.7))
-    return found + _rings(face, rng, 2, 7) + _spots(face, rng, "spill", 0, 3, (0.03, 0.09))
+    return found + _rings(face, rng, 2, 7) + _spills(face, rng, 0, 3, (0.03, 0.09))
 
 
 def _on_low_table(face: Face, rng: Draw) -> list[Trace]:
     middle = face.inside(0.5, 0.5)
     touched = Trace("touch", middle, middle, round(0.5 * min(face.size), 3), 0.5)
-    return [touched, *_rings(face, rng, 1, 5), *_spots(face, rng, "spill", 0, 2, (0.02, 0.06))]
+    return [touched, *_rings(face, rng, 1, 5), *_spills(face, rng, 0, 2, (0.02, 0.06))]
 
 
 def _on_desk(face: Face, rng: Draw) -> list[Trace]:
@@ -41,24 +41,24 @@ def _on_desk(face: Face, rng: Draw) -> list[Trace]:
 
 def _by_sink(face: Face, rng: Draw) -> list[Trace]:
     a, b = face.inside(0.2, 0.5), face.inside(0.8, 0.5)
-    return [Trace("scale", a, b, 0.3, 0.8), *_spots(face, rng, "spill", 1, 3, (0.03, 0.07))]
+    return [Trace("scale", a, b, 0.3, 0.8), *_spills(face, rng, 1, 3, (0.03, 0.07))]
 
 
 def _by_hob(face: Face, rng: Draw) -> list[Trace]:
     a, b = face.inside(0.1, 0.5), face.inside(0.9, 0.5)
-    return [Trace("touch", a, b, 0.35, 0.9), *_spots(face, rng, "spill", 3, 7, (0.015, 0.05))]
+    return [Trace("touch", a, b, 0.35, 0.9), *_spills(face, rng, 3, 7, (0.015, 0.05))]
 
 
 def _on_worktop(face: Face, rng: Draw) -> list[Trace]:
     middle = face.inside(0.5, 0.45)
     cut = Trace("scuff", middle, middle, 0.26, round(rng.between(0.4, 1.0), 2))
-    return [cut, *_rings(face, rng, 0, 3), *_spots(face, rng, "spill", 0, 3, (0.02, 0.06))]
+    return [cut, *_rings(face, rng, 0, 3), *_spills(face, rng, 0, 3, (0.02, 0.06))]
 
 
 def _on_rug(face: Face, rng: Draw) -> list[Trace]:
     a, b = face.inside(0.2, 0.4), face.inside(0.8, 0.6)
     walked = Trace("walk", a, b, round(0.45 * min(face.size), 3), 0.9)
-    return [walked, *_spots(face, rng, "spill", 0, 3, (0.04, 0.12))]
+    return [walked, *_spills(face, rng, 0, 3, (0.04, 0.12))]
 
 
 # Name of an item -> name of its part, and the traces on top of it.
@@ -85,13 +85,11 @@ def _rings(face: Face, rng: Draw, low: int, high: int) -> list[Trace]:
     return found
 
 
-def _spots(
-    face: Face, rng: Draw, kind: str, low: int, high: int, radius: tuple[float, float]
-) -> list[Trace]:
+def _spills(face: Face, rng: Draw, low: int, high: int, radius: tuple[float, float]) -> list[Trace]:
     found = []
     for _ in range(rng.whole(low, high)):
         place = face.inside(*rng.uniform(0.05, 0.95, 2).tolist())
-        found.append(Trace(kind, place, place, round(rng.between(*radius), 3)))
+        found.append(Trace("spill", place, place, round(rng.between(*radius), 3)))
     return found
 
 
@@ -135,9 +133,5 @@ def on_seats(item: SceneItem, rng: Draw) -> SceneItem:
                 found.append(Trace("seat", middle, middle, radius, round(rng.between(0.6, 1), 2)))
         return found
 
-    names = [part.name for part in item.parts if _kind(part) in ("fabric", "leather")]
+    names = [part.name for part in item.parts if part.material.kind in ("fabric", "leather")]
     return split(item, names[0], np.array([0.0, 0.0, 1.0]), traces, rng) if names else item
-
-
-def _kind(part: PiecePart) -> str:
-    return part.material.kind
