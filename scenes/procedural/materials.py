@@ -18,6 +18,7 @@ import shutil
 import zlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
 import OpenEXR
@@ -92,9 +93,7 @@ class MaterialLibrary:
 
     def tile(self, material: Material | CatalogueMaterial) -> float:
         """Return the period of the texture of `material` in metres; 1 without a pattern."""
-        if isinstance(material, CatalogueMaterial) or not has_surface(material.kind):
-            return 1.0  # the uvs of a catalogue's meshes are in units of the image already
-        if material.kind == "picture":
+        if not _repeats(material):
             return 1.0
         drawn = self._surface(material)
         scale = material.scale
@@ -116,9 +115,7 @@ class MaterialLibrary:
         They are shifted by the material's own offset, by whole modules where there are joints, and
         mirrored where (u, v, normal) is left-handed, so that bumps are not hollows.
         """
-        if isinstance(material, CatalogueMaterial) or not has_surface(material.kind):
-            return uvs
-        if material.kind == "picture":
+        if not _repeats(material):
             return uvs
         if material.use is not None:
             return (uvs - material.use.low) / self._layout(material).size
@@ -168,12 +165,8 @@ class MaterialLibrary:
         return list(self._xml)
 
     def _describe(self, material: Material, name: str) -> str:
-        if material.kind == "mirror":
-            rgb = _rgb("specular_reflectance", material.color)
-            inner = f'<bsdf type="conductor"><string name="material" value="none"/>{rgb}</bsdf>'
-            return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
-        if material.kind == "glass":
-            return f'<bsdf type="thindielectric" id="{name}"/>'
+        if material.kind in ("mirror", "glass"):
+            return _smooth(material, name)
         if material.use is not None:
             color, rough, normal = self._traced(material, material.use, name)
             return self._principled(material, name, color, rough, normal)
@@ -220,12 +213,9 @@ class MaterialLibrary:
             (self.wear if material.wear is None else material.wear) * (1 + family.wears) / 2,
             family.hard,
         )
-        for image, part in (
-            (color, ""),
-            (rough, "-rough"),
-            (spread(drawn.normal, layout), "-normal"),
-        ):
-            self._save(image, name + part)
+        self._save(color, name)
+        self._save(rough, f"{name}-rough")
+        self._save(spread(drawn.normal, layout), f"{name}-normal")
         return (
             _image("base_color", f"textures/{name}.png"),
             _image("roughness", f"textures/{name}-rough.png", raw=True, nearest=True),
@@ -234,12 +224,8 @@ class MaterialLibrary:
 
     def _describe_catalogue(self, material: CatalogueMaterial, name: str) -> str:
         """BSDF of a catalogue material; its images are copied into the scene."""
-        if material.kind == "glass":
-            return f'<bsdf type="thindielectric" id="{name}"/>'
-        if material.kind == "mirror":
-            rgb = _rgb("specular_reflectance", material.color)
-            inner = f'<bsdf type="conductor"><string name="material" value="none"/>{rgb}</bsdf>'
-            return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
+        if material.kind in ("mirror", "glass"):
+            return _smooth(material, name)
         matt = material.kind in ("matt", "sheer") or material.roughness >= 1
         prop = "reflectance" if matt else "base_color"
         color = _rgb(prop, _clamped(material.color, MAX_REFLECTANCE))
@@ -322,6 +308,15 @@ class MaterialLibrary:
         )
 
 
+def _smooth(material: Material | CatalogueMaterial, name: str) -> str:
+    """BSDF of a mirror or of clear glass."""
+    if material.kind == "glass":
+        return f'<bsdf type="thindielectric" id="{name}"/>'
+    rgb = _rgb("specular_reflectance", material.color)
+    inner = f'<bsdf type="conductor"><string name="material" value="none"/>{rgb}</bsdf>'
+    return f'<bsdf type="twosided" id="{name}">{inner}</bsdf>'
+
+
 def colored(material: Material, drawn: PackedSurface, contrast: float = 1.0) -> UInt8Array:
     """Return an sRGB texture, uint8 (size, size, 3), columns along u and rows along v.
 
@@ -332,11 +327,9 @@ def colored(material: Material, drawn: PackedSurface, contrast: float = 1.0) -> 
         material.kind, MAX_REFLECTANCE
     )
     base = np.array(_clamped(material.color, limit), dtype=np.float32)[:, None, None]
-    accent = (
-        np.array(_clamped(material.accent, limit), dtype=np.float32)[:, None, None]
-        if material.accent
-        else base * np.float32(_DEFAULT_ACCENT)
-    )
+    accent = base * np.float32(_DEFAULT_ACCENT)
+    if material.accent:
+        accent = np.array(_clamped(material.accent, limit), dtype=np.float32)[:, None, None]
     mix = drawn.mix * np.float32(1 / 255)
     shade = drawn.shade * np.float32(1 / 128)
     jointed = material.kind in _JOINTED
@@ -373,6 +366,13 @@ def _is_left_handed(
     for k in range(3):
         np.add.at(votes, faces[:, k], np.sign(turn))
     return votes < 0
+
+
+def _repeats(material: Material | CatalogueMaterial) -> TypeGuard[Material]:
+    """Whether a material has a pattern; uvs of others are in units of the image already."""
+    if isinstance(material, CatalogueMaterial) or material.kind == "picture":
+        return False
+    return has_surface(material.kind)
 
 
 def _key(material: Material) -> tuple[str, ...]:

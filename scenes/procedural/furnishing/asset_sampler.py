@@ -143,13 +143,9 @@ def from_catalogue(root: Path, entry: IndexEntry, rule: AssetRule) -> FurnitureP
     asset, parts = _load_parts(root / entry.key, entry.fingerprint)
     low = np.min([part.vertices.min(axis=0) for part in parts], axis=0)
     high = np.max([part.vertices.max(axis=0) for part in parts], axis=0)
-    shift = np.zeros(3)
-    if rule.anchor == "on_wall":
-        shift = np.array([0.0, -high[1], -low[2]])
-    elif rule.anchor == "ceiling":
-        shift = np.array([0.0, 0.0, -high[2]])
-    else:
-        shift = np.array([0.0, 0.0, -low[2]])
+    on_wall = rule.anchor == "on_wall"
+    lifted = -high[2] if rule.anchor == "ceiling" else -low[2]
+    shift = np.array([0.0, -high[1] if on_wall else 0.0, lifted])
     bounds = np.array(asset.boxes, dtype=np.float64).reshape(-1, 2, 3) + shift
     piece = asset.piece
     return FurniturePiece(
@@ -171,7 +167,7 @@ def from_catalogue(root: Path, entry: IndexEntry, rule: AssetRule) -> FurnitureP
             )
             for level in asset.levels
         ),
-        mount_height=max(piece.elevation, _LOWEST_MOUNT) if rule.anchor == "on_wall" else 0.0,
+        mount_height=max(piece.elevation, _LOWEST_MOUNT) if on_wall else 0.0,
         boxes=bounds,
         credit=_credit(asset),
     )

@@ -9,7 +9,7 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array, Int64Array
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, merge
 from pbrnet.scenes.procedural.piece import Material
-from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
+from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.seeds import Draw
 
 NEAREST, FARTHEST = 1500.0, 2050.0  # metres along the ground to the middle of a cloud
@@ -45,8 +45,7 @@ def clouds(rng: Draw, centre: Float64Array, sun: Float64Array, ground: float) ->
                 break
     if not heaps:
         return None
-    part = make_part("clouds", WHITE, *heaps, smooth=True)
-    return SceneItem("outside-clouds", "clouds", "cloud", (part,), True, None)
+    return outdoor_item("clouds", "cloud", make_part("clouds", WHITE, *heaps, smooth=True))
 
 
 def _is_clear(middle: Float64Array, radius: float, sun: Float64Array) -> bool:
@@ -66,19 +65,14 @@ def _heap(rng: Draw, half: float) -> BodyMesh:
         along = (k - 3) / 3 * 0.75 * half + rng.normal(0, 0.05) * half
         size = tall * rng.between(0.55, 0.9) * (1 - 0.5 * (along / half) ** 2)
         across = rng.normal(0, 0.16) * half
-        x, y = (
-            along * np.cos(turn) - across * np.sin(turn),
-            along * np.sin(turn) + across * np.cos(turn),
-        )
+        x = along * np.cos(turn) - across * np.sin(turn)
+        y = along * np.sin(turn) + across * np.cos(turn)
         places.append([x, y, size * rng.between(0.2, 0.75)])
         radii.append(size)
         levels.append(2)
     # Smaller lumps on larger ones, chiefly above.
-    for level, first, last, amount, share in (
-        (1, 0, 7, 26, 0.5),
-        (1, 7, 33, 90, 0.26),
-        (0, 33, 123, 150, 0.13),
-    ):
+    shells = ((1, 0, 7, 26, 0.5), (1, 7, 33, 90, 0.26), (0, 33, 123, 150, 0.13))
+    for level, first, last, amount, share in shells:
         for _ in range(amount):
             parent = rng.whole(first, last)
             way = rng.normal(0, 1, 3)

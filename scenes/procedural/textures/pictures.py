@@ -33,15 +33,10 @@ def picture(rng: Draw, size: int) -> Float64Array:
     soft = 2.0 / size
     if kind == 0:  # a landscape of layered hills
         for layer in range(5):
-            crest = (
-                0.75
-                - 0.14 * layer
-                + 0.05 * np.sin(2 * np.pi * (rng.uniform(0.5, 2) * u + rng.random()))
-            )
-            lay(
-                smoothstep(-soft, soft, crest + ragged - v),
-                palette[layer + 1] * (0.5 + 0.1 * layer),
-            )
+            waves = np.sin(2 * np.pi * (rng.uniform(0.5, 2) * u + rng.random()))
+            crest = 0.75 - 0.14 * layer + 0.05 * waves
+            color = palette[layer + 1] * (0.5 + 0.1 * layer)
+            lay(smoothstep(-soft, soft, crest + ragged - v), color)
     elif kind == 1:  # discs and half discs
         for _ in range(rng.whole(4, 9)):
             x, y, r = rng.random(), rng.random(), rng.uniform(0.06, 0.3)
@@ -104,10 +99,7 @@ def screen_picture(rng: Draw, is_film: bool) -> Float32Array:
     shown[:] = rng.uniform(0.02, 0.35, 3)  # desktop
     for _ in range(rng.whole(1, 4)):
         top, left = rng.whole(2, 30), rng.whole(2, 60)
-        low, right = (
-            rng.whole(top + 35, rows - 3),
-            rng.whole(left + 50, columns - 2),
-        )
+        low, right = rng.whole(top + 35, rows - 3), rng.whole(left + 50, columns - 2)
         shown[top:low, left:right] = paper
         shown[top : top + 4, left:right] = rng.uniform(0.05, 0.6, 3)
         if rng.chance(0.4):
