@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,7 +68,8 @@ def street(rng: Draw, near: float, length: float, turn: float, ground: float) ->
         while x < half - 5:
             if abs(x) < 45 and rng.chance(0.6):
                 flip = facing + (180.0 if rng.chance(0.15) else 0.0)
-                items.append(_car(rng, f"car-{number}", (x + 2.2, y), flip, turn, ground + 0.03))
+                car, name = _draw_car(rng), f"car-{number}"
+                items.append(_parked(car, name, (x + 2.2, y), flip, turn, ground + 0.03))
                 number += 1
             x += rng.between(5.2, 7.5)
     items.append(_lamps(rng, near, half, turn, ground))
@@ -123,24 +124,44 @@ def _lamps(rng: Draw, near: float, half: float, turn: float, ground: float) -> S
     return outdoor_item("street lamps", "lamp", *parts)
 
 
-def _car(
-    rng: Draw,
-    name: str,
-    at: tuple[float, float],
-    facing: float,
-    turn: float,
-    ground: float,
+@dataclass(frozen=True)
+class _Car:
+    """Size of a car in metres, how far its cabin reaches back, and its colour."""
+
+    length: float
+    width: float
+    height: float
+    estate: float
+    paint: str
+
+
+def _draw_car(rng: Draw) -> _Car:
+    length, width, height = rng.between(3.7, 4.7), rng.between(1.68, 1.85), rng.between(1.4, 1.62)
+    return _Car(length, width, height, estate=rng.between(0.0, 0.35), paint=rng.pick(_PAINTS))
+
+
+def _parked(
+    car: _Car, name: str, at: tuple[float, float], facing: float, turn: float, ground: float
 ) -> SceneItem:
-    """Return a parked car along X: body, cabin, wheels and lights."""
-    length, wide, high = (
-        rng.between(low, most) for low, most in ((3.7, 4.7), (1.68, 1.85), (1.4, 1.62))
-    )
-    estate = rng.between(0.0, 0.35)  # how far the cabin reaches back
+    """A car at a place of a street that is then turned, degrees, and put on the ground."""
+    parts = []
+    for label, material, meshes, smooth in _build_car(car):
+        placed = [
+            mesh.turned("z", facing).moved(at[0], at[1]).turned("z", turn).moved(z=ground)
+            for mesh in meshes
+        ]
+        parts.append(make_part(label, material, *placed, smooth=smooth))
+    return outdoor_item(name, "vehicle", *parts)
+
+
+def _build_car(car: _Car) -> list[tuple[str, Material, list[BodyMesh], bool]]:
+    """Body, cabin, wheels and lights along X: (name, material, meshes, smooth)."""
+    wide, high = car.width, car.height
 
     def ring(x0: float, x1: float, half: float, z: float, power: float = 5.0) -> Float64Array:
         return superellipse((x1 - x0) / 2, half, z, power, 40, x=(x0 + x1) / 2)
 
-    a, b = -length / 2, length / 2
+    a, b = -car.length / 2, car.length / 2
     body = [
         ring(a + 0.15, b - 0.15, 0.44 * wide, 0.22),
         ring(a + 0.02, b - 0.04, 0.49 * wide, 0.4),
@@ -148,7 +169,7 @@ def _car(
         ring(a + 0.05, b - 0.06, 0.49 * wide, 0.78),
         ring(a + 0.18, b - 0.5, 0.46 * wide, 0.9),
     ]
-    back, front = a + 0.75 - estate, b - 1.35
+    back, front = a + 0.75 - car.estate, b - 1.35
     cabin = [
         ring(back - 0.25, front + 0.35, 0.45 * wide, 0.86),
         ring(back + 0.12, front - 0.35, 0.38 * wide, high - 0.09),
@@ -173,19 +194,11 @@ def _car(
         for side in (-1, 1)
         for x, lean in ((back - 0.05, 0.2), (0.5 * (back + front), 0.0), (front + 0.15, -0.45))
     ]
-    paint = Material("plastic", hex_color(rng.pick(_PAINTS)), 0.18)
-    groups = [
+    paint = Material("plastic", hex_color(car.paint), 0.18)
+    return [
         ("paint", paint, [loft(np.stack(body)), loft(np.stack(roof)), *pillars], True),
         ("glass", Material("plastic", hex_color("#14181b"), 0.06), [loft(np.stack(cabin))], True),
         ("tyres", Material("paint", hex_color("#1c1c1d"), 0.9), wheels, True),
         ("metal", Material("metal", hex_color("#b4b6b8"), 0.3), [*rims, *lights], False),
         ("tails", Material("plastic", hex_color("#6d1013"), 0.2), tails, False),
     ]
-    parts = []
-    for label, material, meshes, smooth in groups:
-        placed = [
-            mesh.turned("z", facing).moved(at[0], at[1]).turned("z", turn).moved(z=ground)
-            for mesh in meshes
-        ]
-        parts.append(make_part(label, material, *placed, smooth=smooth))
-    return outdoor_item(name, "vehicle", *parts)

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -48,7 +49,7 @@ from pbrnet.scenes.procedural.roof import COVER
 from pbrnet.scenes.procedural.scene_item import SceneItem
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.seeds import generator
-from tests.fixtures.geometry import hits, is_sunk
+from tests.fixtures.geometry import Solids, crossings
 
 SMALL = SceneParams(texture_size=64)
 SEEDS = (8, 5, 14, 7)  # rooms of all types; beams, niches, stairs
@@ -546,32 +547,7 @@ def test_rooms_are_furnished(homes: list[Home]) -> None:
 
 def test_nothing_intersects(homes: list[Home]) -> None:
     for home in homes:
-        items = [
-            item
-            for item in home.scene.objects
-            if item.id in home.bodies
-            and (
-                not item.is_structure
-                or item.category in ("door", "window")
-                or item.id.startswith(("beams-", "stairs-", "niche-"))
-            )
-        ]
-        assert len(items) > 8
-        lows = np.array([item.bbox_min for item in items])
-        highs = np.array([item.bbox_max for item in items])
-        for index, first in enumerate(items):
-            shared = np.minimum(highs[index], highs) - np.maximum(lows[index], lows)
-            meet = np.flatnonzero((shared > _TOUCH).all(axis=1))
-            for second in (items[k] for k in meet[meet > index]):
-                if (first.is_structure and second.is_structure) or is_sunk(first, second):
-                    continue
-                # Cloth sinks into upholstery.
-                soft = {first.category, second.category} & {"textile", "cushion"}
-                deep = _overlap(
-                    home.bodies[first.id], home.bodies[second.id], 0.02 if soft else 0.004
-                )
-                if deep is not None and _cross(home, first, second):
-                    pytest.fail(f"seed {home.seed}: {first.id} in {second.id} by {deep}")
+        assert crossings(Solids(home.scene)) == [], f"seed {home.seed}"
 
 
 def test_furniture_leaves_room_for_skirting(homes: list[Home]) -> None:
@@ -592,52 +568,6 @@ def _boxes_meet(first: SceneObject, second: SceneObject) -> bool:
     low = np.maximum(first.bbox_min, second.bbox_min)
     high = np.minimum(first.bbox_max, second.bbox_max)
     return bool((high - low > _TOUCH).all())
-
-
-def _overlap(first: list, second: list, least: float) -> tuple[float, float] | None:
-    """Shared footprint in m^2 and shared height in m of the first pair of bodies that overlaps."""
-    for a, low_a, high_a in first:
-        for b, low_b, high_b in second:
-            tall = min(high_a, high_b) - max(low_a, low_b)
-            if tall > least and a.intersects(b):
-                shared = a.intersection(b)
-                if shared.buffer(-3e-3).area > 1e-5:
-                    return float(shared.area), tall
-    return None
-
-
-def _cross(home: Home, first: SceneObject, second: SceneObject) -> bool:
-    """Return True if surfaces cross or one is inside the other, even if moved by 4 mm up or down.
-
-    `Home.bodies` are convex hulls: a book on a tray is inside the hull of the tray's rim.
-    """
-    one = home.triangles(first)
-    return all(
-        _pierces(one, other) or _pierces(other, one) or _holds(one, other) or _holds(other, one)
-        for other in (home.triangles(second) + np.array([0, 0, shift]) for shift in (-0.004, 0.004))
-    )
-
-
-def _pierces(one: np.ndarray, other: np.ndarray) -> bool:
-    """Return True if an edge of `one` passes through `other`, 3 mm or more from its ends."""
-    low, high = other.min(axis=(0, 1)) - 0.01, other.max(axis=(0, 1)) + 0.01
-    one = one[((one.max(axis=1) > low) & (one.min(axis=1) < high)).all(axis=1)]
-    starts = one.reshape(-1, 3)
-    edges = np.roll(one, -1, axis=1).reshape(-1, 3) - starts
-    lengths = np.linalg.norm(edges, axis=1)
-    long = lengths > 6e-3
-    if not long.any():
-        return False
-    ways = edges[long] / lengths[long, None]
-    distances = RayCaster(other).cast(starts[long] + 3e-3 * ways, ways)[0]
-    return bool((distances < lengths[long] - 6e-3).any())
-
-
-def _holds(one: np.ndarray, other: np.ndarray) -> bool:
-    """Return True if a ray from the top of `other` crosses `one` an odd number of times."""
-    points = other.reshape(-1, 3)
-    found = hits(points[np.argmax(points[:, 2])], np.array([0.48, 0.36, 0.8]), one)
-    return len(np.unique(np.round(found[found > 0], 5))) % 2 == 1
 
 
 def test_nothing_floats(homes: list[Home]) -> None:
@@ -821,39 +751,32 @@ def test_mitsuba_shows_the_top_row_of_an_image_at_v_0() -> None:
         assert float(np.array(texture.eval(si)).ravel()[0]) == expected
 
 
-@pytest.mark.slow
-def test_many_seeds_find_a_plan_and_furniture() -> None:
-    for seed in (100, 104):
-        _furnishes(seed)
-
-
-@pytest.mark.check
-def test_a_hundred_seeds_find_a_plan_and_furniture() -> None:
-    for seed in range(100, 200):
-        _furnishes(seed)
-
-
-def _furnishes(seed: int) -> None:
-    plan = make_plan(generator(seed, "plan"), 1, 6)
-    style = make_style(generator(seed, "style"))
-    items = furnish(generator(seed, "furniture"), plan, style)
-    assert len({item.id for item in items}) == len(items) > 5 * len(plan.rooms)
+@pytest.mark.parametrize(
+    "seeds",
+    [
+        pytest.param((100, 104), marks=pytest.mark.slow),
+        pytest.param(range(100, 200), marks=pytest.mark.check),
+    ],
+)
+def test_seeds_find_a_plan_and_furniture(seeds: Sequence[int]) -> None:
+    for seed in seeds:
+        plan = make_plan(generator(seed, "plan"), 1, 6)
+        style = make_style(generator(seed, "style"))
+        items = furnish(generator(seed, "furniture"), plan, style)
+        assert len({item.id for item in items}) == len(items) > 5 * len(plan.rooms)
 
 
 @pytest.mark.slow
-def test_a_sample_of_forty_homes_is_made(tmp_path: Path) -> None:
-    _makes_a_home(tmp_path, int(generator(0, "sample of homes").choice(FORTY)))
-
-
-@pytest.mark.slow
-@pytest.mark.check
-def test_forty_homes_are_made(tmp_path: Path) -> None:
-    for seed in FORTY:
-        _makes_a_home(tmp_path, seed)
-
-
-def _makes_a_home(root: Path, seed: int) -> None:
-    folder = root / "home"
-    scene = make_home(folder, f"home-{seed}", SMALL, seed, SETTINGS[seed % 4])
-    assert scene.rooms and scene.lights and scene.portals
-    shutil.rmtree(folder)
+@pytest.mark.parametrize(
+    "seeds",
+    [
+        (generator(0, "sample of homes").pick(FORTY),),
+        pytest.param(FORTY, marks=pytest.mark.check),
+    ],
+)
+def test_more_homes_are_made(tmp_path: Path, seeds: Sequence[int]) -> None:
+    for seed in seeds:
+        folder = tmp_path / "home"
+        scene = make_home(folder, f"home-{seed}", SMALL, seed, SETTINGS[seed % 4])
+        assert scene.rooms and scene.lights and scene.portals
+        shutil.rmtree(folder)

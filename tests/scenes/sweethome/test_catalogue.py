@@ -485,13 +485,16 @@ def test_a_thousand_homes_with_real_catalogues(first: int, tmp_path: Path) -> No
 
 
 def test_the_geometry_check_finds_what_is_wrong(tmp_path: Path) -> None:
-    """Boxes of 40 cm: sunk 2 cm into each other, touching, standing on one another, hanging."""
+    """Boxes of 40 cm: sunk 2 cm into each other, touching, standing on one another, hanging.
+
+    And one of 10 cm inside.
+    """
 
     def scene(lows: dict[str, tuple[float, float, float]]) -> Solids:
         (tmp_path / "meshes").mkdir(exist_ok=True)
         items = []
         for name, low in lows.items():
-            high = tuple(value + 0.4 for value in low)
+            high = tuple(value + (0.1 if name == "small" else 0.4) for value in low)
             corners = _corners([(low, high)])  # type: ignore[list-item]
             faces = np.arange(3 * len(corners)).reshape(-1, 3)
             write_ply(tmp_path / "meshes" / f"{name}.ply", Mesh(corners.reshape(-1, 3), faces))
@@ -507,6 +510,7 @@ def test_the_geometry_check_finds_what_is_wrong(tmp_path: Path) -> None:
     assert floating(sunk, sunk.scene.rooms[0]) == ["b"]
     stacked = scene({"a": (1, 1, 0), "b": (1.1, 1.1, 0.4), "c": (1.4, 1.0, 0)})
     assert crossings(stacked) == [] and floating(stacked, stacked.scene.rooms[0]) == []
+    assert crossings(scene({"a": (1, 1, 0), "small": (1.1, 1.2, 0.15)})) == [("a", "small")]
     hanging = scene({"a": (1, 1, 0), "b": (1.1, 1.1, 0.43), "c": (0.0, 2.0, 1.0)})
     assert floating(hanging, hanging.scene.rooms[0]) == ["b"]  # c is on the wall
 
