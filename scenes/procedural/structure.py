@@ -262,7 +262,7 @@ def _reveals(opening: Opening) -> list[BodyMesh]:
     high = opening.z1
 
     # Corners (along, into the wall, up) of each.
-    sides = [
+    sides: list[list[tuple[float, float, float]]] = [
         [(0, 0, low), (0, deep, low), (0, deep, high), (0, 0, high)],
         [(width, deep, low), (width, 0, low), (width, 0, high), (width, deep, high)],
         [(0, 0, high), (0, deep, high), (width, deep, high), (width, 0, high)],

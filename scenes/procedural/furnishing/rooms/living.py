@@ -151,7 +151,7 @@ def _lay_rug_before(
 
 def _stand_beside(furnisher: Furnisher, sofa: PlacedPiece) -> None:
     half = 0.5 * float(np.ptp(sofa.piece.bounds[:, 0]))
-    for side in furnisher.rng.shuffled((-1, 1)):
+    for side in furnisher.rng.shuffled((-1.0, 1.0)):
         if not furnisher.chance(0.7):
             continue
         kind = "side_table" if furnisher.chance(0.6) else "floor_lamp"
@@ -169,7 +169,7 @@ def place_armchair(furnisher: Furnisher, sofa: PlacedPiece | None) -> None:
     rng, space = furnisher.rng, furnisher.space
     piece = furnisher.make("armchair")
     if sofa is not None:
-        for side in rng.shuffled((-1, 1)):
+        for side in rng.shuffled((-1.0, 1.0)):
             pose = sofa.pose.beside(side * rng.between(1.5, 1.9), -1.45, side * -90.0)
             if space.try_place("armchair", piece, pose, allow=(sofa.id,)):
                 return
