@@ -20,6 +20,11 @@ UInt8Array = npt.NDArray[np.uint8]
 ArrayOrTensor = Any  # a NumPy array; while a network is exported, a torch tensor
 
 
+def as_triple(values: Float64Array) -> tuple[float, float, float]:
+    """An array (3,), such as a point or a colour, as Python floats."""
+    return (float(values[0]), float(values[1]), float(values[2]))
+
+
 def array_namespace(array: ArrayOrTensor) -> Any:
     """Return the module that computes with this array: `numpy`, or `torch` for a tensor.
 

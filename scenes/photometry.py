@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from pbrnet.scenes.arrays import as_triple
 from pbrnet.scenes.color import REC709, XYZ_TO_RGB, Color
 
 LUMEN = 1.6e-5  # radiometric power, in `sunsky`'s units x m^2, of one lumen of white light
@@ -44,7 +45,7 @@ def blackbody(kelvin: float) -> Color:
     xyz = np.array([x / y, 1.0, (1 - x - y) / y])
     rgb = np.maximum(XYZ_TO_RGB @ xyz, 0)
     rgb /= rgb @ REC709
-    return (float(rgb[0]), float(rgb[1]), float(rgb[2]))
+    return as_triple(rgb)
 
 
 def color_temperature(rgb: Color) -> float:

@@ -18,6 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from shapely.geometry import box
 
+from pbrnet.scenes.arrays import as_triple
 from pbrnet.scenes.contract import (
     MAX_EXTENT,
     Credit,
@@ -45,7 +46,7 @@ from pbrnet.scenes.importing.light.plan import (
     note_sky,
 )
 from pbrnet.scenes.importing.objects import group_objects, hollow_furniture, type_of_room
-from pbrnet.scenes.importing.shape import Emitter, Shape, as_triple, bounds_of
+from pbrnet.scenes.importing.shape import Emitter, Shape, bounds_of
 from pbrnet.scenes.importing.shapes.panes import frosted_openings, remove_panes, solid_corners
 from pbrnet.scenes.importing.shapes.sealing_shapes import sealing_shape, structure_object
 from pbrnet.scenes.importing.writer import write_scene_xml

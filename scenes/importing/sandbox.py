@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import resolved
+from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.opened_files import OpenedFiles
 
 # Where the images of `X/meshes/X.dae` lie, seen from `X`: Gazebo's layout, and the usual others.
@@ -62,6 +63,12 @@ class Sandbox:
         self.trusted = frozenset(trusted)
         self._folders = [self.folder]
         self.relocated: list[tuple[str, str]] = []  # name in the scene, path where it was found
+
+    def note_relocated(self, changes: Changes) -> None:
+        """Note the files that were found under another path than the scene gives."""
+        for old, new in self.relocated:
+            if old != new:
+                changes.note("files were found under another path: {}", f"{old!r} as {new!r}")
 
     def add_folder(self, name: str, place: str) -> None:
         """Search one more folder (a `<path>` element); it must lie inside `root`."""

@@ -8,10 +8,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
+from pbrnet.scenes.color import Color
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.importing.materials.surface import Surface
+from pbrnet.scenes.importing.xml_elements import plugin
 
 MAX_SHAPES = 100_000  # of a scene
 MAX_SCENE_TRIANGLES = 20_000_000
@@ -55,9 +57,18 @@ def bounds_of(shapes: list[Shape]) -> tuple[Float64Array, Float64Array]:
     return bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
 
 
-def as_triple(values: Float64Array) -> tuple[float, float, float]:
-    """An array (3,) as a tuple of Python floats."""
-    return (float(values[0]), float(values[1]), float(values[2]))
+def point_light(place: tuple[float, float, float], intensity: Color) -> Emitter:
+    """A light without extent at `place`, which shines evenly to all sides."""
+    made = plugin("emitter", "point", intensity=intensity)
+    made.append(Element("point", {"name": "position", "value": " ".join(map(str, place))}))
+    return Emitter(made, ("point",), place)
+
+
+def directional_light(direction: Float64Array, irradiance: Color) -> Emitter:
+    """A light infinitely far away that shines in `direction` (3,)."""
+    made = plugin("emitter", "directional", irradiance=irradiance)
+    made.append(Element("vector", {"name": "direction", "value": " ".join(map(str, direction))}))
+    return Emitter(made, ("directional",))
 
 
 def make_object(

@@ -14,6 +14,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from pbrnet.scenes.arrays import as_triple
 from pbrnet.scenes.color import REC709, Color
 from pbrnet.scenes.importing.materials.surface import (
     Surface,
@@ -180,8 +181,7 @@ def _relative(bsdf: Bsdf, value: Color | Node | None, outside: float, default: f
     if isinstance(value, Node):
         bsdf.note("the texture of a metal's refractive index was left out")
         value = None
-    rgb = np.array(value if value is not None else (default,) * 3) / outside
-    return (float(rgb[0]), float(rgb[1]), float(rgb[2]))
+    return as_triple(np.array(value if value is not None else (default,) * 3) / outside)
 
 
 def _plastic(bsdf: Bsdf) -> Surface:

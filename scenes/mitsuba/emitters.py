@@ -12,10 +12,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.importing.materials.textures import UnreadableImage
-from pbrnet.scenes.importing.shape import Emitter, EmitterKind
+from pbrnet.scenes.importing.shape import (
+    Emitter,
+    EmitterKind,
+    directional_light,
+    point_light,
+)
 from pbrnet.scenes.importing.xml_elements import plugin, prop
 from pbrnet.scenes.mitsuba.reader import Node, unresolved
 from pbrnet.scenes.mitsuba.textures import Textures
@@ -97,22 +102,17 @@ class Emitters:
         if isinstance(found, Node):
             self.scope.changes.note(f"the texture of an emitter's {name} was left out")
             found = None
-        rgb = np.array(found if found is not None else (1.0, 1.0, 1.0)) * factor
-        return (float(rgb[0]), float(rgb[1]), float(rgb[2]))
+        return as_triple(np.array(found if found is not None else (1.0, 1.0, 1.0)) * factor)
 
     def _position(self, properties: Properties) -> tuple[float, float, float]:
         given = properties.vector("position")
         local = properties.transform() @ np.array([0.0, 0, 0, 1])
-        place = self.frame @ (local if given is None else np.array([*given, 1.0]))
-        return (float(place[0]), float(place[1]), float(place[2]))
+        return as_triple(self.frame @ (local if given is None else np.array([*given, 1.0])))
 
     def _point(self, properties: Properties) -> Emitter:
         # Irradiance falls with the squared distance, which is scaled.
         intensity = self._color(properties, "intensity", self.scale**2)
-        place = self._position(properties)
-        made = plugin("emitter", "point", intensity=intensity)
-        made.append(Element("point", {"name": "position", "value": " ".join(map(str, place))}))
-        return Emitter(made, ("point",), place)
+        return point_light(self._position(properties), intensity)
 
     def _spot(self, properties: Properties) -> Emitter:
         matrix = properties.transform()
@@ -131,7 +131,7 @@ class Emitters:
             beam_width=properties.number("beam_width", 0.75 * cutoff),
             to_world=linear,
         )
-        return Emitter(made, ("spot",), (float(place[0]), float(place[1]), float(place[2])))
+        return Emitter(made, ("spot",), as_triple(place))
 
     def _directional(self, properties: Properties) -> Emitter:
         given = properties.vector("direction")
@@ -140,11 +140,7 @@ class Emitters:
             turn = self.frame[:3, :3] / self.scale
         direction = turn @ (np.array([0.0, 0, 1]) if given is None else given)
         direction = direction / np.linalg.norm(direction)
-        made = plugin("emitter", "directional", irradiance=self._color(properties, "irradiance"))
-        made.append(
-            Element("vector", {"name": "direction", "value": " ".join(map(str, direction))})
-        )
-        return Emitter(made, ("directional",))
+        return directional_light(direction, self._color(properties, "irradiance"))
 
     def _constant(self, properties: Properties) -> Emitter:
         made = plugin("emitter", "constant", radiance=self._color(properties, "radiance"))

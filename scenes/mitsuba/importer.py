@@ -104,9 +104,7 @@ def import_mitsuba(
         ]
         others += sky_for(path, bool(area), others, options, changes)
         _report_dropped(root, scope)
-        for old, new in sandbox.relocated:
-            if old != new:
-                changes.note("files were found under another path: {}", f"{old!r} as {new!r}")
+        sandbox.note_relocated(changes)
         draft = Draft(
             scene_id,
             {"kind": "mitsuba", "file": path.name, "version": version},

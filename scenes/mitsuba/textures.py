@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
 from pbrnet.scenes.importing.xml_elements import plugin
@@ -164,8 +164,7 @@ def _grid(textures: Textures, properties: Properties, use: str) -> Color | Eleme
     if not isinstance(lines, tuple) or not isinstance(field, tuple):
         return GREY
     share = 1 - max(0.0, 1 - 2 * width) ** 2
-    mean = share * np.array(lines) + (1 - share) * np.array(field)
-    return (float(mean[0]), float(mean[1]), float(mean[2]))
+    return as_triple(share * np.array(lines) + (1 - share) * np.array(field))
 
 
 def _scale(textures: Textures, properties: Properties, use: str) -> Color | Element:
@@ -180,8 +179,7 @@ def _scale(textures: Textures, properties: Properties, use: str) -> Color | Elem
     times = np.array(factor if factor is not None else (1.0, 1.0, 1.0))
     made = textures.texture(inner[0], use)
     if isinstance(made, tuple):
-        product = np.array(made) * times
-        return (float(product[0]), float(product[1]), float(product[2]))
+        return as_triple(np.array(made) * times)
     if made.get("type") == "bitmap" and use == "color" and inner[0].type in _BITMAPS:
         path = textures.image_path(Properties(inner[0], textures.scope))
         name = made.find("string[@name='filename']")

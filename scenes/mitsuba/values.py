@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import XYZ_TO_RGB, Color, decode_srgb
 from pbrnet.scenes.geometry.transforms import look_at
 from pbrnet.scenes.importing.changes import Changes
@@ -277,7 +277,7 @@ def read_color(
         rgb = np.maximum(rgb, 0.0)
     if (rgb < 0).any():
         raise node.error(f"a colour cannot be negative: {text!r}")
-    return (float(rgb[0]), float(rgb[1]), float(rgb[2]))
+    return as_triple(rgb)
 
 
 def _spectrum(node: Node, text: str, scope: Scope, emission: bool) -> Float64Array:

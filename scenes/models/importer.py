@@ -23,7 +23,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import REC709
 from pbrnet.scenes.contract import Credit, Scene, SceneObject, load_scene, writing_scene
 from pbrnet.scenes.errors import InputError
@@ -36,7 +36,14 @@ from pbrnet.scenes.importing.light.daylight import daylight
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
 from pbrnet.scenes.importing.objects import room_of, structure_category
 from pbrnet.scenes.importing.sandbox import Sandbox, model_root
-from pbrnet.scenes.importing.shape import Emitter, Shape, as_triple, bounds_of, make_object
+from pbrnet.scenes.importing.shape import (
+    Emitter,
+    Shape,
+    bounds_of,
+    directional_light,
+    make_object,
+    point_light,
+)
 from pbrnet.scenes.importing.shapes.doubled_faces import with_doubled_faces_apart
 from pbrnet.scenes.importing.shapes.panes import with_named_glass
 from pbrnet.scenes.importing.shapes.sealing_shapes import completing_shapes
@@ -115,9 +122,7 @@ def import_model(
                 )
         area = _area_lights(model, textures, changes)
         draft = _draft(model, area, path, scene_id, options, opened, changes)
-        for old, new in sandbox.relocated:
-            if old != new:
-                changes.note("files were found under another path: {}", f"{old!r} as {new!r}")
+        sandbox.note_relocated(changes)
         assemble(folder, draft, changes)
     return load_scene(out)
 
@@ -270,15 +275,9 @@ def _punctual_emitter(light: PunctualLight, frame: Float64Array) -> Emitter:
     strength = np.array(light.color) * light.intensity * LUMEN
     rgb = as_triple(strength)
     if light.kind == "directional":
-        made = plugin("emitter", "directional", irradiance=rgb)
-        made.append(
-            Element("vector", {"name": "direction", "value": " ".join(map(str, direction))})
-        )
-        return Emitter(made, ("directional",))
+        return directional_light(direction, rgb)
     if light.kind == "point":
-        made = plugin("emitter", "point", intensity=rgb)
-        made.append(Element("point", {"name": "position", "value": " ".join(map(str, place))}))
-        return Emitter(made, ("point",), place)
+        return point_light(place, rgb)
     side = np.cross([0.0, 0, 1] if abs(direction[2]) < 0.9 else [1.0, 0, 0], direction)
     side /= np.linalg.norm(side)
     to_world = np.eye(4)

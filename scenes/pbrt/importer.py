@@ -60,9 +60,7 @@ def import_pbrt(
         cameras = [transformed_camera(camera, frame, changes) for camera in cameras]
         lights = Lights(context, textures, store, frame)
         area, emitters = _emitters(path, scene, shapes, lights, options, changes)
-        for old, new in context.sandbox.relocated:
-            if old != new:
-                changes.note("files were found under another path: {}", f"{old!r} as {new!r}")
+        context.sandbox.note_relocated(changes)
         draft = Draft(
             scene_id,
             {"kind": "pbrt", "file": path.name},

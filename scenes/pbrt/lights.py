@@ -8,10 +8,10 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float32Array, Float64Array
+from pbrnet.scenes.arrays import Float32Array, Float64Array, as_triple
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
-from pbrnet.scenes.importing.shape import Emitter, as_triple
+from pbrnet.scenes.importing.shape import Emitter, directional_light, point_light
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.pbrt.textures import Textures
 from pbrnet.scenes.pbrt.values import Context, Entity
@@ -99,9 +99,7 @@ class Lights:
     def _point(self, light: Entity, to_world: Float64Array) -> Emitter:
         # Irradiance falls with the squared distance, which is scaled.
         place = as_triple((to_world @ [*_vector(light, "from", (0, 0, 0)), 1.0])[:3])
-        made = plugin("emitter", "point", intensity=self._strength(light, "I", self.scale**2))
-        made.append(Element("point", {"name": "position", "value": " ".join(map(str, place))}))
-        return Emitter(made, ("point",), place)
+        return point_light(place, self._strength(light, "I", self.scale**2))
 
     def _spot(self, light: Entity, to_world: Float64Array) -> Emitter:
         start, end = _vector(light, "from", (0, 0, 0)), _vector(light, "to", (0, 0, 1))
@@ -131,11 +129,7 @@ class Lights:
     def _distant(self, light: Entity, to_world: Float64Array) -> Emitter:
         start, end = _vector(light, "from", (0, 0, 0)), _vector(light, "to", (0, 0, 1))
         direction = _unit(to_world[:3, :3] @ (end - start), light)
-        made = plugin("emitter", "directional", irradiance=self._strength(light, "L"))
-        made.append(
-            Element("vector", {"name": "direction", "value": " ".join(map(str, direction))})
-        )
-        return Emitter(made, ("directional",))
+        return directional_light(direction, self._strength(light, "L"))
 
     def _infinite(self, light: Entity, to_world: Float64Array) -> Emitter:
         radiance = self._strength(light, "L")

@@ -9,9 +9,10 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import REC709, Color
+from pbrnet.scenes.importing.materials.surface import clipped
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
 from pbrnet.scenes.importing.xml_elements import plugin
-from pbrnet.scenes.pbrt.values import Context, Entity, clipped
+from pbrnet.scenes.pbrt.values import Context, Entity, without_excess
 
 _MAX_NESTING = 8
 _GREY: Color = (0.5, 0.5, 0.5)
@@ -35,7 +36,7 @@ class Textures:
         if entity.is_texture(name):
             texture = entity.texture(name)
             return default if texture is None else self._texture(texture, np.full(3, factor))
-        return clipped(entity.color(name, default) or default, self.context.changes)
+        return without_excess(entity.color(name, default) or default, self.context.changes)
 
     def number(self, entity: Entity, name: str, default: float) -> float | Element:
         """Translate the parameter `name`, a number, or its texture as linear data."""
@@ -154,7 +155,7 @@ class Textures:
         second = self._inner(texture, "tex2", (1.0, 1.0, 1.0), factor, raw)
         amount = min(max(texture.number("amount", 0.5), 0.0), 1.0)
         if not isinstance(first, Element) and not isinstance(second, Element):
-            return _color((1 - amount) * np.array(first) + amount * np.array(second))
+            return clipped((1 - amount) * np.array(first) + amount * np.array(second))
         self.context.changes.note("a mixture of textures was replaced by its larger part")
         return first if amount <= 0.5 else second
 
@@ -167,7 +168,7 @@ class Textures:
         if texture.whole("dimension", 2) != 2:
             self.context.changes.note("a checkerboard in space was replaced by its mean colour")
             if isinstance(first, tuple) and isinstance(second, tuple):
-                return _color((np.array(first) + second) / 2)
+                return clipped((np.array(first) + second) / 2)
             return _times(_GREY, factor)
         halved = np.diag([0.5, 0.5, 1.0, 1.0]) @ (np.eye(4) if to_uv is None else to_uv)
         return plugin("texture", "checkerboard", color0=first, color1=second, to_uv=halved)
@@ -189,9 +190,4 @@ def _to_uv(texture: Entity) -> Float64Array | None:
 
 
 def _times(color: Color, factor: Float64Array) -> Color:
-    return _color(np.array(color) * factor)
-
-
-def _color(values: Float64Array) -> Color:
-    red, green, blue = np.clip(values, 0.0, 1.0).tolist()
-    return (red, green, blue)
+    return clipped(np.array(color) * factor)

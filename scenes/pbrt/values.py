@@ -215,7 +215,7 @@ class Entity:
         )
 
 
-def clipped(color: Color, changes: Changes) -> Color:
+def without_excess(color: Color, changes: Changes) -> Color:
     """A reflectance clipped to [0, 1], with a note."""
     if max(color) > 1:
         changes.note("a reflectance above 1 was clipped to 1")

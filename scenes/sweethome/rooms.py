@@ -11,13 +11,12 @@ import shapely
 from shapely.geometry import Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.contract import Portal, Room
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.geometry.regions import buffered, deepest_point, simplified, union
 from pbrnet.scenes.importing.categories import category_of_piece, room_type
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.importing.shape import as_triple
 from pbrnet.scenes.sweethome.building.gaps import find_gaps
 from pbrnet.scenes.sweethome.building.openings import Opening
 from pbrnet.scenes.sweethome.building.plan import Level

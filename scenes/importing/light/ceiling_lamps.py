@@ -15,14 +15,14 @@ import numpy as np
 import shapely
 from shapely.geometry import Point, Polygon
 
-from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.arrays import BoolArray, Float64Array, as_triple
 from pbrnet.scenes.color import REC709, Color, decode_srgb_value
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.geometry.directions import fibonacci_sphere
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.geometry.regions import buffered, deepest_point
 from pbrnet.scenes.importing.materials.surface import Surface
-from pbrnet.scenes.importing.shape import Shape, as_triple, make_object
+from pbrnet.scenes.importing.shape import Shape, make_object
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.photometry import LUMEN
 from pbrnet.scenes.reconstruction.raycast import RayCaster

@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.materials.surface import Surface, invisible, wrapped
@@ -207,8 +207,7 @@ class GltfMaterials:
         if factor.max() * strength <= 0:
             return None, None
         image = self.images.texture(material.get("emissiveTexture"), where)
-        color = (float(factor[0]) * strength, float(factor[1]) * strength,
-                 float(factor[2]) * strength)  # fmt: skip
+        color = as_triple(factor * strength)
         if image is None:
             return Emission(color), None
         return Emission(color, image.path, image.to_uv), image
@@ -236,10 +235,7 @@ class GltfMaterials:
         made = self._bitmap(image, "data", _WHITE, 0)
         if not isinstance(made, Element):
             return bsdf
-        wrapped = plugin("bsdf", "normalmap")
-        wrapped.append(prop("normalmap", made))
-        wrapped.append(bsdf)
-        return wrapped
+        return wrapped("normalmap", bsdf, normalmap=made)
 
     def _has_alpha(self, image: ImageTexture) -> bool:
         try:
@@ -290,7 +286,7 @@ class _PbrParameters:
 
     @property
     def color(self) -> Color:
-        return (float(self.factor[0]), float(self.factor[1]), float(self.factor[2]))
+        return as_triple(self.factor)
 
     @property
     def images(self) -> tuple[ImageTexture | None, ...]:

@@ -170,10 +170,7 @@ class UsdMaterials:
             made = _bitmap(self.textures.color(path), given, raw=True)
         except UnreadableImage as error:
             return self._damaged(path, error, bsdf)
-        wrapped = plugin("bsdf", "normalmap")
-        wrapped.append(prop("normalmap", made))
-        wrapped.append(bsdf)
-        return wrapped
+        return wrapped("normalmap", bsdf, normalmap=made)
 
     def _image(self, given: dict[str, Any] | None) -> Path | None:
         return self.find(given["file"]) if given is not None and given.get("file") else None

@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import REC709, Color, decode_srgb_value
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.archive import HomeArchive
@@ -63,7 +63,7 @@ def ground_reflectance(color: Color) -> Color:
         share = (_LEAST_BAND * high - low) / ((grey - low) + _LEAST_BAND * (high - grey))
         values = values + share * (grey - values)
     values *= min(1.0, _GROUND_LUMINANCE / float(values @ REC709))
-    return (float(values[0]), float(values[1]), float(values[2]))
+    return as_triple(values)
 
 
 def reflectance_of_argb(color: int) -> Color:

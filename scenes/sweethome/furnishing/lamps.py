@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from shapely.geometry import Polygon
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import REC709, Color
 from pbrnet.scenes.contract import Room
 from pbrnet.scenes.geometry.directions import fibonacci_sphere
@@ -71,7 +71,7 @@ def lit_parts(
                     octahedron(centre, radius),
                     _BLACK,
                     _radiance(lumens, surface, tint),
-                    ((float(centre[0]), float(centre[1]), float(centre[2])), radius),
+                    (as_triple(centre), radius),
                 )
             )
         else:
