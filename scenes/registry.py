@@ -70,10 +70,9 @@ class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions, PbrtOptions, I
         return made
 
 
+_SOURCES: tuple[type[SourceOptions], ...] = ImportEntry.__bases__
 # Suffix in lower case -> options of the source that reads such files.
-SOURCES: dict[str, type[SourceOptions]] = {
-    suffix: source for source in ImportEntry.__bases__ for suffix in source.suffixes
-}
+SOURCES = {suffix: source for source in _SOURCES for suffix in source.suffixes}
 
 
 def option_names(suffix: str) -> tuple[str, ...]:
