@@ -18,6 +18,7 @@ from benchmarks.bench import ROOT, Bench, resized
 from benchmarks.plain_loop import plain_sensor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, by_turns, ratio, spread
+from pbrnet.pipeline.cameras import view_sampling
 from pbrnet.pipeline.passes.environment import render_environment
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.passes.illumination import render_illumination
@@ -27,7 +28,6 @@ from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParam
 from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.pathtrace import integrator as joint
 from pbrnet.pipeline.render.scene import RenderScene
-from pbrnet.pipeline.stages import view_sampling
 from pbrnet.pipeline.views import CameraFile, View, as_matrix
 
 _LAMPS = 8  # with a light group of their own

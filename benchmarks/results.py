@@ -19,8 +19,8 @@ import psutil
 
 from benchmarks.rows import Row
 from benchmarks.timing import now
+from pbrnet.pipeline.farm.versions import code_version
 from pbrnet.pipeline.render.scene import renderer_version
-from pbrnet.pipeline.versions import code_version
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_json, write_json, write_text
 

@@ -19,7 +19,7 @@ import psutil
 import torch
 
 from pbrnet.model.training.settings import Baseline
-from pbrnet.pipeline.versions import PACKED
+from pbrnet.pipeline.farm.versions import PACKED
 
 
 @dataclass(frozen=True)

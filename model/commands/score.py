@@ -10,8 +10,8 @@ from pbrnet.model.benchmark.pictures import Task
 from pbrnet.model.benchmark.score import METRICS, ExposureRule, score_folder, table
 from pbrnet.model.benchmark.views import load_views, pin_views, save_views
 from pbrnet.model.options import FILE, FOLDER
-from pbrnet.pipeline.dataset.splits import SPLITS
 from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.splits import SPLITS
 from pbrnet.scenes.files import write_json
 
 

@@ -30,10 +30,10 @@ from pbrnet.model.training.store import ModelCard
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.channels import column_channel, remedy
 from pbrnet.pipeline.costs.ledger import read_ledger
-from pbrnet.pipeline.dataset.settings import kept_back
 from pbrnet.pipeline.images import error_picture, png_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.splits import kept_back
 from pbrnet.pipeline.tonemap import to_bytes, tonemap
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import plain

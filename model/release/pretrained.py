@@ -22,8 +22,8 @@ from pbrnet.model.methods import METHODS, columns_of
 from pbrnet.model.titles import NETWORK_TITLES
 from pbrnet.model.training.store import ModelCard, load_model
 from pbrnet.model.training.weights import write_weights
+from pbrnet.pipeline.farm.versions import PACKED
 from pbrnet.pipeline.templating import templates
-from pbrnet.pipeline.versions import PACKED
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_directory, digest_file, read_json, write_json

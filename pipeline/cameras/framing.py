@@ -1,7 +1,7 @@
 """Framing of a view as in photographs: no blank wall or lamp that fills it, a subject on a third.
 
-Measured on the small id image of `pbrnet.pipeline.stages.view_sampling`. PBRS has no such rule; the
-parameter `cameras.framing` chooses.
+Measured on the small id image of `pbrnet.pipeline.cameras.view_sampling`. PBRS has no such rule;
+the parameter `cameras.framing` chooses.
 """
 
 from __future__ import annotations

@@ -7,10 +7,10 @@ from typing import Any
 
 import click
 
-from pbrnet.pipeline.dataset.splits import SPLITS
 from pbrnet.pipeline.export.parts import ExportOptions, Job, run_export
 from pbrnet.pipeline.export.registry import FORMATS
 from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.splits import SPLITS
 
 _DEFAULT = ExportOptions()
 

@@ -14,6 +14,7 @@ from pbrnet.pipeline.commands.options import farm_options
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.farm.versions import instruction_set
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.release.recipe import (
     Record,
@@ -27,7 +28,6 @@ from pbrnet.pipeline.release.recipe import (
     sums_of,
 )
 from pbrnet.pipeline.stages.runner import StageError
-from pbrnet.pipeline.versions import instruction_set
 from pbrnet.scenes.errors import PbrnetError
 from pbrnet.scenes.files import resolved
 

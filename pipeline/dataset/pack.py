@@ -35,11 +35,11 @@ from pbrnet.pipeline.dataset.description.facts import DatasetFacts, ViewFacts, v
 from pbrnet.pipeline.dataset.label_tables import CLASSES
 from pbrnet.pipeline.dataset.rows import RowSource, make_row
 from pbrnet.pipeline.dataset.shards import ShardWriter
-from pbrnet.pipeline.dataset.splits import SPLITS, Source, read_sources, split_plans
 from pbrnet.pipeline.frames import Channels, frame_path, kinds_of, read_frame
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
+from pbrnet.pipeline.splits import SPLITS, Source, read_sources, split_plans
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_directory, remove_partials, write_json, write_text

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 
+from pbrnet.pipeline.splits import SplitParams
 from pbrnet.scenes.checked import param, within
 
 
@@ -26,19 +25,6 @@ class CheckParams:
 
 
 @dataclass(frozen=True)
-class SplitParams:
-    """Shares of the floor plans in each split; the rest is the training split.
-
-    `test_only` holds names of plans, or of scenes for their whole plan, or patterns such as
-    "villa-*".
-    """
-
-    validation: float = param(0.1, "", within(0, 0.9))
-    test: float = param(0.2, "", within(0, 0.9))
-    test_only: tuple[str, ...] = param((), "further test plans or scenes: names or patterns")
-
-
-@dataclass(frozen=True)
 class DatasetParams:
     """Packing into Parquet."""
 
@@ -47,15 +33,3 @@ class DatasetParams:
     preview_width: int = param(256, "pixels", within(16, 2048))
     splits: SplitParams = param(SplitParams(), "shares of the floor plans; the rest is train")
     checks: CheckParams = param(CheckParams(), "limits beyond which a view is rejected")
-
-
-def kept_back(test_only: Sequence[str], plans: Mapping[str, str]) -> set[str]:
-    """Return the plans that the names and patterns of `test_only` match.
-
-    `plans` maps scene ids to plans; a match of a scene holds out its whole plan.
-    """
-    return {
-        plan
-        for scene, plan in plans.items()
-        if any(fnmatchcase(name, pattern) for name in (scene, plan) for pattern in test_only)
-    }

@@ -24,8 +24,8 @@ from pbrnet.pipeline.dataset.parquet import (
     open_parquet,
     reading,
 )
-from pbrnet.pipeline.dataset.splits import SPLITS
 from pbrnet.pipeline.radiance import RADIANCES, is_scale
+from pbrnet.pipeline.splits import SPLITS
 from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.checked import check_name

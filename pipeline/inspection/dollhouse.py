@@ -20,6 +20,7 @@ import shapely
 from shapely.geometry import Polygon
 
 from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams
+from pbrnet.pipeline.cameras.view_sampling import sample_cameras
 from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.images import Picture
 from pbrnet.pipeline.params import Params
@@ -28,7 +29,6 @@ from pbrnet.pipeline.passes.registry import render
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.render.scene import open_scene, set_variant
-from pbrnet.pipeline.stages.view_sampling import sample_cameras
 from pbrnet.pipeline.tonemap import to_bytes
 from pbrnet.pipeline.views import View, as_matrix
 from pbrnet.scenes.color import encode_srgb

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from pbrnet.pipeline.cameras.camera_files import described_collisions
 from pbrnet.pipeline.cameras.trajectory_files import (
     Trajectory,
     read_trajectory,
@@ -18,7 +19,6 @@ from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import Failure, data_lock
-from pbrnet.pipeline.stages.camera_files import described_collisions
 from pbrnet.pipeline.stages.render_jobs import CameraJob, sample_scene
 from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
 from pbrnet.pipeline.stages.scene_listing import active_renderer, list_scenes, scene_digests

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from pbrnet.pipeline.channels import Kind
-from pbrnet.pipeline.dataset.splits import split_sampling
 from pbrnet.pipeline.frames import frame_path, holds, kinds_of
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import TRACE_OF, frame_fingerprint, trace_seed
 from pbrnet.pipeline.records import Failure, data_lock
+from pbrnet.pipeline.splits import split_sampling
 from pbrnet.pipeline.stages.cameras import camera_fingerprints
 from pbrnet.pipeline.stages.render_jobs import FrameJob, render_frames
 from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, execute, finish, threaded

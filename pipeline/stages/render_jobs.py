@@ -15,10 +15,13 @@ from typing import Any, cast
 
 import drjit as dr
 
+from pbrnet.pipeline.cameras.camera_files import make_cameras
+from pbrnet.pipeline.cameras.shared_cameras import take_cameras
 from pbrnet.pipeline.cameras.trajectory_files import Trajectory
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.costs.memory import memory_columns
 from pbrnet.pipeline.farm.settings import Variant
+from pbrnet.pipeline.farm.versions import instruction_set, require_code
 from pbrnet.pipeline.farm.workspace import (
     SentFile,
     Workspace,
@@ -37,9 +40,6 @@ from pbrnet.pipeline.render.scene import (
     renderer_version,
     set_variant,
 )
-from pbrnet.pipeline.stages.camera_files import make_cameras
-from pbrnet.pipeline.stages.shared_cameras import take_cameras
-from pbrnet.pipeline.versions import instruction_set, require_code
 from pbrnet.pipeline.views import View, save_cameras
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError, MachineError
@@ -79,8 +79,8 @@ class FrameJob:
 def use_code(code: str, workspace: Workspace, threads: int) -> None:
     """Set up a worker that does not render.
 
-    Raises `MachineError` if its code version is not `code` (`pbrnet.pipeline.versions`), or if it
-    does not see the data folder, into which it must write.
+    Raises `MachineError` if its code version is not `code` (`pbrnet.pipeline.farm.versions`), or if
+    it does not see the data folder, into which it must write.
     """
     require_code(code)
     require_data(workspace)

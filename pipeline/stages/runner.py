@@ -20,6 +20,7 @@ from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.cluster import Farm
 from pbrnet.pipeline.farm.scheduling import Item
 from pbrnet.pipeline.farm.transfer import TransferService
+from pbrnet.pipeline.farm.versions import code_version
 from pbrnet.pipeline.farm.worker import Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
 from pbrnet.pipeline.params import Params
@@ -27,7 +28,6 @@ from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import Failure, save_failures
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.stages.render_jobs import use_code, use_renderer
-from pbrnet.pipeline.versions import code_version
 from pbrnet.scenes.errors import PbrnetError
 from pbrnet.scenes.files import remove_partials
 

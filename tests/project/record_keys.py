@@ -23,10 +23,10 @@ from typing import Any
 import yaml
 
 from pbrnet.model.studies.registry import STUDIES
+from pbrnet.pipeline.cameras.camera_files import make_cameras
 from pbrnet.pipeline.keys import table
 from pbrnet.pipeline.passes.registry import TRACES
 from pbrnet.pipeline.render.scene import set_variant
-from pbrnet.pipeline.stages.camera_files import make_cameras
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.files import digest_bytes, digest_file, write_text
 from pbrnet.scenes.models.options import READERS
@@ -52,7 +52,6 @@ PLUMBING = (
     "pipeline/progress.py",
     "pipeline/records.py",
     "pipeline/transport/settings.py",
-    "pipeline/versions.py",
     "scenes/arrays.py",
     "scenes/errors.py",
 )
@@ -87,7 +86,7 @@ def entries() -> dict[str, tuple[str, ...]]:
             *importers,
             *map(_module, READERS.values()),
         ),
-        "cameras": ("pipeline/stages/camera_files.py", "pipeline/stages/shared_cameras.py"),
+        "cameras": ("pipeline/cameras/camera_files.py", "pipeline/cameras/shared_cameras.py"),
         "walks": ("pipeline/cameras/walks.py",),
         "trajectories": ("pipeline/cameras/trajectory_files.py",),
         "render": ("pipeline/render/scene.py",),

@@ -43,10 +43,10 @@ from pbrnet.model.benchmark.score import METRICS, score_folder
 from pbrnet.model.benchmark.views import pin_views
 from pbrnet.model.data.reader import Dataset
 from pbrnet.pipeline.dataset.pack import pack_dataset
-from pbrnet.pipeline.dataset.settings import SplitParams
 from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import LightParams
+from pbrnet.pipeline.splits import SplitParams
 from pbrnet.scenes.contract import Light, Portal, Scene
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.dataset import make_data, small_params

@@ -31,8 +31,8 @@ from pbrnet.model.studies.trials.plan import (
     seed_of,
 )
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.dataset.settings import kept_back
 from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.splits import kept_back
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes
 from pbrnet.scenes.seeds import generator

@@ -27,9 +27,10 @@ from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.costs.ledger import Ledger
-from pbrnet.pipeline.dataset.settings import DatasetParams, SplitParams
+from pbrnet.pipeline.dataset.settings import DatasetParams
 from pbrnet.pipeline.images import png_facts, read_picture
 from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.splits import SplitParams
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, tonemap
 from pbrnet.pipeline.views import View, as_matrix, intrinsics_of
 from pbrnet.scenes.color import decode_srgb

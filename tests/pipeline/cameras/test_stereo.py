@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pbrnet.pipeline.cameras.camera_files import make_cameras
 from pbrnet.pipeline.cameras.reprojection import reproject
+from pbrnet.pipeline.cameras.view_sampling import TOO_CLOSE
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
-from pbrnet.pipeline.stages.camera_files import make_cameras
-from pbrnet.pipeline.stages.view_sampling import TOO_CLOSE
 from pbrnet.pipeline.views import CameraFile, View, look
 from pbrnet.scenes.contract import load_scene
 from tests.fixtures.params import pbrs_cameras, pbrs_params

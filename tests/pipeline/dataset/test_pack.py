@@ -34,11 +34,11 @@ from pbrnet.pipeline.dataset.checks import (
 from pbrnet.pipeline.dataset.checksums import verify_sums
 from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.pack import pack_dataset
-from pbrnet.pipeline.dataset.settings import CheckParams, SplitParams, kept_back
+from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.dataset.shards import ShardWriter
-from pbrnet.pipeline.dataset.splits import Source, split_plans
 from pbrnet.pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
 from pbrnet.pipeline.images import read_picture
+from pbrnet.pipeline.splits import Source, SplitParams, kept_back, split_plans
 from pbrnet.pipeline.tonemap import exposure_of
 from pbrnet.scenes.contract import Credit
 from pbrnet.scenes.errors import InputError, MachineError

@@ -17,7 +17,6 @@ from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.parquet import images_of
-from pbrnet.pipeline.dataset.splits import split_sampling
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import Channels, Frame, frame_path, read_frame
 from pbrnet.pipeline.passes.denoise import denoiser_version
@@ -25,6 +24,7 @@ from pbrnet.pipeline.passes.registry import TRACE_OF, TRUTHS, frame_fingerprint,
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.truth import noisy_trace, render_samples
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.splits import split_sampling
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import View, load_cameras

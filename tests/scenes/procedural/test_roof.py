@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, Polygon
 
+from pbrnet.pipeline.cameras.view_sampling import surroundings
 from pbrnet.pipeline.render.scene import cast, open_scene, set_variant
-from pbrnet.pipeline.stages.view_sampling import surroundings
 from pbrnet.scenes.procedural.niches import BACK, niche_solids
 from pbrnet.scenes.procedural.plan import Plan
 from pbrnet.scenes.procedural.planning import make_plan

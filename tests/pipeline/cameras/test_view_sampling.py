@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbrnet.pipeline.cameras import view_sampling
 from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams, RoomShare
+from pbrnet.pipeline.cameras.view_sampling import sample_cameras, score_ids
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
-from pbrnet.pipeline.stages import view_sampling
-from pbrnet.pipeline.stages.view_sampling import sample_cameras, score_ids
 from pbrnet.pipeline.views import CameraFile, look
 from pbrnet.scenes.contract import Room, load_scene
 from tests.fixtures.params import pbrs_cameras, pbrs_params

@@ -13,16 +13,14 @@ from itertools import combinations
 
 import numpy as np
 
-from pbrnet.pipeline.cameras.overlap import outlook, overlap
-from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.render.scene import RenderScene
-from pbrnet.pipeline.stages.camera_files import (
+from pbrnet.pipeline.cameras.camera_files import (
     collisions,
     described_collisions,
     frames_of,
     stereo_pairs,
 )
-from pbrnet.pipeline.stages.view_sampling import (
+from pbrnet.pipeline.cameras.overlap import outlook, overlap
+from pbrnet.pipeline.cameras.view_sampling import (
     BLOCKED,
     INSIDE,
     TOO_CLOSE,
@@ -31,6 +29,8 @@ from pbrnet.pipeline.stages.view_sampling import (
     sights,
     surroundings,
 )
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, View
 from pbrnet.scenes.contract import Scene
 

@@ -17,10 +17,7 @@ from shapely.geometry import Polygon
 from pbrnet.pipeline.cameras.free_floor import FreeFloor, free_floors
 from pbrnet.pipeline.cameras.overlap import choose_overlapping, outlook
 from pbrnet.pipeline.cameras.trajectory_files import Trajectory
-from pbrnet.pipeline.cameras.walks import find_walk
-from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.render.scene import RenderScene, cast
-from pbrnet.pipeline.stages.view_sampling import (
+from pbrnet.pipeline.cameras.view_sampling import (
     INSIDE,
     MOST_OUTDOORS,
     TOO_CLOSE,
@@ -33,6 +30,9 @@ from pbrnet.pipeline.stages.view_sampling import (
     sights,
     surroundings,
 )
+from pbrnet.pipeline.cameras.walks import find_walk
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.render.scene import RenderScene, cast
 from pbrnet.pipeline.views import CameraFile, View, as_matrix, look, rolled
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Room, Scene

@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 
-from pbrnet.pipeline.dataset.settings import SplitParams, kept_back
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import GroundTruthParams, NoisyParams
 from pbrnet.pipeline.views import CameraFile, View, load_cameras
+from pbrnet.scenes.checked import param, within
 from pbrnet.scenes.contract import Scene, load_scene, scene_folders
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.seeds import derive, generator
 
 SPLITS = ("train", "validation", "test")
+
+
+@dataclass(frozen=True)
+class SplitParams:
+    """Shares of the floor plans in each split; the rest is the training split.
+
+    `test_only` holds names of plans, or of scenes for their whole plan, or patterns such as
+    "villa-*".
+    """
+
+    validation: float = param(0.1, "", within(0, 0.9))
+    test: float = param(0.2, "", within(0, 0.9))
+    test_only: tuple[str, ...] = param((), "further test plans or scenes: names or patterns")
 
 
 @dataclass(frozen=True)
@@ -98,6 +112,18 @@ def split_plans(sources: Sequence[Source], shares: SplitParams, seed: int) -> di
     names = ["test"] * test + ["validation"] * validation
     dealt = dict(zip(order, names + ["train"] * (len(order) - len(names)), strict=True))
     return dealt | dict.fromkeys(sorted(held_out), "test")
+
+
+def kept_back(test_only: Sequence[str], plans: Mapping[str, str]) -> set[str]:
+    """Return the plans that the names and patterns of `test_only` match.
+
+    `plans` maps scene ids to plans; a match of a scene holds out its whole plan.
+    """
+    return {
+        plan
+        for scene, plan in plans.items()
+        if any(fnmatchcase(name, pattern) for name in (scene, plan) for pattern in test_only)
+    }
 
 
 def split_sampling(scenes: Sequence[Scene], params: Params) -> Callable[[View], Params]:
