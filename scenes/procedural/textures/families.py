@@ -53,9 +53,9 @@ def _family(row: dict[str, Any], grains: dict[str, woods.Grain]) -> Family:
     how.setdefault("wears", 1.0 if how.get("hard", True) else 0.7)
     if isinstance(options.get("grain"), str):
         options["grain"] = grains[options["grain"]]
-    make = partial(getattr(_MODULES[module], function), **options)
-    signature(make).bind(None, 64)  # TypeError for an unknown option
-    return Family(make, **how)
+    make = getattr(_MODULES[module], function)
+    signature(make).bind(None, 64, **options)  # TypeError for an unknown option
+    return Family(partial(make, **options), **how)
 
 
 def _read() -> tuple[dict[str, dict[str, Family]], dict[str, tuple[str, ...]]]:

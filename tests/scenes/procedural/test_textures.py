@@ -17,6 +17,7 @@ from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.procedural.textures.families import (
     FAMILIES,
     WEARS,
+    _family,
     family_of,
     normal_map,
     packed_surface,
@@ -38,6 +39,11 @@ def image(material: Material, size: int) -> np.ndarray:
 
 def test_there_are_more_than_sixty_families() -> None:
     assert len(EVERY) >= 60
+
+
+def test_an_unknown_option_of_a_family_is_refused() -> None:
+    with pytest.raises(TypeError, match="glitter"):
+        _family({"make": "goods.plastic", "detail": 4, "glitter": 1.0}, {})
 
 
 @pytest.mark.parametrize("wear", [0, WEARS - 1])
