@@ -1,12 +1,6 @@
-"""Registry of methods: networks, their objectives and their optimisers.
+"""Registry of methods: networks, their inputs, objectives, optimisers and titles.
 
-A new baseline takes:
-
-1. a file in model/baselines with the network, and with an objective if it has a loss of its own;
-2. one entry in `METHODS`, or two if it has a loss of its own;
-3. its titles in model/titles.py;
-4. its name in `Baseline` and its section in `TrainParams`, both in pipeline/params.py;
-5. its section in params.yaml and params/*.yaml, which the matrix of dvc.yaml reads.
+docs/architecture.md has the recipe for a new baseline.
 """
 
 from __future__ import annotations

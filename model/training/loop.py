@@ -72,6 +72,11 @@ class Run:
             for group in optimiser.param_groups:
                 group["lr"] = self.method.rate(self.params.train, step, self.steps)
 
+    def backward(self, module: str, loss: torch.Tensor) -> None:
+        """Compute the gradients of a module's loss."""
+        self.optimisers[module].zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+
     def validate(self, views: Sequence[Example]) -> float | None:
         """Mean validation loss of the network, without dropout; None if there are no views."""
         if not views:
@@ -103,30 +108,27 @@ def train_steps(
     `train.checkpoint_steps` steps, and on Ctrl-C between two steps. Raises `TrainingError` if a
     loss is not finite.
     """
-    name, epochs = run.name, run.steps // run.steps_per_epoch
     batches = batches_from(dataset, run.params, state.step)
+    every = run.params.train.checkpoint_steps
     whole = True  # False within a step, when only some modules have been updated
-    with torch.random.fork_rng(), Progress(run.steps, f"train {name}", "steps") as progress:
+    with torch.random.fork_rng(), Progress(run.steps, f"train {run.name}", "steps") as progress:
         progress.advance(state.step)
         try:
             while state.step < run.steps:
                 examples = next(batches)
                 run.begin_step(state.step)
-                for updated, value in run.objective.losses(run.batch(examples)):
-                    _stop_if_diverged(value, name, state.step, examples)
-                    optimiser = run.optimisers[updated]
-                    optimiser.zero_grad(set_to_none=True)
-                    value.backward()  # type: ignore[no-untyped-call]
+                for updated, loss in run.objective.losses(run.batch(examples)):
+                    _stop_if_diverged(loss, run.name, state.step, examples)
+                    run.backward(updated, loss)
                     whole = False
-                    optimiser.step()
+                    run.optimisers[updated].step()
                     if updated == "network":
-                        state.loss_sum += float(value.detach())
+                        state.loss_sum += float(loss.detach())
                 state.step += 1
                 whole = True
                 if state.step % run.steps_per_epoch == 0:
-                    point = _close_epoch(state, run, validation)
-                    progress.write(_epoch_message(name, point, epochs))
-                if state.step % run.params.train.checkpoint_steps == 0 and state.step < run.steps:
+                    progress.write(_epoch_message(run, _close_epoch(state, run, validation)))
+                if state.step % every == 0 and state.step < run.steps:
                     checkpoint.save(run.objective, run.optimisers, state)
                 progress.advance()
         except KeyboardInterrupt:
@@ -185,9 +187,9 @@ def _close_epoch(state: State, run: Run, validation: Sequence[Example]) -> Curve
     return point
 
 
-def _epoch_message(name: str, point: CurvePoint, epochs: int) -> str:
+def _epoch_message(run: Run, point: CurvePoint) -> str:
     validation = "none" if point.validation_loss is None else f"{point.validation_loss:.2f}"
     return (
-        f"train {name}: epoch {point.epoch} of {epochs}, "
+        f"train {run.name}: epoch {point.epoch} of {run.steps // run.steps_per_epoch}, "
         f"loss {point.train_loss:.2f}, validation {validation}"
     )

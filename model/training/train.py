@@ -78,76 +78,75 @@ def train_network(
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     method = METHODS[name]
     stage: StageTrainParams = getattr(params.train, name)
-    architecture = Architecture(
-        method.kind,
-        stage.width,
-        stage.levels,
-        params.train.panorama,
-        params.train.exposure,
-        method.revision,
-    )
     dataset = Dataset(folders.data / "dataset", "train", method.columns, only)
     backbone = load_backbone(folders.backbone)
     channels_last(backbone)
     shading, needs = _fixed_shading(method, params, folders)
     device = choose_device(params.train)
     precision = choose_precision(params.train, device)
-
+    architecture = _architecture(method, stage, params.train)
     network = _initial(name, architecture, params.seed, start)
+    data = _training_data(dataset)
+    started_from = digest_file(start) if start else None
+
     steps_per_epoch = stage.steps_per_epoch or math.ceil(len(dataset) / params.train.batch)
     steps = stage.epochs * steps_per_epoch
-    data = _training_data(dataset)
     settings = _settings(params.train, method)
     identity = _identity(
         *(name, params.seed, settings, plain(params.tone), plain(architecture), data.fingerprint),
-        *(plain(backbone.card), needs, digest_file(start) if start else "", steps, precision),
+        *(plain(backbone.card), needs, started_from or "", steps, precision),
     )
-
-    objective = _objective(
-        method,
-        Setting(
-            channels_last(network.to(device)),
-            PerceptualLoss(backbone.to(device), params.train.loss),
-            shading if shading is None else shading.to(device),
-            architecture.width,
-            _autocast(device, precision),
-        ),
-        derive32(params.seed, "initial", name, "opponents"),
-        device,
+    setting = Setting(
+        channels_last(network.to(device)),
+        PerceptualLoss(backbone.to(device), params.train.loss),
+        shading if shading is None else shading.to(device),
+        architecture.width,
+        _autocast(device, precision),
     )
+    seed = derive32(params.seed, "initial", name, "opponents")
+    objective = _objective(method, setting, seed, device)
     run = Run(name, method, params, objective, device, steps, steps_per_epoch)
     checkpoint = Checkpoint(folders.models / "checkpoints" / f"{name}.pt", identity)
-    state = checkpoint.resume(run.objective, run.optimisers)
-    began, first = time.monotonic(), state.step
     validation = _validation_views(folders.data / "dataset", method.columns)
-    train_steps(run, state, checkpoint, dataset, validation)
-    seconds = (time.monotonic() - began) / max(1, steps - first)
+    curve, seconds = _train(run, checkpoint, dataset, validation)
 
-    card = save_model(
-        folders.models,
-        network,
-        {
-            **_facts(name, params, dataset, backbone, data),
-            "architecture": architecture,
-            "training": {
-                **settings,
-                **plain(stage),
-                **_input_facts(method, dataset),
-                "seed": params.seed,
-                "steps": steps,
-                "precision": precision,
-                "started_from": digest_file(start) if start else None,
-            },
-            "metrics": _losses(state.curve),
-            "needs": needs,
+    facts = {
+        **_facts(name, params, dataset, backbone, data),
+        "architecture": architecture,
+        "training": {
+            **settings,
+            **plain(stage),
+            **_input_facts(method, dataset),
+            "seed": params.seed,
+            "steps": steps,
+            "precision": precision,
+            "started_from": started_from,
         },
-    )
-    _write_curve(folders.plots / f"train_{name}.csv", state.curve)
-    _write_metrics(
-        folders.metrics / f"train_{name}.json", card, round(seconds, 4) if steps > first else None
-    )
+        "metrics": _losses(curve),
+        "needs": needs,
+    }
+    card = save_model(folders.models, network, facts)
+    _write_curve(folders.plots / f"train_{name}.csv", curve)
+    _write_metrics(folders.metrics / f"train_{name}.json", card, seconds)
     checkpoint.path.unlink(missing_ok=True)
     return card
+
+
+def _architecture(method: Method, stage: StageTrainParams, params: TrainParams) -> Architecture:
+    return Architecture(
+        method.kind, stage.width, stage.levels, params.panorama, params.exposure, method.revision
+    )
+
+
+def _train(
+    run: Run, checkpoint: Checkpoint, dataset: Dataset, validation: Sequence[Example]
+) -> tuple[list[CurvePoint], float | None]:
+    """Train from the last checkpoint; return the learning curve and seconds a step, if any."""
+    state = checkpoint.resume(run.objective, run.optimisers)
+    began, first = time.monotonic(), state.step
+    train_steps(run, state, checkpoint, dataset, validation)
+    done = run.steps - first
+    return state.curve, round((time.monotonic() - began) / done, 4) if done > 0 else None
 
 
 def _input_facts(method: Method, dataset: Dataset) -> dict[str, Any]:

@@ -151,6 +151,15 @@ def test_a_mirrored_view_is_the_view_in_a_mirror(folder: Path) -> None:
     )
 
 
+def test_an_image_column_is_an_input_of_networks_as_it_is(folder: Path) -> None:
+    """A channel that a network reads needs no line in the reader or the encoder."""
+    example = next(Dataset(folder, "train", ("tint",)).ordered())
+    (found,) = encode([example], ("tint",))["tint"]
+    assert np.array_equal(found.permute(1, 2, 0).numpy(), example["tint"])
+    with pytest.raises(InputError, match="no emission; add 'materials' to channels"):
+        encode([example], ("emission",))
+
+
 def test_brightening_every_light_changes_no_input(folder: Path) -> None:
     example = next(Dataset(folder, "train").ordered())
     brighter = example.having(intensity=example["intensity"] * 1000)
