@@ -17,13 +17,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
-from skimage.color import rgb2lab
 
 from pbrnet.pipeline.frames import frame_path, read_frame
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.arrays import Float64Array, FloatingArray, UInt8Array
-from pbrnet.scenes.color import REC709, luminance
+from pbrnet.scenes.color import REC709, decode_srgb, luminance
 from pbrnet.scenes.contract import Scene, SceneObject, load_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.semantics import NYU40_NAMES, NYU40_OF_CATEGORY, category_number
@@ -269,7 +268,17 @@ def _chroma_and_hues(picture: UInt8Array) -> tuple[float, float]:
 
     Hues count with their chroma.
     """
-    a, b = np.moveaxis(rgb2lab(picture)[..., 1:], -1, 0)
+    linear = decode_srgb(picture.astype(np.float64) / 255)
+    to_xyz = np.array(  # of linear Rec. 709, over the white point D65
+        [
+            [0.4124564 / 0.95047, 0.3575761 / 0.95047, 0.1804375 / 0.95047],
+            [0.2126729, 0.7151522, 0.0721750],
+            [0.0193339 / 1.08883, 0.1191920 / 1.08883, 0.9503041 / 1.08883],
+        ]
+    )
+    ratio = linear @ to_xyz.T
+    curve = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio / (3 * (6 / 29) ** 2) + 4 / 29)
+    a, b = 500 * (curve[..., 0] - curve[..., 1]), 200 * (curve[..., 1] - curve[..., 2])
     chroma = np.hypot(a, b)
     length = np.hypot(a.sum(), b.sum()) / max(float(chroma.sum()), 1e-12)
     spread = np.sqrt(-2 * np.log(min(max(float(length), 1e-12), 1.0)))
