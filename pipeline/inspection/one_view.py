@@ -10,7 +10,7 @@ import numpy as np
 from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import PASSES
+from pbrnet.pipeline.passes.registry import render
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.views import View, as_matrix, camera_model, look
 from pbrnet.scenes.arrays import Float32Array
@@ -41,5 +41,6 @@ def render_view(scene: Scene | Path, view: View, params: Params | None = None) -
     params = params or Params()
     set_variant(params.farm.variant)
     opened = open_scene(scene if isinstance(scene, Scene) else load_scene(Path(scene)))
-    channels, _ = PASSES["color"].render(opened, view, params, derive(params.seed, view.view_id))
+    seed = derive(params.seed, view.view_id)
+    channels, _ = render(["color"], opened, view, params, seed)["color"]
     return np.stack([channels[band] for band in RGB], axis=-1).astype(np.float32)
