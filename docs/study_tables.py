@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import math
 from collections.abc import Callable
@@ -11,12 +10,12 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from pbrnet.model.figures.estimates import with_interval
 from pbrnet.model.studies.illumination.results import CHANGES
 from pbrnet.model.studies.time.results import PARTS, RENDERERS
-from pbrnet.model.studies.trials.results import LABELS
+from pbrnet.model.studies.trials.words import COMPARISONS
 from pbrnet.model.titles import METHOD_TITLES
 
-TRIALS = ("loss", "composition", "noise", "generalisation", "decomposition", "table")
 BUDGETS = (0.1, 0.2, 0.5, 1, 2, 5)  # seconds
 OURS = ("pbrnet", "product", "plus", "hybrid", "radiosity", "planned_denoised")
 RAW = ("mitsuba", "planned")  # renderers without a denoiser
@@ -28,7 +27,7 @@ Rows = list[list[str]]
 
 def study_tables(folder: Path) -> dict[str, Rows]:
     """Rows of each table by its name in the text; without those whose file is missing."""
-    sources: dict[str, Callable[[Any], Rows]] = dict.fromkeys(TRIALS, trials_table)
+    sources: dict[str, Callable[[Any], Rows]] = dict.fromkeys(COMPARISONS, trials_table)
     sources["illumination"] = illumination_table
     sources |= {f"time-{size}": time_table for size in SIZES}
     tables = {
@@ -51,10 +50,7 @@ def study_tables(folder: Path) -> dict[str, Rows]:
 
 def trials_table(found: dict[str, Any]) -> Rows:
     """Rows of a study that compares trainings; the last column is relative to its reference."""
-    labels = {
-        **LABELS,
-        **importlib.import_module(f"pbrnet.model.studies.{found['study']}.results").LABELS,
-    }
+    labels = COMPARISONS[found["study"]].titles
     reference = found["reference"]
     rows = [row for row in found["rows"] if row["label"] != "truth"]
     further = {
@@ -259,22 +255,15 @@ def flicker_table(moves: list[dict[str, Any]]) -> Rows:
 def _estimate(figure: dict[str, Any] | None, digits: int) -> str:
     if figure is None:
         return ""
-    text = f"{figure['mean']:.{digits}f}"
-    if figure["low"] is not None:
-        text += f" ({figure['low']:.{digits}f} to {figure['high']:.{digits}f})"
+    text = with_interval(figure["mean"], figure["low"], figure["high"], digits)
     return text + ("" if figure["spread"] is None else f" ±{figure['spread']:.{digits}f}")
 
 
 def _signed(value: float | None, low: float | None, high: float | None) -> str:
-    if value is None:
-        return ""
-    return f"{value:+.3f}" + ("" if low is None else f" ({low:+.3f} to {high:+.3f})")
+    return "" if value is None else with_interval(value, low, high, 3, "+")
 
 
 def _interval(figure: dict[str, Any] | None, digits: int) -> str:
     if figure is None:
         return ""
-    text = f"{figure['value']:.{digits}f}"
-    if figure["low"] is None:
-        return text
-    return f"{text} ({figure['low']:.{digits}f} to {figure['high']:.{digits}f})"
+    return with_interval(figure["value"], figure["low"], figure["high"], digits)

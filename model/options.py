@@ -38,3 +38,8 @@ def found_models_option() -> Decorator:
 def size_option(help_text: str) -> Decorator:
     """Option `--size`: (width, height) or None."""
     return click.option("--size", type=Size(), default=None, metavar="WxH", help=help_text)
+
+
+def renders_option(help_text: str) -> Decorator:
+    """Option `--renders`: a folder, or None."""
+    return click.option("--renders", type=FOLDER, default=None, help=help_text)

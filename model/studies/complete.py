@@ -32,7 +32,7 @@ RECORD = STUDIES_FOLDER / "all.json"
 FLICKER_SCENES = 6
 SHEET_METHODS = ("radiosity", "plus", "hybrid", "denoised", "pbrnet", "unet")
 QUALITY, WIDEST = 88, 1600  # of the JPEG plots, pixels
-_RUN = "import sys; from pipeline.cli import main; sys.exit(main(sys.argv[1:]))"
+_RUN = "import sys; from pbrnet.pipeline.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 @dataclass(frozen=True)

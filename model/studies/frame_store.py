@@ -10,12 +10,21 @@ from pathlib import Path
 import numpy as np
 
 from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.evaluation.evaluate import open_split
+from pbrnet.model.evaluation.inference import Networks
+from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.frames import Channels, Frame, frame_path, holds, read_frame, write_frame
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.registry import TRUTHS, camera_of, frame_fingerprint, render, trace_seed
-from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene, renderer_version
+from pbrnet.pipeline.render.scene import (
+    RenderScene,
+    free_memory,
+    open_scene,
+    renderer_version,
+    set_variant,
+)
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.contract import Scene, load_scene
@@ -74,6 +83,32 @@ def with_samples(params: Params, spp: int, denoise: bool) -> Params:
     """Return parameters whose ground truth has `spp` samples a pixel, denoised or not."""
     truth = params.groundtruth.sampled(spp, "oidn" if denoise else "none")
     return replace(params, groundtruth=truth)
+
+
+@dataclass(frozen=True)
+class StudyViews:
+    """Views of the evaluated split that a study renders again, with networks to compare."""
+
+    networks: Networks
+    split: str
+    examples: list[Example]
+    views: list[View]
+    scenes: dict[str, Scene]
+
+
+def open_views(params: Params, folders: Folders, methods: Sequence[str], count: int) -> StudyViews:
+    """Open at most `count` views at even distances in the split, and the networks of `methods`.
+
+    Raises as `open_split`, and `InputError` for missing scenes or cameras.
+    """
+    networks, dataset = open_split(params, folders, methods)
+    examples = evenly_spread_views(dataset, count)
+    scenes = {
+        name: load_dataset_scene(folders.data, name) for name in {e.scene_id for e in examples}
+    }
+    views = cameras_of(folders.data, examples)
+    set_variant(params.farm.variant)
+    return StudyViews(networks, dataset.split, examples, views, scenes)
 
 
 def evenly_spread_views(dataset: Dataset, count: int) -> list[Example]:

@@ -11,14 +11,13 @@ from pbrnet.model.evaluation.inference import PREDICTABLE, load_networks
 from pbrnet.model.evaluation.predict import find_views
 from pbrnet.model.options import FILE, FOLDER, found_models_option, size_option
 from pbrnet.model.release.pretrained import find_models
+from pbrnet.model.studies.files import write_result
 from pbrnet.model.studies.flicker.results import FlickerResult
 from pbrnet.model.studies.flicker.study import FlickerConfig, FlickerMeasurement, measure_move
 from pbrnet.pipeline.commands.options import common_options
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.params import Params
-from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import atomic_file, write_json
 
 
 @click.command(
@@ -118,9 +117,7 @@ def command(
             for one, each in zip(found, networks, strict=True)
         },
     )
-    write_json(out, plain(result))
-    with atomic_file(out.with_suffix(".png")) as partial:
-        partial.write_bytes(png_bytes(study.sheet))
+    write_result(out, result, png_bytes(study.sheet))
     for line in _lines(study):
         click.echo(line)
     click.echo(f"{out}, {out.with_suffix('.png')}")

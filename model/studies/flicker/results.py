@@ -7,7 +7,8 @@ from typing import Literal
 
 from pbrnet.model.figures.records import Records
 from pbrnet.model.figures.results import known_first
-from pbrnet.model.figures.section import Section, render_section
+from pbrnet.model.figures.section import Section
+from pbrnet.model.studies.files import study_section
 from pbrnet.model.titles import METHOD_TITLES
 from pbrnet.scenes.checked import within
 
@@ -65,9 +66,8 @@ def report_section(records: Records) -> Section | None:
         return None
     truth = result.methods.get("renderer")
     titles = {**RENDERER, **METHOD_TITLES}
-    return render_section(
-        "pbrnet.model.studies.flicker",
-        "study-flicker",
+    return study_section(
+        "flicker",
         "Temporal stability",
         result=result,
         move=MOVES[result.move].format(result.step),

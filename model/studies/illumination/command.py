@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from pbrnet.model.figures.results import known_first
-from pbrnet.model.options import FOLDER, models_option
+from pbrnet.model.options import models_option, renders_option
 from pbrnet.model.studies.illumination.results import (
     CHANGES,
     TITLES,
@@ -17,6 +17,7 @@ from pbrnet.model.studies.illumination.results import (
     format_estimate,
 )
 from pbrnet.model.studies.illumination.study import IlluminationConfig, study_illumination
+from pbrnet.model.studies.options import config_options
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import common_options
 from pbrnet.pipeline.params import Params
@@ -34,40 +35,8 @@ Needs trained networks, and the scenes and cameras that the dataset was made fro
 study resumes when the command is run again. The frames in DATA/studies/illumination may be deleted.
 Writes metrics/studies/illumination.json and illumination.png.""",
 )
-@click.option(
-    "--views",
-    type=click.IntRange(1),
-    default=12,
-    show_default=True,
-    help="Maximum number of views, spread evenly over the split.",
-)
-@click.option(
-    "--spp",
-    type=click.IntRange(2, 1 << 16),
-    default=64,
-    show_default=True,
-    help="Samples per pixel of the renderings, which are denoised.",
-)
-@click.option(
-    "--factor",
-    type=click.FloatRange(1.01, 1000),
-    default=4.0,
-    show_default=True,
-    help="Factor by which lamps get brighter, and sky and sun darker.",
-)
-@click.option(
-    "--strength",
-    type=click.FloatRange(0.01, 1000),
-    default=1.0,
-    show_default=True,
-    help="Light of the added lamp at 2 m, relative to the view's average.",
-)
-@click.option(
-    "--renders",
-    type=FOLDER,
-    default=None,
-    help="Folder of the rendered frames.  [default: DATA/studies/illumination]",
-)
+@config_options(IlluminationConfig)
+@renders_option("Folder of the rendered frames.  [default: DATA/studies/illumination]")
 @models_option()
 @common_options
 def command(params: Params, data: Path, models: Path, renders: Path | None, **options: Any) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from pbrnet.model.figures.estimates import interval
 from pbrnet.model.figures.records import Records
 from pbrnet.model.figures.results import known_first
-from pbrnet.model.figures.section import Section, render_section
+from pbrnet.model.figures.section import Section
+from pbrnet.model.studies.files import study_section
 from pbrnet.model.titles import METHOD_TITLES
 from pbrnet.scenes.checked import within
 
@@ -88,9 +90,8 @@ def report_section(records: Records) -> Section | None:
     result = records.study("illumination", IlluminationResult)
     if result is None:
         return None
-    return render_section(
-        "pbrnet.model.studies.illumination",
-        "study-illumination",
+    return study_section(
+        "illumination",
         "Response to changes of light",
         result=result,
         groups=[
@@ -126,6 +127,4 @@ def format_estimate(figure: Estimate | None) -> tuple[str, str]:
     """Format value and interval; a dash and an empty string for None."""
     if figure is None:
         return "–", ""
-    if figure.low is None or figure.high is None:
-        return f"{figure.value:.2f}", ""
-    return f"{figure.value:.2f}", f"{figure.low:.2f} to {figure.high:.2f}"
+    return f"{figure.value:.2f}", interval(figure.low, figure.high, 2)

@@ -14,19 +14,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import click
 import numpy as np
 import torch
 
 from pbrnet.model.data.reader import Example
-from pbrnet.model.evaluation.evaluate import open_split
 from pbrnet.model.evaluation.inference import PRODUCTS, Networks
 from pbrnet.model.methods import columns_of, trained_baselines
+from pbrnet.model.studies.files import result_path, write_result
 from pbrnet.model.studies.frame_store import (
     FrameStore,
-    cameras_of,
     check_same_scene,
-    evenly_spread_views,
-    load_dataset_scene,
+    open_views,
     with_samples,
 )
 from pbrnet.model.studies.illumination.agreement import BLOCK, LEAST_CHANGE
@@ -35,6 +34,7 @@ from pbrnet.model.studies.illumination.compare import AgreementTally, LitView, c
 from pbrnet.model.studies.illumination.relight import LightChange, open_relit
 from pbrnet.model.studies.illumination.results import IlluminationResult
 from pbrnet.model.studies.illumination.sheet import comparison_sheet
+from pbrnet.model.studies.options import option
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.channels import TINT, Kind
 from pbrnet.pipeline.farm.scene_digest import scene_digest
@@ -46,12 +46,11 @@ from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.registry import render, trace_seed
 from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.progress import Progress
-from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
+from pbrnet.pipeline.render.scene import RenderScene, renderer_version
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray
-from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import Scene
-from pbrnet.scenes.files import atomic_file, sweep, write_json
+from pbrnet.scenes.files import sweep
 
 _NO_CHANGE = LightChange()
 UNCHANGED = ""  # name of the case without a change
@@ -61,10 +60,24 @@ UNCHANGED = ""  # name of the case without a change
 class IlluminationConfig:
     """Size of the study and of the changes."""
 
-    views: int = 12  # at most
-    spp: int = 64
-    factor: float = 4.0  # of lamps; outdoors its inverse
-    strength: float = 1.0  # of the added lamp, see `lamp_radiance`
+    views: int = option(
+        12, click.IntRange(1), "Maximum number of views, spread evenly over the split."
+    )
+    spp: int = option(
+        64,
+        click.IntRange(2, 1 << 16),
+        "Samples per pixel of the renderings, which are denoised.",
+    )
+    factor: float = option(
+        4.0,
+        click.FloatRange(1.01, 1000),
+        "Factor by which lamps get brighter, and sky and sun darker.",
+    )
+    strength: float = option(  # see `lamp_radiance`
+        1.0,
+        click.FloatRange(0.01, 1000),
+        "Light of the added lamp at 2 m, relative to the view's average.",
+    )
 
 
 @dataclass(frozen=True)
@@ -104,21 +117,16 @@ def study_illumination(
     match the dataset.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
-    folder = folders.metrics / "studies"
-    for place in (folder, renders):
+    target = result_path(folders.metrics, "illumination")
+    for place in (target.parent, renders):
         sweep(place)
     baselines = [name for name in trained_baselines(folders.models) if name == "plus"]
-    networks, dataset = open_split(params, folders, ("pbrnet", *PRODUCTS, *baselines))
-    examples = evenly_spread_views(dataset, config.views)
-    scenes = {
-        name: load_dataset_scene(folders.data, name) for name in {e.scene_id for e in examples}
-    }
-    views = cameras_of(folders.data, examples)
-    set_variant(params.farm.variant)
+    found = open_views(params, folders, ("pbrnet", *PRODUCTS, *baselines), config.views)
+    networks, scenes, views = found.networks, found.scenes, found.views
     digests = {name: scene_digest(scene.folder) for name, scene in scenes.items()}
     views_of_study = [
         StudyView(example, view, scenes[view.scene_id], digests[view.scene_id])
-        for example, view in zip(examples, views, strict=True)
+        for example, view in zip(found.examples, views, strict=True)
     ]
     plan = _planned(views_of_study, params, config, networks)
     settings = with_samples(params, config.spp, denoise=True)
@@ -126,7 +134,7 @@ def study_illumination(
     tally = _compared(plan, views_of_study, networks, settings, renders)
     result = IlluminationResult(
         seed=params.seed,
-        split=dataset.split,
+        split=found.split,
         views=len(views_of_study),
         scenes=len(scenes),
         size=(views[0].width, views[0].height),
@@ -140,11 +148,9 @@ def study_illumination(
         models={name: card.sha256 for name, card in sorted(networks.cards.items())},
         changes=tally.changes(plan.skipped, params.seed),
     )
-    with atomic_file(folder / "illumination.png") as partial:
-        facts = {"study": "illumination", "credits": _credits(scenes)}
-        partial.write_bytes(png_bytes(comparison_sheet(tally.rows()), facts))
-    write_json(folder / "illumination.json", plain(result))
-    return result, folder / "illumination.json"
+    facts = {"study": "illumination", "credits": _credits(scenes)}
+    write_result(target, result, png_bytes(comparison_sheet(tally.rows()), facts))
+    return result, target
 
 
 def _planned(

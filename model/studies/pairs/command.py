@@ -10,8 +10,8 @@ import click
 
 from pbrnet.model.evaluation.evaluate import EVALUATED_METHODS
 from pbrnet.model.options import FILE, models_option
+from pbrnet.model.studies.options import config_options
 from pbrnet.model.studies.pairs.answers import (
-    MAX_PAIRS,
     FolderKey,
     FolderPair,
     Key,
@@ -58,27 +58,7 @@ from. Keep it: without it, answers cannot be scored.""",
 )
 @click.argument("files", nargs=-1, type=FILE, metavar="[FILE]...")
 @click.option("--score", "scoring", is_flag=True, help="Score the answer files FILE.")
-@click.option(
-    "--pairs",
-    type=click.IntRange(2, MAX_PAIRS),
-    default=50,
-    show_default=True,
-    help="Maximum number of pairs, equal for all methods; no view or picture is shown twice.",
-)
-@click.option(
-    "--seconds",
-    type=click.FloatRange(0.1, 60),
-    default=3.0,
-    show_default=True,
-    help="Time a pair is shown.",
-)
-@click.option(
-    "--answer-seconds",
-    type=click.FloatRange(0.1, 600),
-    default=5.0,
-    show_default=True,
-    help="Time for the answer after the pair has disappeared.",
-)
+@config_options(PairsConfig)
 @click.option(
     "--method",
     "methods",

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from pbrnet.model.figures.records import Records
 from pbrnet.model.figures.results import known_first
-from pbrnet.model.figures.section import Section, render_section
+from pbrnet.model.figures.section import Section
+from pbrnet.model.studies.files import study_section
 from pbrnet.model.titles import METHOD_TITLES
 from pbrnet.scenes.checked import within
 from pbrnet.scenes.errors import InputError
@@ -99,9 +100,8 @@ def report_section(records: Records) -> Section | None:
             _row(METHOD_TITLES.get(name, name), name, result.methods[name])
             for name in known_first(result.methods, METHOD_TITLES)
         ]
-    return render_section(
-        "pbrnet.model.studies.pairs",
-        "study-pairs",
+    return study_section(
+        "pairs",
         "Blind pairs",
         result=result,
         folders=isinstance(result, FoldersResult),

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import torch
 
@@ -22,7 +23,15 @@ from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.evaluate import image_of, open_split, true_color
 from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.methods import BASELINES, trained_baselines
-from pbrnet.model.studies.pairs.answers import FolderKey, Key, Pair, Side, read_key
+from pbrnet.model.studies.options import option
+from pbrnet.model.studies.pairs.answers import (
+    MAX_PAIRS,
+    FolderKey,
+    Key,
+    Pair,
+    Side,
+    read_key,
+)
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.images import Picture, png_bytes
 from pbrnet.pipeline.params import Params
@@ -44,9 +53,17 @@ _PADDING = 1024  # bytes; the PNGs of a pair are padded to the same multiple of 
 class PairsConfig:
     """Content of the page."""
 
-    pairs: int = 50  # at most
-    seconds: float = 3.0  # a pair is shown
-    answer_seconds: float = 5.0  # for the answer, after the pair has disappeared
+    pairs: int = option(
+        50,
+        click.IntRange(2, MAX_PAIRS),
+        "Maximum number of pairs, equal for all methods; no view or picture is shown twice.",
+    )
+    seconds: float = option(3.0, click.FloatRange(0.1, 60), "Time a pair is shown.")
+    answer_seconds: float = option(
+        5.0,
+        click.FloatRange(0.1, 600),
+        "Time for the answer after the pair has disappeared.",
+    )
     methods: tuple[str, ...] = ()  # empty: pbrnet, product and all trained baselines
     folders: tuple[tuple[str, Path], ...] = ()  # names and places, for a page of pictures of files
     question: str = QUESTION  # for a page of folders

@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from pbrnet.model.options import FOLDER, models_option, size_option
+from pbrnet.model.options import models_option, renders_option
+from pbrnet.model.studies.options import config_options
 from pbrnet.model.studies.time.results import CLOCKS, TimeResult, part_rows, verdicts
 from pbrnet.model.studies.time.study import TimeConfig, study_time
 from pbrnet.model.training.train import Folders
@@ -28,52 +29,8 @@ Run it on a quiet machine, or with --clock cpu. Needs trained networks, and the 
 that the dataset was made from. Reference images are kept in DATA/studies/time and may be deleted.
 Writes metrics/studies/time.json and time.png.""",
 )
-@size_option("Image size.  [default: as in the dataset]")
-@click.option(
-    "--views",
-    type=click.IntRange(1),
-    default=4,
-    show_default=True,
-    help="Maximum number of views, spread evenly over the split.",
-)
-@click.option(
-    "--repeats",
-    type=click.IntRange(1, 1000),
-    default=3,
-    show_default=True,
-    help="Timed turns of each view.",
-)
-@click.option(
-    "--max-spp",
-    type=click.IntRange(1, 1 << 14),
-    default=64,
-    show_default=True,
-    help="Largest number of samples per pixel of the renderer: 1, 2, 4, … up to it.",
-)
-@click.option(
-    "--reference-spp",
-    type=click.IntRange(0, 1 << 20),
-    default=0,
-    help="Samples per pixel of the reference.  [default: 16 x --max-spp]",
-)
-@click.option(
-    "--clock",
-    type=click.Choice(list(CLOCKS)),
-    default="wall",
-    show_default=True,
-    help="wall: elapsed time; cpu: processor time of all threads, for a busy machine.",
-)
-@click.option(
-    "--raw-reference",
-    is_flag=True,
-    help="Do not denoise the reference; its noise then lowers SSIM.",
-)
-@click.option(
-    "--renders",
-    type=FOLDER,
-    default=None,
-    help="Folder of the reference images.  [default: DATA/studies/time]",
-)
+@config_options(TimeConfig)
+@renders_option("Folder of the reference images.  [default: DATA/studies/time]")
 @models_option()
 @common_options
 def command(

@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 from pbrnet.model.figures.records import Records
 from pbrnet.model.figures.results import known_first
-from pbrnet.model.figures.section import Section, render_section
+from pbrnet.model.figures.section import Section
+from pbrnet.model.studies.files import study_section
 from pbrnet.model.titles import METHOD_TITLES
 from pbrnet.scenes.checked import within
 
@@ -137,9 +138,8 @@ def report_section(records: Records) -> Section | None:
     if result is None:
         return None
     titles = {**METHOD_TITLES, **RENDERERS}
-    return render_section(
-        "pbrnet.model.studies.time",
-        "study-time",
+    return study_section(
+        "time",
         "Equal time",
         result=result,
         unit=CLOCKS[result.clock],

@@ -27,12 +27,13 @@ from pathlib import Path
 from statistics import mean, median
 from typing import Any
 
+import click
 import numpy as np
 import torch
 
 from pbrnet.model.data.encoding import INPUTS, color_exposure
 from pbrnet.model.data.reader import Example
-from pbrnet.model.evaluation.evaluate import open_split, true_color
+from pbrnet.model.evaluation.evaluate import true_color
 from pbrnet.model.evaluation.inference import PRODUCTS, Networks
 from pbrnet.model.evaluation.metrics import flip_map, ssim
 from pbrnet.model.evaluation.predict import (
@@ -46,16 +47,12 @@ from pbrnet.model.evaluation.predict import (
     trace_samples,
 )
 from pbrnet.model.methods import METHODS, columns_of, trained_baselines
-from pbrnet.model.studies.frame_store import (
-    FrameStore,
-    cameras_of,
-    evenly_spread_views,
-    load_dataset_scene,
-    opened_scene,
-    with_samples,
-)
+from pbrnet.model.studies.files import result_path, write_result
+from pbrnet.model.studies.frame_store import FrameStore, open_views, opened_scene, with_samples
+from pbrnet.model.studies.options import option
 from pbrnet.model.studies.time.plot import time_plot
 from pbrnet.model.studies.time.results import (
+    CLOCKS,
     HYBRID_SAMPLES,
     TRANSPORT_SAMPLES,
     Clock,
@@ -64,6 +61,7 @@ from pbrnet.model.studies.time.results import (
     TimeResult,
 )
 from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.commands.options import Size
 from pbrnet.pipeline.farm.scene_digest import scene_digest
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.params import Params
@@ -75,14 +73,14 @@ from pbrnet.pipeline.passes.registry import TRUTHS, render
 from pbrnet.pipeline.passes.transport import samples_for
 from pbrnet.pipeline.passes.truth import sample_guides, truth_settings
 from pbrnet.pipeline.progress import Progress
-from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
+from pbrnet.pipeline.render.scene import RenderScene, renderer_version
 from pbrnet.pipeline.tonemap import tonemap
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import ParameterError
-from pbrnet.scenes.files import atomic_file, digest_bytes, read_json, sweep, write_json
+from pbrnet.scenes.files import digest_bytes, read_json, sweep, write_json
 from pbrnet.scenes.seeds import derive
 
 _REFERENCE_FACTOR = 16  # default samples of the reference, as a multiple of `max_spp`
@@ -97,13 +95,32 @@ _PACKAGES = ("mitsuba", "drjit", "torch", "numpy", "pyoidn")
 class TimeConfig:
     """Size of the study."""
 
-    views: int = 4  # at most
-    repeats: int = 3
-    max_spp: int = 64
-    reference_spp: int = 0  # 0: `_REFERENCE_FACTOR` times `max_spp`
-    raw_reference: bool = False  # not denoised
-    size: tuple[int, int] | None = None  # width, height; None: as in the dataset
-    clock: Clock = "wall"
+    size: tuple[int, int] | None = option(
+        None, Size(), "Image size, WxH.  [default: as in the dataset]"
+    )
+    views: int = option(
+        4, click.IntRange(1), "Maximum number of views, spread evenly over the split."
+    )
+    repeats: int = option(3, click.IntRange(1, 1000), "Timed turns of each view.")
+    max_spp: int = option(
+        64,
+        click.IntRange(1, 1 << 14),
+        "Largest number of samples per pixel of the renderer: 1, 2, 4, … up to it.",
+    )
+    reference_spp: int = option(
+        0,
+        click.IntRange(0, 1 << 20),
+        "Samples per pixel of the reference.  [default: 16 x --max-spp]",
+        shown=False,
+    )
+    clock: Clock = option(
+        "wall",
+        click.Choice(list(CLOCKS)),
+        "wall: elapsed time; cpu: processor time of all threads, for a busy machine.",
+    )
+    raw_reference: bool = option(
+        False, bool, "Do not denoise the reference; its noise then lowers SSIM."
+    )
 
     @property
     def reference(self) -> int:
@@ -146,19 +163,13 @@ def study_time(
     reference = replace(reference, seed=derive(params.seed, "study", "time", "reference"))
     # Waiting threads spin, which processor time would count as work.
     torch.set_num_threads(1 if config.clock == "cpu" else len(os.sched_getaffinity(0)))
-    folder = folders.metrics / "studies"
-    for place in (folder, renders):
+    target = result_path(folders.metrics, "time")
+    for place in (target.parent, renders):
         sweep(place)
-    networks, dataset = open_split(
-        params, folders, ("pbrnet", *PRODUCTS, *trained_baselines(folders.models))
-    )
-    examples = evenly_spread_views(dataset, config.views)
-    scenes = {
-        name: load_dataset_scene(folders.data, name) for name in {e.scene_id for e in examples}
-    }
-    views = cameras_of(folders.data, examples)
+    methods = ("pbrnet", *PRODUCTS, *trained_baselines(folders.models))
+    opened = open_views(params, folders, methods, config.views)
+    networks, scenes, views = opened.networks, opened.scenes, opened.views
     views = [resized(view, config.size) for view in views] if config.size else views
-    set_variant(params.farm.variant)
     machine = _machine()
     size = f"{views[0].width}x{views[0].height}"
     store = FrameStore(renders / (f"{size}-raw" if config.raw_reference else size), reference)
@@ -166,7 +177,7 @@ def study_time(
     measurements = _measure_views(scenes, views, params, networks, store, config)
     result = TimeResult(
         seed=params.seed,
-        split=dataset.split,
+        split=opened.split,
         views=len(views),
         scenes=len(scenes),
         size=(views[0].width, views[0].height),
@@ -186,12 +197,10 @@ def study_time(
         better=_better(measurements),
         timed_views=sum(bool(measurement.seconds) for measurement in measurements),
     )
-    with atomic_file(folder / "time.png") as partial:
-        partial.write_bytes(time_plot(result))
-    write_json(folder / "time.json", plain(result))
+    write_result(target, result, time_plot(result))
     for path in _kept(store, views, networks, config):
         path.unlink(missing_ok=True)
-    return result, folder / "time.json"
+    return result, target
 
 
 class ViewBenchmark:

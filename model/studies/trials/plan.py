@@ -9,10 +9,13 @@ continues from its checkpoint with a bit-identical result.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from pbrnet.model.data.reader import Dataset
 from pbrnet.model.training.settings import StageTrainParams
@@ -44,7 +47,6 @@ class TrialStudy:
     name: str
     variants: tuple[Variant, ...]
     reference: str  # label that all others are compared with
-    labels: Mapping[str, str] = field(default_factory=dict)  # titles of the row labels
     varies_views: bool = False  # by default 1/4, 1/2 and all training views
     crop: float = 1.0  # share of height and width that the picture shows
     regions: bool = False  # measure specular and matte pixels separately
@@ -102,9 +104,7 @@ def plan(study: TrialStudy, params: Params, folders: Folders, config: TrialConfi
     Raises `ParameterError` for impossible sizes, `InputError` for an unreadable dataset.
     """
     dataset = Dataset(folders.data / "dataset", "train")
-    counts: dict[str, int] = {}
-    for scene in dataset.column("scene_id"):
-        counts[scene] = counts.get(scene, 0) + 1
+    counts = Counter(dataset.column("scene_id"))
     total = len(dataset)
     plans = dataset.plans()
     trials = []
@@ -134,16 +134,30 @@ def subset(
 ) -> tuple[str, ...]:
     """Return scenes of whole floor plans, taken in random order up to `minimum` views or more.
 
+    A smaller subset of the same seed is contained in a larger one.
+    """
+    return draw_plans(counts, plans, minimum, generator(seed, "study", "subset"))
+
+
+def draw_plans(
+    counts: Mapping[str, int],
+    plans: Mapping[str, str],
+    wanted: int,
+    rng: np.random.Generator,
+    most: int | None = None,
+) -> tuple[str, ...]:
+    """Return the sorted scenes of floor plans drawn at random until they have `wanted` views.
+
     `counts`: scene -> number of views; `plans`: scene -> floor plan (a scene without one is its
-    own plan). A smaller subset of the same seed is contained in a larger one.
+    own plan); `most`: plans at most, all by default.
     """
     members: dict[str, list[str]] = {}
     for scene in sorted(counts):
         members.setdefault(plans.get(scene, scene), []).append(scene)
     names = sorted(members)
     chosen: list[str] = []
-    for index in generator(seed, "study", "subset").permutation(len(names)):
-        if sum(counts[scene] for scene in chosen) >= minimum:
+    for index in rng.permutation(len(names))[:most]:
+        if sum(counts[scene] for scene in chosen) >= wanted:
             break
         chosen += members[names[index]]
     return tuple(sorted(chosen))

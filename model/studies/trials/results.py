@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pbrnet.model.figures.charts import line_chart
+from pbrnet.model.figures.estimates import interval, with_interval
 from pbrnet.model.figures.records import METRICS, Records
 from pbrnet.model.figures.section import Section, render_section
-from pbrnet.model.titles import METHOD_TITLES
+from pbrnet.model.studies.trials.words import COMPARISONS
 from pbrnet.scenes.checked import within
 
 # Every metric of these studies: label, preferred direction, digits.
@@ -26,8 +27,6 @@ MEASURES |= {
     for region, words in (("specular", "specular"), ("matte", "matte"))
     for name in ("psnr", "flip")
 }
-# Titles of row labels that are common to all of these studies; a study adds its own.
-LABELS = {**METHOD_TITLES, "truth": "The renderer's own picture"}
 
 
 @dataclass(frozen=True)
@@ -69,6 +68,11 @@ class TrialsResult:
     rows: tuple[TrialsRow, ...]
     notes: tuple[str, ...] = ()  # sentences about what was compared
 
+    @property
+    def measured(self) -> list[str]:
+        """Metrics that any row has, in the order of `MEASURES`."""
+        return [name for name in MEASURES if any(row.metrics.get(name) for row in self.rows)]
+
     def verify(self, where: str) -> None:
         """Raise ValueError unless every group has the reference and each label once."""
         for group in {row.group for row in self.rows}:
@@ -79,31 +83,24 @@ class TrialsResult:
                 )
 
 
-def trials_section(
-    records: Records, study: str, title: str, labels: Mapping[str, str]
-) -> Section | None:
-    """Return the report section of a study; None, and a note if damaged, without a result.
-
-    `labels`: titles of the study's row labels, beside `LABELS`.
-    """
+def trials_section(records: Records, study: str) -> Section | None:
+    """Return the report section of a study; None, and a note if damaged, without a result."""
     result = records.study(study, TrialsResult)
     if result is None:
         return None
-    titles = LABELS | dict(labels)
-    measured = [name for name in MEASURES if any(row.metrics.get(name) for row in result.rows)]
-    groups: dict[str, list[TrialsRow]] = {}
+    words = COMPARISONS[study]
+    titles = words.titles
+    groups: dict[str, list[dict[str, Any]]] = {}
     for row in result.rows:
-        groups.setdefault(row.group, []).append(row)
+        groups.setdefault(row.group, []).append(_row(row, result.measured, titles))
     return render_section(
         "pbrnet.model.studies.trials",
         f"study-{study}",
-        title,
+        words.title,
         result=result,
         reference=titles.get(result.reference, result.reference),
-        metrics=[MEASURES[name][:2] for name in measured],
-        groups=[
-            (group, [_row(row, measured, titles) for row in rows]) for group, rows in groups.items()
-        ],
+        metrics=[MEASURES[name][:2] for name in result.measured],
+        groups=list(groups.items()),
         curves=_curves(result, titles),
         picture=records.study_picture(study, width=None, png=True),
     )
@@ -122,16 +119,15 @@ def _row(row: TrialsRow, measured: list[str], titles: Mapping[str, str]) -> dict
 def _cell(figure: MetricEstimate | None, digits: int) -> dict[str, str] | None:
     if figure is None:
         return None
-    lines = {"mean": f"{figure.mean:.{digits}f}", "interval": "", "spread": "", "gain": ""}
-    if figure.spread is not None:
-        lines["spread"] = f"± {figure.spread:.{digits}f}"
-    if figure.low is not None and figure.high is not None:
-        lines["interval"] = f"{figure.low:.{digits}f} to {figure.high:.{digits}f}"
+    gain = ""
     if figure.gain is not None:
-        lines["gain"] = f"{figure.gain:+.{digits}f}"
-        if figure.gain_low is not None and figure.gain_high is not None:
-            lines["gain"] += f" ({figure.gain_low:+.{digits}f} to {figure.gain_high:+.{digits}f})"
-    return lines
+        gain = with_interval(figure.gain, figure.gain_low, figure.gain_high, digits, "+")
+    return {
+        "mean": f"{figure.mean:.{digits}f}",
+        "interval": interval(figure.low, figure.high, digits),
+        "spread": "" if figure.spread is None else f"± {figure.spread:.{digits}f}",
+        "gain": gain,
+    }
 
 
 def _curves(result: TrialsResult, titles: Mapping[str, str]) -> list[dict[str, Any]]:

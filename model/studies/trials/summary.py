@@ -8,6 +8,7 @@ from pathlib import Path
 from statistics import mean
 
 from pbrnet.model.data.reader import Dataset
+from pbrnet.model.studies.files import result_path, write_result
 from pbrnet.model.studies.trials.learning_curve import extrapolations
 from pbrnet.model.studies.trials.plan import Trial, TrialStudy
 from pbrnet.model.studies.trials.results import TrialsResult, TrialsRow
@@ -15,8 +16,7 @@ from pbrnet.model.studies.trials.runs import SHEET_VIEWS, Log, TrialRecord, fold
 from pbrnet.model.studies.trials.scores import ViewScores, figures, picture_views, sheet
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.params import Params
-from pbrnet.scenes.checked import plain
-from pbrnet.scenes.files import atomic_file, read_json, write_json
+from pbrnet.scenes.files import read_json
 
 UNTRAINED = ("truth", "ceiling", "denoised")  # methods without a network
 
@@ -47,11 +47,8 @@ def run_and_summarise(
     """
     records = run(study, trials, folders, log)
     result = summarise(study, params, folders, trials, records, notes)
-    target = folders.metrics / "studies" / f"{study.name}.json"
-    picture = _sheet(study, folders, trials)
-    with atomic_file(target.with_suffix(".png")) as partial:
-        partial.write_bytes(picture)
-    write_json(target, plain(result))
+    target = result_path(folders.metrics, study.name)
+    write_result(target, result, _sheet(study, folders, trials))
     return result, target
 
 

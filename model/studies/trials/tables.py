@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
+from pbrnet.model.figures.estimates import with_interval
 from pbrnet.model.studies.trials.plan import Trial, TrialStudy
-from pbrnet.model.studies.trials.results import LABELS, MEASURES, MetricEstimate, TrialsResult
+from pbrnet.model.studies.trials.results import MEASURES, MetricEstimate, TrialsResult
 from pbrnet.model.studies.trials.runs import expected_seconds, states
+from pbrnet.model.studies.trials.words import COMPARISONS
 from pbrnet.model.training.train import Folders
 
 
@@ -29,44 +31,41 @@ def plan_lines(study: TrialStudy, trials: Sequence[Trial], folders: Folders) -> 
     return lines
 
 
-def result_lines(result: TrialsResult, labels: Mapping[str, str]) -> list[str]:
+def result_lines(result: TrialsResult) -> list[str]:
     """Return a table with a row a label and a column a metric.
 
     A cell has the mean, its 95 % interval over scenes in brackets and, with several trainings, the
-    standard deviation of their means after ±. `labels`: titles of the study's labels.
+    standard deviation of their means after ±.
     """
-    measured = [name for name in MEASURES if any(row.metrics.get(name) for row in result.rows)]
-    rows = [["", *(MEASURES[name][0] for name in measured)]]
-    groups: list[str] = [""]
+    columns = [(name, MEASURES[name][0], MEASURES[name][2]) for name in result.measured]
+    rows = [["", *(title for _, title, _ in columns)]]
     for row in result.rows:
-        cells = [_cell(row.metrics.get(name), MEASURES[name][2]) for name in measured]
+        cells = (_cell(row.metrics.get(name), digits) for name, _, digits in columns)
         rows.append([row.label, *cells])
-        groups.append(row.group)
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [*result.notes, f"{result.views} views of {result.scenes} {result.split} scenes"]
-    for index, cells in enumerate(rows):
-        if groups[index] and groups[index] != groups[index - 1]:
-            lines.append(f"{groups[index]}:")
+    group = ""
+    for cells, of in zip(rows, ("", *(row.group for row in result.rows)), strict=True):
+        if of and of != group:
+            lines.append(f"{of}:")
+        group = of
         padded = (cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
         lines.append(("  " + "  ".join(padded)).rstrip())
-    lines.append("in brackets: 95 % intervals over scenes" + _spread_note(result.repeats))
-    titles = LABELS | dict(labels)
+    spread = (
+        "; one training each, so the spread of trainings is unknown"
+        if result.repeats < 2
+        else f"; after ±: standard deviation over {result.repeats} trainings"
+    )
+    lines.append("in brackets: 95 % intervals over scenes" + spread)
+    titles = COMPARISONS[result.study].titles
     lines.append(f"{result.reference}: {titles.get(result.reference, result.reference)}")
     return lines
-
-
-def _spread_note(repeats: int) -> str:
-    if repeats < 2:
-        return "; one training each, so the spread of trainings is unknown"
-    return f"; after ±: standard deviation over {repeats} trainings"
 
 
 def _cell(figure: MetricEstimate | None, digits: int) -> str:
     if figure is None:
         return "–"
-    text = f"{figure.mean:.{digits}f}"
-    if figure.low is not None and figure.high is not None:
-        text += f" ({figure.low:.{digits}f} to {figure.high:.{digits}f})"
+    text = with_interval(figure.mean, figure.low, figure.high, digits)
     return text + ("" if figure.spread is None else f" ±{figure.spread:.{digits}f}")
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from pbrnet.model.data.reader import Dataset, Example
 from pbrnet.model.report.page import Places, write_report
-from pbrnet.model.studies.generalisation.study import divide
+from pbrnet.model.studies.generalisation import divide
 from pbrnet.model.studies.trials.results import TrialsResult
 from pbrnet.model.studies.trials.specular import measure_apart, specular_mask
 from pbrnet.model.training.train import Folders

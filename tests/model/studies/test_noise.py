@@ -13,8 +13,8 @@ import pytest
 import yaml
 
 from pbrnet.model.data.reader import PAPER, Dataset
-from pbrnet.model.studies.noise import study
-from pbrnet.model.studies.noise.study import noisy_truths
+from pbrnet.model.studies import noise as study
+from pbrnet.model.studies.noise import noisy_truths
 from pbrnet.model.studies.trials.derived_splits import TruthImages, write_derived_split
 from pbrnet.model.studies.trials.results import TrialsResult
 from pbrnet.model.training.train import Folders, train_network

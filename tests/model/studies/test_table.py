@@ -13,7 +13,7 @@ from pbrnet.model.data.encoding import color_exposure
 from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.metrics import psnr
 from pbrnet.model.report.page import Places, write_report
-from pbrnet.model.studies.table.study import table_study
+from pbrnet.model.studies.table import table_study
 from pbrnet.model.studies.trials.plan import TrialConfig, plan
 from pbrnet.model.studies.trials.results import TrialsResult
 from pbrnet.model.training.train import Folders

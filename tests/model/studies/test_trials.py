@@ -20,9 +20,9 @@ from pbrnet.model.evaluation.evaluate import LeakError
 from pbrnet.model.methods import build_network
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.report.page import Places, write_report
-from pbrnet.model.studies.composition.study import composition_study
-from pbrnet.model.studies.decomposition.study import decomposition_study
-from pbrnet.model.studies.loss.study import loss_study
+from pbrnet.model.studies.composition import composition_study
+from pbrnet.model.studies.decomposition import decomposition_study
+from pbrnet.model.studies.loss import loss_study
 from pbrnet.model.studies.trials.learning_curve import extrapolations, power_law
 from pbrnet.model.studies.trials.plan import TrialConfig, TrialStudy, plan, subset
 from pbrnet.model.studies.trials.results import MetricEstimate, TrialsResult, TrialsRow

@@ -12,21 +12,25 @@ every repeat.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
+import click
+
 from pbrnet.model.data.reader import Dataset, Split
-from pbrnet.model.studies.generalisation.results import LABELS
+from pbrnet.model.options import FOLDER
+from pbrnet.model.studies.trials.command import TrialRequest, trial_command
 from pbrnet.model.studies.trials.derived_splits import write_derived_split
 from pbrnet.model.studies.trials.plan import (
     STAGES,
     TrainingSource,
     Trial,
-    TrialConfig,
     TrialStudy,
     Variant,
+    draw_plans,
     scheduled,
     seed_of,
 )
@@ -105,7 +109,6 @@ def generalisation_study() -> TrialStudy:
         name="generalisation",
         variants=tuple(Variant(name, STAGES, _methods(name)) for name in (BEFORE, TUNED, ALONE)),
         reference=BEFORE,
-        labels=LABELS,
         regions=True,
     )
 
@@ -117,22 +120,16 @@ def divide(
 
     `views`: scene -> number of views. Raises `InputError` if there are fewer than two plans.
     """
-    members: dict[str, list[str]] = {}
-    for scene in sorted(views):
-        members.setdefault(plans.get(scene, scene), []).append(scene)
-    names = sorted(members)
+    names = sorted({plans.get(scene, scene) for scene in views})
     if len(names) < 2:
         raise InputError(
             f"{where}: one floor plan only, {names[0]!r}; fine-tuning and testing need at least two"
         )
-    tuning: list[str] = []
-    for index in generator(seed, "study", "division").permutation(len(names))[: len(names) // 2]:
-        if sum(views[scene] for scene in tuning) >= wanted:
-            break
-        tuning += members[names[index]]
+    rng = generator(seed, "study", "division")
+    tuning = draw_plans(views, plans, wanted, rng, most=len(names) // 2)
     testing = tuple(sorted(set(views) - set(tuning)))
     return Division(
-        tuple(sorted(tuning)),
+        tuning,
         testing,
         sum(views[scene] for scene in tuning),
         sum(views[scene] for scene in testing),
@@ -140,18 +137,13 @@ def divide(
 
 
 def prepare(
-    params: Params,
-    folders: Folders,
-    other: OtherSource,
-    config: TrialConfig,
-    tuning_views: int,
-    tuning_steps: int | None,
-    packs: Path,
+    request: TrialRequest, other: OtherSource, tuning_views: int, tuning_steps: int | None
 ) -> PreparedStudy:
-    """Plan the trials and pack the test scenes below `packs`.
+    """Plan the trials and pack the test scenes below DATA/studies/generalisation.
 
     Raises `InputError` if the source and the training scenes overlap.
     """
+    folders, config = request.folders, request.config
     home = Dataset(folders.data / "dataset", "train")
     home_plans = home.plans()
     same = other.data.resolve() == folders.data.resolve()
@@ -163,27 +155,28 @@ def prepare(
     views = _views(parts)
     _refuse_overlap(scenes, home_plans, views, plans, folders.data, other.data)
     where = f"{other.data}/dataset"
-    division = divide(views, plans, tuning_views, params.seed, where)
+    division = divide(views, plans, tuning_views, request.params.seed, where)
     trained = sum(own_views[scene] for scene in scenes)
     if not trained:
         raise InputError(f"{where}: every training scene is of the source {other.pattern!r}")
 
     fingerprint = digest_bytes(*(part.fingerprint().encode() for part in parts))
+    packs = folders.data / "studies" / "generalisation"
     tuning = _source(parts, division.tuning, "train", fingerprint, packs)
     testing = _source(parts, division.testing, "test", fingerprint, packs)
     testing.make()
     own = TrainingSource(folders.data, home.fingerprint(), lambda: None)
+    params = request.params
     params = replace(params, evaluate=replace(params.evaluate, split="test"))
+    before, tuned, alone = generalisation_study().variants
+    given = (division.tuning, division.tuning_views)
     trials = []
     for repeat in range(config.seeds):
         seeded = replace(params, seed=seed_of(params, repeat))
-        before, tuned, alone = generalisation_study().variants
         first = scheduled(seeded, before, config.steps, len(home))
         start = Trial(before, repeat, first, tuple(sorted(scenes)), trained, source=own)
-        counts = _steps(first)
-        more = {name: tuning_steps or max(1, count // 4) for name, count in counts.items()}
-        all_steps = {name: counts[name] + more[name] for name in counts}
-        given = (division.tuning, division.tuning_views)
+        more = {name: tuning_steps or max(1, count // 4) for name, count in start.steps.items()}
+        all_steps = {name: start.steps[name] + more[name] for name in more}
         second, third = _with_steps(first, tuned, more), _with_steps(first, alone, all_steps)
         trials += [
             start,
@@ -213,13 +206,9 @@ def _methods(name: str) -> dict[str, str]:
     return methods | ({"ceiling": "ceiling"} if name == BEFORE else {})
 
 
-def _views(parts: Sequence[Dataset]) -> dict[str, int]:
+def _views(parts: Sequence[Dataset]) -> Counter[str]:
     """Return the number of views of every scene."""
-    counts: dict[str, int] = {}
-    for part in parts:
-        for scene in part.column("scene_id"):
-            counts[scene] = counts.get(scene, 0) + 1
-    return counts
+    return Counter(scene for part in parts for scene in part.column("scene_id"))
 
 
 def _refuse_overlap(
@@ -263,6 +252,58 @@ def _with_steps(params: Params, variant: Variant, counts: Mapping[str, int]) -> 
     return replace(params, train=replace(params.train, **stages))
 
 
-def _steps(params: Params) -> dict[str, int]:
-    stages = {name: getattr(params.train, name) for name in STAGES}
-    return {name: stage.epochs * stage.steps_per_epoch for name, stage in stages.items()}
+@trial_command(
+    "generalisation",
+    """
+  pbrnet study generalisation --other better/data --dry-run
+  pbrnet study generalisation --other better/data --views 128 --steps 4000
+  pbrnet study generalisation --source 'villa-*' --seeds 3
+""",
+    click.option(
+        "--other",
+        type=FOLDER,
+        help="Data folder of the other source.  [default: DATA, with --source]",
+    ),
+    click.option(
+        "--source",
+        "pattern",
+        help="Floor plans or scenes of the source, as 'villa-*'; left out of the training on DATA.",
+    ),
+    click.option(
+        "--views",
+        "tuning_views",
+        type=click.IntRange(1),
+        default=TUNING_VIEWS,
+        show_default=True,
+        help="Views of the source to fine-tune on.",
+    ),
+    click.option(
+        "--tuning-steps",
+        type=click.IntRange(1),
+        help="Fine-tuning steps of each network.  [default: a quarter of the training steps]",
+    ),
+    notes="Fine-tuning uses whole floor plans of the source, chosen at random, at most half of "
+    "them; the others are the test set. The source's views are packed below "
+    "DATA/studies/generalisation, also in a dry run.",
+)
+def command(
+    request: TrialRequest,
+    other: Path | None,
+    pattern: str | None,
+    tuning_views: int,
+    tuning_steps: int | None,
+) -> None:
+    """Test on another source, then fine-tune on it (Figures 14, 15).
+
+    Specular and matte pixels are measured separately, too.
+    """
+    data = request.folders.data
+    if other is None and pattern is None:
+        raise click.UsageError("name the other source: --other FOLDER, --source PATTERN, or both")
+    if other is not None and pattern is None and other.resolve() == data.resolve():
+        raise click.UsageError(
+            f"--other {other} is DATA itself; select floor plans of it with --source"
+        )
+    made = prepare(request, OtherSource(other or data, pattern or "*"), tuning_views, tuning_steps)
+    elsewhere = replace(request, folders=made.folders)
+    elsewhere.run(generalisation_study(), made.trials, notes=made.notes)

@@ -17,7 +17,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import click
+
 from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.options import renders_option
 from pbrnet.model.studies.frame_store import (
     FrameStore,
     cameras_of,
@@ -26,9 +29,16 @@ from pbrnet.model.studies.frame_store import (
     opened_scene,
     with_samples,
 )
-from pbrnet.model.studies.noise.results import LABELS
+from pbrnet.model.studies.trials.command import TrialRequest, trial_command, views_option
 from pbrnet.model.studies.trials.derived_splits import TRUTHS, TruthImages, write_derived_split
-from pbrnet.model.studies.trials.plan import STAGES, TrainingSource, Trial, TrialStudy, Variant
+from pbrnet.model.studies.trials.plan import (
+    STAGES,
+    TrainingSource,
+    Trial,
+    TrialStudy,
+    Variant,
+    plan,
+)
 from pbrnet.pipeline.farm.scene_digest import scene_digest
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import render, trace_seed
@@ -76,7 +86,6 @@ def noise_study(samples: Sequence[int] = SAMPLES) -> TrialStudy:
             Variant(CLEAN, STAGES, {"pbrnet": CLEAN}),
         ),
         reference=CLEAN,
-        labels=LABELS,
     )
 
 
@@ -186,3 +195,38 @@ class NoisyTruthStore:
         for example in Dataset(self.data / "dataset", "train", only=scenes).ordered():
             self.panoramas.setdefault(example.scene_id, (example.view_id, example["intensity"]))
             yield example
+
+
+@trial_command(
+    "noise",
+    """
+  pbrnet study noise --dry-run                    list the renderings and trainings
+  pbrnet study noise --views 60 --steps 2000      at 4, 16 and 64 samples, raw and denoised
+  pbrnet study noise --spp 1 --spp 8 --seeds 3
+""",
+    click.option(
+        "--spp",
+        "samples",
+        type=click.IntRange(1, 1 << 16),
+        multiple=True,
+        help="Samples per pixel of a noisy ground truth; repeatable.  [default: 4, 16, 64]",
+    ),
+    renders_option("Folder of the rendered frames.  [default: DATA/studies/noise]"),
+    views_option,
+    notes="Needs the scenes and cameras that the dataset was made from. The frames in "
+    "DATA/studies/noise may be deleted once all is trained.",
+)
+def command(request: TrialRequest, samples: tuple[int, ...], renders: Path | None) -> None:
+    """Train on noisy ground truth, raw and denoised (Figure 11).
+
+    The training views are rendered again with few samples; tests use the dataset's ground truth.
+    """
+    params, data = request.params, request.folders.data
+    samples = tuple(sorted(set(samples or SAMPLES)))
+    study = noise_study(samples)
+    trials = plan(study, params, request.folders, request.config)
+    scenes = {scene for trial in trials for scene in trial.scenes}
+    truths = NoisyTruthStore(params, data, renders or data / "studies" / "noise", samples, scenes)
+    due = {spp: len(truths.due(spp, sorted(scenes))) for spp in samples}
+    lines = [f"{count} views to render with {spp} samples first" for spp, count in due.items()]
+    request.run(study, [truths.with_source(trial) for trial in trials], lines)

@@ -1,1 +1,0 @@
-"""Composition study: a network against multiplication (Figure 9 of the paper)."""

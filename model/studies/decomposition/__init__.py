@@ -1,1 +1,0 @@
-"""Decomposition study: supervised shading against one stage (Figure 8 of the paper)."""

@@ -1,1 +1,0 @@
-"""Generalisation study: scenes of another source (Figures 14 and 15 of the paper)."""

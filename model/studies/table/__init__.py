@@ -1,1 +1,0 @@
-"""Method table: all methods trained alike (Table I of the paper)."""
