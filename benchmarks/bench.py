@@ -23,23 +23,27 @@ from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.files import write_text
 
 ROOT = Path(__file__).resolve().parent.parent
-_LIT = """
-scenes: {{homes: {homes}, rooms_min: 3}}
-cameras: {{views_per_scene: 1}}
-"""  # of different light, with many lamps
-# Of a root seed of its own: homes that the committed weights have not seen.
-_UNSEEN = """
-seed: 37
-scenes: {{homes: {homes}}}
-cameras: {{views_per_scene: 4}}
-"""
-# The denoiser is left out: it is work that a plain loop does not do.
-_PARAMETERS = """
-scenes: {{homes: {homes}}}
-cameras: {{views_per_scene: {views}}}
-groundtruth: {{spp: {spp}, block_spp: 16, denoise: none}}
+# Parameters of the homes by name, which depend on `Sizes`.
+_HOMES = {
+    # In `data`; the denoiser is left out: it is work that a plain loop does not do.
+    "views": """
+scenes: {{homes: {sizes.homes}}}
+cameras: {{views_per_scene: {sizes.views}}}
+groundtruth: {{spp: {sizes.spp}, block_spp: 16, denoise: none}}
 dataset: {{splits: {{test: 0, validation: 0}}, row_group: 16, checks: {{max_noise: 1000000}}}}
-"""
+""",
+    # Of different light, with many lamps.
+    "lit": """
+scenes: {{homes: {sizes.lit}, rooms_min: 3}}
+cameras: {{views_per_scene: 1}}
+""",
+    # Of a root seed of its own: homes that the committed weights have not seen.
+    "unseen": """
+seed: 37
+scenes: {{homes: {sizes.budget_homes}}}
+cameras: {{views_per_scene: 4}}
+""",
+}
 
 
 @dataclass(frozen=True)
@@ -86,68 +90,75 @@ SMALL = Sizes(  # for trying the program: its figures mean nothing
 
 
 class Bench:
-    """Homes and views in a folder, made on first use."""
+    """Homes and views in a folder, made on first use.
 
-    def __init__(self, folder: Path, sizes: Sizes, tools: Path) -> None:
-        self.folder, self.sizes = folder, sizes
-        self.tools = tools  # what stays from run to run: another renderer's environment
-        self.data = folder / "data"
-        self.parameters = folder / "params.yaml"
+    `tools`: folder of what stays from run to run, as another renderer's environment; `bpy`: an
+    interpreter with Blender; `docs`: folder of the documents' figures.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        sizes: Sizes,
+        tools: Path,
+        bpy: Path | None = None,
+        docs: Path = ROOT / "docs",
+    ) -> None:
+        self.folder, self.sizes, self.tools, self.bpy, self.docs = folder, sizes, tools, bpy, docs
+        self.data = self.folder_of("views")
 
     @cached_property
     def params(self) -> Params:
         """Parameters of the stages."""
-        sizes = self.sizes
-        text = _PARAMETERS.format(homes=sizes.homes, views=sizes.views, spp=sizes.spp)
-        write_text(self.parameters, text)
-        return load_params(self.parameters)
+        return self.params_of("views")
 
     @cached_property
     def views(self) -> dict[str, list[View]]:
         """Views of each home, at the size of the stages."""
-        return _made(self.data, self.params)
+        return self._made("views")
 
     @cached_property
     def lit(self) -> dict[str, list[View]]:
         """One view of each home with lamps in at least three rooms, by day, evening and night."""
-        file = self.folder / "lit.yaml"
-        write_text(file, _LIT.format(homes=self.sizes.lit))
-        return _made(self.folder / "lit", load_params(file))
-
-    @cached_property
-    def unseen_params(self) -> Params:
-        """Parameters of `unseen`."""
-        file = self.folder / "unseen.yaml"
-        write_text(file, _UNSEEN.format(homes=self.sizes.budget_homes))
-        return load_params(file)
+        return self._made("lit")
 
     @cached_property
     def unseen(self) -> dict[str, list[View]]:
         """Views of homes that have been in no training."""
-        return _made(self.folder / "unseen", self.unseen_params)
+        return self._made("unseen")
 
     @property
     def home(self) -> str:
         """Name of the home with the most views."""
         return max(self.views, key=lambda name: len(self.views[name]))
 
-    def open_unseen(self, name: str) -> RenderScene:
-        """Open a home of `unseen` for rendering."""
-        assert name in self.unseen
-        return open_scene(load_scene(self.folder / "unseen" / "scenes" / name))
+    @property
+    def parameters(self) -> Path:
+        """Parameter file of the stages."""
+        return self.folder / "views.yaml"
 
-    def open(self, name: str, lit: bool = False) -> RenderScene:
-        """Open a home of `views`, or of `lit`, for rendering."""
-        assert name in (self.lit if lit else self.views)
-        return open_scene(load_scene((self.folder / "lit" if lit else self.data) / "scenes" / name))
+    def folder_of(self, homes: str) -> Path:
+        """Return the data folder of `views`, `lit` or `unseen`."""
+        return self.folder / f"data-{homes}"
 
+    def params_of(self, homes: str) -> Params:
+        """Write and read the parameters of `views`, `lit` or `unseen`."""
+        file = self.folder / f"{homes}.yaml"
+        write_text(file, _HOMES[homes].format(sizes=self.sizes))
+        return load_params(file)
 
-def _made(data: Path, params: Params) -> dict[str, list[View]]:
-    """Make homes and cameras below `data`; return the views by home."""
-    run_scenes(data, params)
-    run_cameras(data, params)
-    names = [path.name for path in scene_folders(data / "scenes")]
-    return {name: list(load_cameras(data / "cameras" / f"{name}.json").views) for name in names}
+    def open(self, name: str, homes: str = "views") -> RenderScene:
+        """Open a home of `views`, `lit` or `unseen` for rendering."""
+        assert name in getattr(self, homes)
+        return open_scene(load_scene(self.folder_of(homes) / "scenes" / name))
+
+    def _made(self, homes: str) -> dict[str, list[View]]:
+        """Make homes and cameras; return the views by home."""
+        data, params = self.folder_of(homes), self.params_of(homes)
+        run_scenes(data, params)
+        run_cameras(data, params)
+        names = [path.name for path in scene_folders(data / "scenes")]
+        return {name: list(load_cameras(data / "cameras" / f"{name}.json").views) for name in names}
 
 
 def resized(view: View, size: tuple[int, int]) -> View:

@@ -45,7 +45,7 @@ from benchmarks.cycles import (
     blender_python,
     views_by_light,
 )
-from benchmarks.results import OtherLoad, measured_on, processor
+from benchmarks.results import OtherLoad, measured_on
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Clock, Spent, spend, spread
 from pbrnet.model.data.encoding import MAX_SAMPLES
@@ -53,6 +53,7 @@ from pbrnet.model.evaluation.inference import Networks, available, load_networks
 from pbrnet.model.evaluation.metrics import flip_map, ssim
 from pbrnet.model.evaluation.predict import example_of, rendered_for
 from pbrnet.pipeline.channels import RGB
+from pbrnet.pipeline.commands.release import processor
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.images import contact_sheet, jpeg_bytes
 from pbrnet.pipeline.params import Params
@@ -61,7 +62,6 @@ from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import transport_of
 from pbrnet.pipeline.passes.truth import sample_guides
-from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.tonemap import exposure_of, to_bytes, tonemap
 from pbrnet.pipeline.transport.settings import TRANSPORT_SAMPLES
@@ -106,18 +106,12 @@ class Setting:
         return spent.wall if self.clock == "wall" else spent.cpu / self.processors
 
 
-def budget_rows(
-    bench: Bench, given: Path | None = None, docs: Path = ROOT / "docs"
-) -> Iterator[Row]:
+def budget_rows(bench: Bench) -> Iterator[Row]:
     """Yield agreement of the renderers by home, and in how many budgets ours is the best."""
-    meaning = "budgets in which the lowest FLIP is ours"
-    if not integrator.available():
-        yield missing(NAME, meaning, "joint traces are not in scalar variants")
-        return
     try:
-        interpreter = blender_python(bench.tools, given)
+        interpreter = blender_python(bench.tools, bench.bpy)
     except BlenderMissing as error:
-        yield missing(NAME, meaning, str(error))
+        yield missing(NAME, "budgets in which the lowest FLIP is ours", str(error))
         return
     weights = ROOT / "weights"
     networks: dict[str, Networks] = {
@@ -127,7 +121,7 @@ def budget_rows(
     }
     processors = len(os.sched_getaffinity(0))
     torch.set_num_threads(processors)
-    setting = Setting(bench.unseen_params, networks, clock(), processors)
+    setting = Setting(bench.params_of("unseen"), networks, clock(), processors)
     kept = bench.tools / "budgets" / _signature(bench, setting, weights)
     kept.mkdir(parents=True, exist_ok=True)
     homes: list[list[Measured]] = []
@@ -136,7 +130,7 @@ def budget_rows(
         for one in _measured(bench, setting, name, interpreter, kept):
             homes[-1].append(one)
             yield one.agreement(name)
-    yield from _rows(_written(bench, setting, homes, docs))
+    yield from _rows(_written(bench, setting, homes))
 
 
 def _signature(bench: Bench, setting: Setting, weights: Path) -> str:
@@ -171,7 +165,6 @@ def _written(
     bench: Bench,
     setting: Setting,
     views: Sequence[Sequence[Measured]],
-    docs: Path,
 ) -> list[dict[str, Any]]:
     """Write the files of what was measured, by home and size; return the cells."""
     budgets = bench.sizes.budgets
@@ -197,7 +190,7 @@ def _written(
             for row in found
         ],
     }
-    write_json(docs / "data" / "budgets.json", record)
+    write_json(bench.docs / "data" / "budgets.json", record)
     words = f"Lowest FLIP in so much time; mean of {len(views)} homes as clay, a view of each"
     large = "{}x{}".format(*bench.sizes.large)
     sheet = next(view for view in views[0] if view.size == large).sheet
@@ -207,7 +200,7 @@ def _written(
         ("budgets.png", budget_plot(homes, budgets, words)),
         ("budgets.jpg", jpeg_bytes(pictures)),
     ):
-        with atomic_file(docs / "images" / file) as partial_file:
+        with atomic_file(bench.docs / "images" / file) as partial_file:
             partial_file.write_bytes(data)
     return found
 
@@ -281,7 +274,7 @@ class Home:
         self.setting, self.params, self.name = setting, setting.params, name
         self.folder = bench.folder / f"clay-{name}"
         self.sheet_width = bench.sizes.large[0]
-        home = bench.open_unseen(name)
+        home = bench.open(name, "unseen")
         depth = self.params.groundtruth.max_depth
         self.views = views_by_light(
             home, bench.unseen[name], bench.folder / f"probe-{name}", self.params.groundtruth

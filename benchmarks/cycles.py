@@ -27,7 +27,6 @@ from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, spend, spread
 from pbrnet.pipeline.passes.groundtruth import render_both, render_truth
 from pbrnet.pipeline.passes.settings import GroundTruthParams
-from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View
 
@@ -152,17 +151,12 @@ def blender(interpreter: Path, scene: Path) -> Iterator[Blender]:
             process.kill()
 
 
-def cycles_rows(bench: Bench, given: Path | None = None) -> Iterator[Row]:
+def cycles_rows(bench: Bench) -> Iterator[Row]:
     """Yield rows against Cycles with default settings and with light portals."""
-    goal = at_least(2.5)
-    if not integrator.available():
-        yield missing(NAME, MEANING, "joint traces are not in scalar variants", goal)
-        return
     try:
-        interpreter = blender_python(bench.tools, given)
-        yield from _compare(bench, interpreter)
+        yield from _compare(bench, blender_python(bench.tools, bench.bpy))
     except BlenderMissing as error:
-        yield missing(NAME, MEANING, str(error), goal)
+        yield missing(NAME, MEANING, str(error), at_least(2.5))
 
 
 def _compare(bench: Bench, interpreter: Path) -> Iterator[Row]:

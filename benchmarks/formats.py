@@ -2,7 +2,7 @@
 
 The same images, in the types of the dataset, in each format; the readers give NumPy arrays of these
 types, with two threads, files in the page cache. Truth is denoised, as in datasets: noise does not
-compress. Lance needs the package pylance, which the project does not install.
+compress.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.bench import Bench
-from benchmarks.rows import Row, at_least, at_most, missing
+from benchmarks.rows import Row, at_least, at_most
 from benchmarks.shards import KINDS, frames_of, keep_channels_of_rows, read_exr, views_of
 from benchmarks.timing import by_turns, ratio, spread
 from pbrnet.pipeline.channels import dataset_channels
@@ -69,12 +69,8 @@ def compared(data: Path, views: Sequence[View], folder: Path) -> Iterator[Row]:
         today = 0
         for number, form in enumerate(_formats()):
             path = folder / f"{number}"
-            try:
-                form.write(rows, path)
-            except ImportError as error:
-                yield missing(form.title, "size, reading", f"{error}")
-                continue
-            size = _size(path)
+            form.write(rows, path)
+            size = path.stat().st_size
             today = today or size
             ways = {"exr": exr, "format": partial(form.read, path, pool)}
             spent = by_turns(ways, _TURNS)
@@ -128,11 +124,6 @@ def _read_singly(form: Format, path: Path, order: Iterator[int]) -> None:
         form.single(path, next(order))
 
 
-def _size(path: Path) -> int:
-    files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
-    return sum(file.stat().st_size for file in files)
-
-
 def _formats() -> Iterator[Format]:
     """Yield the formats; the first is format 1's."""
     yield Format(
@@ -155,7 +146,6 @@ def _formats() -> Iterator[Format]:
             partial(_single, decode=decode),
         )
     yield Format("WebDataset, npy in tar", _write_tar, _read_tar, _single_tar)
-    yield Format("Lance, byte planes", _write_lance, _read_lance, _single_lance)
 
 
 OURS = "byte planes, LZ4"
@@ -263,26 +253,3 @@ def _single_tar(path: Path, number: int) -> AnyArray:
     with tarfile.open(path) as file:
         found: AnyArray = np.load(io.BytesIO(file.extractfile(f"{number:06d}.color.npy").read()))  # type: ignore[union-attr]
     return found
-
-
-def _write_lance(rows: list[Images], path: Path) -> None:
-    import lance
-
-    lance.write_dataset(_cells(rows, image_cell), str(path))
-
-
-def _read_lance(path: Path, pool: ThreadPoolExecutor) -> int:
-    import lance
-
-    count = 0
-    for batch in lance.dataset(str(path)).to_batches(batch_size=_GROUP):
-        table = pa.Table.from_batches([batch])
-        images = pool.map(partial(_ours, table), table.column_names)
-        count += sum(image.size for column in images for image in column)
-    return count
-
-
-def _single_lance(path: Path, number: int) -> AnyArray:
-    import lance
-
-    return _ours(lance.dataset(str(path)).take([number], columns=["color"]), "color")[0]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from benchmarks.bench import Bench, resized
-from benchmarks.rows import Row, at_most, missing
+from benchmarks.rows import Row, at_most
 from benchmarks.timing import Spent, by_turns, ratio, spread
 from pbrnet.pipeline.passes.denoise import guides
 from pbrnet.pipeline.passes.settings import NoisyParams
@@ -17,15 +17,11 @@ from pbrnet.pipeline.passes.truth import (
     render_noisy,
     render_samples,
 )
-from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.transport.guides import fast_guides
 
 
 def preview_rows(bench: Bench) -> Iterator[Row]:
     """Yield what light transport costs, and the path to a picture of one sample."""
-    if not integrator.available():
-        yield missing("transport", "direct and indirect light", "not in scalar variants")
-        return
     scene = bench.open(bench.home)
     view = resized(bench.views[bench.home][0], bench.sizes.large)
     small = resized(view, (160, 120))

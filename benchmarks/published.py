@@ -16,10 +16,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from benchmarks.bench import Bench, resized
-from benchmarks.rows import Row, missing
+from benchmarks.rows import Row
 from benchmarks.timing import spend, spread
 from pbrnet.pipeline.passes.groundtruth import Truths, render_both
-from pbrnet.pipeline.pathtrace import integrator
 
 SIZE = (640, 480)
 HYPERSIM = 231 * 365.25 * 24 / 77_400 * (640 * 480) / (1024 * 768)  # core-hours
@@ -29,9 +28,6 @@ NOISE = 0.05  # relative standard error, root mean square over the pixels
 
 def published_rows(bench: Bench) -> Iterator[Row]:
     """Yield the core-hours of both images of a view, at a stated noise, home by home."""
-    if not integrator.available():
-        yield missing("core-hours a view", "640x480", "joint traces are not in scalar variants")
-        return
     hours = [_core_hours(bench, name) for name in sorted(bench.views) if bench.views[name]]
     yield Row(
         "core-hours a view",

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.bench import ROOT, Bench, resized
 from benchmarks.plain_loop import plain_sensor
 from benchmarks.rows import Row, at_least, at_most, missing
-from benchmarks.timing import Spent, by_turns, ratio, spread
+from benchmarks.timing import Spent, beyond, by_turns, ratio, spread, sums
 from pbrnet.pipeline.cameras import view_sampling
 from pbrnet.pipeline.passes.environment import render_environment
 from pbrnet.pipeline.passes.groundtruth import render_both
@@ -26,7 +26,6 @@ from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.registry import TRACED, TRUTHS, render
 from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
 from pbrnet.pipeline.passes.surfaces import render_surfaces
-from pbrnet.pipeline.pathtrace import integrator as joint
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, View, as_matrix
 
@@ -57,9 +56,6 @@ def plain_render(
 def render_rows(bench: Bench) -> Iterator[Row]:
     """Yield the costs of a view's passes relative to each other, and of camera sampling."""
     sizes, params = bench.sizes, bench.params
-    if not joint.available():
-        yield missing("joint trace", "colour and shading in one trace", "not in scalar variants")
-        return
     scene = bench.open(bench.home)
     view = resized(bench.views[bench.home][0], sizes.large)
     step = view.pose.copy()
@@ -110,14 +106,14 @@ def _joint_rows(spent: dict[str, list[Spent]], size: str) -> Iterator[Row]:
     yield Row(
         "joint trace / two plain renders",
         f"the same against colour and shading by `path` one after the other, {size}",
-        ratio(spent["joint"], _sums(spent["color"], spent["shading"]), "cpu"),
+        ratio(spent["joint"], sums(spent["color"], spent["shading"]), "cpu"),
         clock="cpu",
     )
 
 
 def _cheap_rows(spent: dict[str, list[Spent]], views: int) -> Iterator[Row]:
     per_view = [Spent(s.cpu / views, s.wall / views) for s in spent["cameras"]]
-    cheap = _sums(_sums(spent["panorama"], spent["inputs"]), per_view)
+    cheap = sums(sums(spent["panorama"], spent["inputs"]), per_view)
     yield Row(
         "inputs, panorama and cameras / ground truth",
         "one view's depth, normal, reflectance, its panorama 360 pixels wide and its share of "
@@ -127,10 +123,7 @@ def _cheap_rows(spent: dict[str, list[Spent]], views: int) -> Iterator[Row]:
         goal=at_most(0.05),
     )
     for name, meaning in (("labels", "materials and labels"), ("video", "flow and occlusion")):
-        more = [
-            Spent(max(all_.cpu - one.cpu, 0), max(all_.wall - one.wall, 0))
-            for all_, one in zip(spent[name], spent["inputs"], strict=True)
-        ]
+        more = beyond(spent[name], spent["inputs"])
         yield Row(
             f"{meaning} / ground truth",
             "what they add to one view's inputs, from the same rays, against the joint trace above",
@@ -215,11 +208,6 @@ def _sampled(bench: Bench, scene: RenderScene) -> CameraFile:
 def _looked_at(file: CameraFile) -> int:
     rejected: Counter[str] = Counter(file.rejected)
     return file.candidates - sum(rejected[reason] for reason in _UNSEEN)
-
-
-def _sums(first: list[Spent], second: list[Spent]) -> list[Spent]:
-    pairs = zip(first, second, strict=True)
-    return [Spent(a.cpu + b.cpu, a.wall + b.wall) for a, b in pairs]
 
 
 _VARIANT = """

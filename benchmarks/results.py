@@ -19,6 +19,7 @@ import psutil
 
 from benchmarks.rows import Row
 from benchmarks.timing import now
+from pbrnet.pipeline.commands.release import processor
 from pbrnet.pipeline.farm.versions import code_version
 from pbrnet.pipeline.render.scene import renderer_version
 from pbrnet.scenes.errors import InputError
@@ -126,16 +127,6 @@ def measured_on(sizes: str) -> dict[str, Any]:
         "code": code_version(),
         "sizes": sizes,
     }
-
-
-def processor() -> str:
-    """Return the processor's name, or its architecture where the system has no name."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()
 
 
 def page_of(record: dict[str, Any]) -> str:

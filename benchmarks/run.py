@@ -12,7 +12,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -26,13 +26,38 @@ from benchmarks.previews import preview_rows
 from benchmarks.published import published_rows
 from benchmarks.rendering import render_rows, variant_rows
 from benchmarks.results import TITLES, OtherLoad, Results, figure
-from benchmarks.rows import Row
+from benchmarks.rows import Row, missing
 from benchmarks.sets import set_rows
 from benchmarks.shards import shard_rows
 from benchmarks.strategies import strategy_rows
+from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import set_variant
 
-Topic = Callable[[Bench], Iterator[Row]]
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic: what yields its rows, and whether these need traces of colour and shading at once.
+
+    Joint traces are not in scalar variants.
+    """
+
+    rows: Callable[[Bench], Iterator[Row]]
+    joint: bool = True
+
+
+TOPICS = {
+    "render": Topic(render_rows),
+    "previews": Topic(preview_rows),
+    "sets": Topic(set_rows),
+    "variant": Topic(variant_rows, joint=False),
+    "strategies": Topic(strategy_rows),
+    "farm": Topic(farm_rows, joint=False),
+    "shards": Topic(shard_rows, joint=False),
+    "formats": Topic(format_rows, joint=False),
+    "cycles": Topic(cycles_rows),
+    "budgets": Topic(budget_rows),
+    "published": Topic(published_rows),
+}
 
 
 @click.command(
@@ -77,31 +102,19 @@ def main(
     results = Results(*paths, sizes="small" if small else "full")
     if only or resume:
         results.load()
-    topics: dict[str, Topic] = {
-        "render": render_rows,
-        "previews": preview_rows,
-        "sets": set_rows,
-        "variant": variant_rows,
-        "strategies": strategy_rows,
-        "farm": farm_rows,
-        "shards": shard_rows,
-        "formats": format_rows,
-        "cycles": partial(cycles_rows, given=bpy),
-        "budgets": partial(budget_rows, given=bpy, docs=docs),
-        "published": published_rows,
-    }
     wanted = [
         name
-        for name in topics
+        for name in TOPICS
         if (not only or name in only) and not (resume and results.current(name))
     ]
     with tempfile.TemporaryDirectory(prefix="pbrnet-bench-") as folder:
-        bench = Bench(Path(folder), SMALL if small else FULL, ROOT / "build" / "bench")
+        sizes = SMALL if small else FULL
+        bench = Bench(Path(folder), sizes, ROOT / "build" / "bench", bpy, docs)
         click.echo("Making homes and cameras")
         count = sum(len(views) for views in bench.views.values())
         click.echo(f"{len(bench.views)} homes, {count} views")
         for name in wanted:
-            measure(name, topics[name], bench, results)
+            measure(name, TOPICS[name], bench, results)
     click.echo(f"\nWritten: {paths[0]}, {paths[1]}")
 
 
@@ -110,7 +123,9 @@ def measure(name: str, topic: Topic, bench: Bench, results: Results) -> None:
     click.echo(f"\n{TITLES[name]}")
     started, others = time.monotonic(), OtherLoad()
     results.begin(name)
-    for row in topic(bench):
+    known = not topic.joint or integrator.available()
+    why = "joint traces are not in scalar variants"
+    for row in topic.rows(bench) if known else (missing(TITLES[name], "all rows", why),):
         results.add(name, row)
         show(row)
     seconds = time.monotonic() - started

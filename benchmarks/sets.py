@@ -10,8 +10,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 from benchmarks.bench import Bench, resized
-from benchmarks.rows import Row, at_most, missing
-from benchmarks.timing import Spent, by_turns, ratio, spread
+from benchmarks.rows import Row, at_most
+from benchmarks.timing import Spent, beyond, by_turns, ratio, spread, sums
 from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import KINDS, ChannelSet, Kind
 from pbrnet.pipeline.dataset.columns import dataset_columns
@@ -28,7 +28,6 @@ from pbrnet.pipeline.passes.registry import (
 )
 from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
 from pbrnet.pipeline.passes.surfaces import render_surfaces
-from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, View, as_matrix, save_cameras
 
@@ -53,9 +52,6 @@ _GOALS = {_TOGETHER: 1.05, "light": 1.15}
 
 def set_rows(bench: Bench) -> Iterator[Row]:
     """Yield for each set its processor time relative to the set `paper`, and its bytes a row."""
-    if not integrator.available():
-        yield missing("all", "every set of channels", "light is not in scalar variants")
-        return
     params, scene = _params(bench), bench.open(bench.home)
     views = [
         _moving(resized(view, (params.image.width, params.image.height)))
@@ -73,7 +69,7 @@ def set_rows(bench: Bench) -> Iterator[Row]:
     for work in ways.values():  # twice with the round below: launches of kinds in turn are
         work()  # recorded a second time
     spent = by_turns(ways, bench.sizes.repeats)
-    paper = _sums(*(spent[name] for name in ("truth", "inputs", "illumination", "visibility")))
+    paper = sums(*(spent[name] for name in ("truth", "inputs", "illumination", "visibility")))
     size = f"{params.image.width}x{params.image.height}, {params.groundtruth.spp} spp"
     yield Row(
         "paper",
@@ -86,7 +82,7 @@ def set_rows(bench: Bench) -> Iterator[Row]:
         yield Row(
             f"{name} / paper",
             f"a view with {_shown(name)} as well, against one of `paper` alone",
-            ratio(_sums(paper, *_added(name, spent)), paper, "cpu"),
+            ratio(sums(paper, *_added(name, spent)), paper, "cpu"),
             clock="cpu",
             goal=at_most(_GOALS[name]) if name in _GOALS else None,
         )
@@ -158,22 +154,12 @@ def _ways(scene: RenderScene, view: View, params: Params) -> dict[str, Callable[
 def _added(name: str, spent: dict[str, list[Spent]]) -> list[list[Spent]]:
     """Return the seconds that a set of `_SETS` adds to those of `paper`, in parts."""
     if name == "all":
-        parts = [_more(spent["surfaces"], spent["inputs"]), _more(spent[_GROUPS], spent["truth"])]
+        parts = [beyond(spent["surfaces"], spent["inputs"]), beyond(spent[_GROUPS], spent["truth"])]
         return [*parts, spent["environment"], spent["transport"]]
     if name in ("environment", "transport"):
         return [spent[name]]
     base = "truth" if name in ("light", _GROUPS) else "inputs"
-    return [_more(spent[name], spent[base])]
-
-
-def _more(whole: list[Spent], part: list[Spent]) -> list[Spent]:
-    pairs = zip(whole, part, strict=True)
-    return [Spent(max(a.cpu - b.cpu, 0), max(a.wall - b.wall, 0)) for a, b in pairs]
-
-
-def _sums(*parts: list[Spent]) -> list[Spent]:
-    rounds = zip(*parts, strict=True)
-    return [Spent(sum(s.cpu for s in each), sum(s.wall for s in each)) for each in rounds]
+    return [beyond(spent[name], spent[base])]
 
 
 def _write_frames(data: Path, scene: RenderScene, view: View, params: Params) -> None:

@@ -18,11 +18,10 @@ import numpy as np
 
 from benchmarks.bench import Bench, Reference, pixels, resized
 from benchmarks.rendering import plain_render
-from benchmarks.rows import Row, at_most, missing
+from benchmarks.rows import Row, at_most
 from benchmarks.timing import Spread, spend, spread
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.passes.settings import GroundTruthParams
-from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
 
@@ -48,9 +47,6 @@ class Tried:
 
 def strategy_rows(bench: Bench) -> Iterator[Row]:
     """Yield a row per home for the planned joint trace, then the means of every strategy."""
-    if not integrator.available():
-        yield missing("strategies", "equal-time error", "joint traces are not in scalar variants")
-        return
     homes: list[dict[str, Spread]] = []
     spp = bench.sizes.spp
     meaning = (
@@ -59,7 +55,7 @@ def strategy_rows(bench: Bench) -> Iterator[Row]:
     )
     for name, views in sorted(bench.lit.items()):
         if views:
-            scene = bench.open(name, lit=True)
+            scene = bench.open(name, "lit")
             homes.append(_of_home(bench, scene, resized(views[0], bench.sizes.middle)))
             where = f"{scene.scene.scene_id}, {scene.scene.lighting}: {_BOTH}"
             yield Row(where, meaning, homes[-1][_BOTH], clock="cpu")

@@ -73,6 +73,18 @@ def by_turns(
     return spent
 
 
+def sums(*parts: Sequence[Spent]) -> list[Spent]:
+    """Return the seconds of several candidates together, round by round."""
+    rounds = zip(*parts, strict=True)
+    return [Spent(sum(s.cpu for s in each), sum(s.wall for s in each)) for each in rounds]
+
+
+def beyond(whole: Sequence[Spent], part: Sequence[Spent]) -> list[Spent]:
+    """Return what one candidate takes more than another, round by round; at least nothing."""
+    pairs = zip(whole, part, strict=True)
+    return [Spent(max(a.cpu - b.cpu, 0), max(a.wall - b.wall, 0)) for a, b in pairs]
+
+
 def spread(values: Sequence[float]) -> Spread:
     """Return median and range; raises ValueError if there are no values."""
     if not values:

@@ -23,6 +23,7 @@ from typing import Any
 import yaml
 
 from pbrnet.model.studies.registry import STUDIES
+from pbrnet.model.studies.trials.words import COMPARISONS
 from pbrnet.pipeline.cameras.camera_files import make_cameras
 from pbrnet.pipeline.keys import table
 from pbrnet.pipeline.passes.registry import TRACES
@@ -104,7 +105,7 @@ def entries() -> dict[str, tuple[str, ...]]:
         "evaluate": ("model/evaluation/evaluate.py",),
         "report": (
             "model/report/page.py",
-            *(f"model/studies/{name}/results.py" for name in STUDIES),
+            *(f"model/studies/{name}/results.py" for name in STUDIES if name not in COMPARISONS),
         ),
     }
 

@@ -28,7 +28,7 @@ from benchmarks.clay import _bare, windows_of
 from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_step
 from benchmarks.results import OtherLoad, Results, page_of
 from benchmarks.rows import Row, at_least, at_most, missing
-from benchmarks.run import measure
+from benchmarks.run import TOPICS, Topic, measure
 from benchmarks.shards import (
     keep_channels_of_rows,
     read_columns,
@@ -38,7 +38,7 @@ from benchmarks.shards import (
 )
 from benchmarks.strategies import _BOTH, _SHOWN, Tried, _gain, summary
 from benchmarks.submissions import submissions
-from benchmarks.timing import Spent, Spread, by_turns, ratio, spread
+from benchmarks.timing import Spent, Spread, by_turns, ratio, spread, sums
 from pbrnet.model.benchmark.score import METRICS, score_folder
 from pbrnet.model.benchmark.views import pin_views
 from pbrnet.model.data.reader import Dataset
@@ -201,7 +201,7 @@ def run_topic(results: Results, rows: list[Row], name: str = "shards", fails: bo
             raise KeyboardInterrupt
 
     bench = Bench(results.path.parent, SMALL, results.path.parent)
-    measure(name, topic, bench, results)
+    measure(name, Topic(topic, joint=False), bench, results)
 
 
 def fresh(folder: Path, sizes: str = "full") -> Results:
@@ -276,6 +276,16 @@ def test_a_damaged_results_file_is_refused_and_kept(tmp_path: Path) -> None:
     assert (tmp_path / "results.json").read_text() == "{"
 
 
+def test_without_joint_traces_a_topic_that_needs_them_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("benchmarks.run.integrator.available", lambda: False)
+    results = fresh(tmp_path)
+    measure("render", TOPICS["render"], Bench(tmp_path, SMALL, tmp_path), results)
+    (row,) = results.topics["render"]["rows"]
+    assert "scalar" in row["missing"] and results.complete("render")
+
+
 def test_a_trial_run_is_called_one(tmp_path: Path) -> None:
     run_topic(fresh(tmp_path, "small"), ROWS)
     assert "its figures mean nothing" in (tmp_path / "page.md").read_text()
@@ -286,7 +296,6 @@ def test_without_blender_the_row_says_why(tmp_path: Path, monkeypatch: pytest.Mo
         raise BlenderMissing("bpy cannot be installed: no matching distribution")
 
     monkeypatch.setattr(cycles, "run_step", refused)
-    monkeypatch.setattr(cycles.integrator, "available", lambda: True)
     (row,) = cycles_rows(Bench(tmp_path, SMALL, tmp_path))
     assert row.spread is None
     assert "no matching distribution" in row.missing
@@ -470,7 +479,7 @@ def test_sets_of_channels_cost_what_they_take_beside_paper() -> None:
     expected = {"materials": 1, "labels": 0, "light": 1, "light with groups": 4, "transport": 5}
     for name, more in {**expected, "all": 4 + 4 + 8 + 5}.items():
         added = [Spent(1, 1)]
-        assert sets._sums(added, *sets._added(name, spent)) == [Spent(1 + more, 1 + 2 * more)]
+        assert sums(added, *sets._added(name, spent)) == [Spent(1 + more, 1 + 2 * more)]
 
 
 def test_each_column_of_the_sample_counts_for_the_sets_that_have_it() -> None:

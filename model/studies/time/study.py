@@ -62,6 +62,7 @@ from pbrnet.model.studies.time.results import (
 )
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import Size
+from pbrnet.pipeline.commands.release import processor
 from pbrnet.pipeline.farm.scene_digest import scene_digest
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.params import Params
@@ -408,7 +409,7 @@ def _kept(
 ) -> list[Path]:
     """Return the file that keeps the measurement of each view until the study ends."""
     models = {name: card.sha256 for name, card in sorted(networks.cards.items())}
-    state = (config, models, _processor(), _versions())
+    state = (config, models, processor(), _versions())
     name = digest_bytes(repr(state).encode())[:16]
     return [store.root / name / view.scene_id / f"{view.view_id}.json" for view in views]
 
@@ -513,21 +514,12 @@ def _part_seconds(measurements: list[ViewMeasurement], part: str) -> PartSeconds
 def _machine() -> dict[str, str]:
     """Describe the machine and its load before the study."""
     return {
-        "processor": _processor(),
+        "processor": processor(),
         "threads": f"{len(os.sched_getaffinity(0))} allowed of {os.cpu_count()}",
         "load": f"{os.getloadavg()[0]:.1f} before the study began",
         "renderer": renderer_version(),
         "networks": f"on the processor, float32, threads: {torch.get_num_threads()}",
     }
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
 
 
 def _versions() -> dict[str, str]:
