@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from pbrnet.model.figures.charts import line_chart, strip_plot
+from pbrnet.model.figures.estimates import interval
 from pbrnet.model.figures.records import METRICS, Records
 from pbrnet.model.figures.row_pictures import MODALITIES, draw, shrink, tone_mapped, uri
 from pbrnet.model.titles import METHOD_TITLES, NETWORK_TITLES
@@ -76,8 +77,8 @@ def _rows(methods: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _cell(figure: Mapping[str, Any] | None, digits: int, best: bool) -> dict[str, Any] | None:
     if figure is None:
         return None
-    interval = _interval(figure, digits)
-    return {"mean": f"{figure['mean']:.{digits}f}", "interval": interval, "best": best}
+    around = interval(figure.get("low"), figure.get("high"), digits)
+    return {"mean": f"{figure['mean']:.{digits}f}", "interval": around, "best": best}
 
 
 def score_strips(records: Records) -> list[dict[str, Any]]:
@@ -196,8 +197,3 @@ def figure_of(values: Mapping[str, Any], name: str) -> dict[str, Any] | None:
     if isinstance(figure, (int, float)):
         return {"mean": float(figure), "low": None, "high": None}
     return figure if isinstance(figure, dict) and figure.get("mean") is not None else None
-
-
-def _interval(figure: Mapping[str, Any], digits: int) -> str:
-    low, high = figure.get("low"), figure.get("high")
-    return "" if low is None or high is None else f"{low:.{digits}f} to {high:.{digits}f}"

@@ -121,7 +121,8 @@ class _Page:
         for name, (label, _, digits) in METRICS.items():
             value = figure_of(methods.get("pbrnet", {}), name)
             if value is not None:
-                figures.append((f"{value['mean']:.{digits}f}", f"{label} on unseen scenes"))
+                words = f"{label} of both networks, on unseen scenes"
+                figures.append((f"{value['mean']:.{digits}f}", words))
         return figures
 
     def _chain(self, sheet: Sequence[dict[str, Any]]) -> dict[str, Markup]:

@@ -126,6 +126,10 @@ def text(root: Path) -> str:
     return (root / "index.html").read_text()
 
 
+def test_a_score_at_the_top_says_whose_it_is(text: str) -> None:
+    assert "SSIM of both networks, on unseen scenes" in text
+
+
 def test_the_page_nests_and_has_every_section(text: str) -> None:
     page = Page(text)
     assert set(SECTIONS) <= page.ids
