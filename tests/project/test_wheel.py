@@ -27,7 +27,7 @@ dataset: {checks: {max_noise: 9}, splits: {validation: 0, test: 0}}
 farm: {workers: 1}
 """
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, joined, samples_of
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.params import pbrs_params, plain_truth
@@ -83,7 +84,7 @@ def test_a_second_folder_of_another_size_keeps_fixed_costs_apart(tmp_path: Path)
         measured(tmp_path / name, 6, (size,))
     words = ["--json", "--scenes", "5", "--views", "40", "--size", "480x360"]
     both = asked(tmp_path / "small", "--also", str(tmp_path / "large"), *words)
-    spp = pbrs_params().groundtruth.spp
+    spp = Params().groundtruth.spp
     true = 5 * OPEN + 40 * (FIXED + RATE * 480 * 360 * spp)
     assert 3600 * json.loads(both)["stages"]["truth"] == pytest.approx(true)
     alone = json.loads(asked(tmp_path / "small", *words))
@@ -135,7 +136,7 @@ def test_the_command_says_core_hours(tmp_path: Path) -> None:
     walks = "scenes: {homes: 10}\ncameras: {walks: 2, walk_frames: 30, stereo_baseline: 0.1}\n"
     (tmp_path / "params.yaml").write_text(walks)
     run = CliRunner().invoke(cli, [*words, "--json"])
-    assert json.loads(run.output)["views"] == 10 * 2 * (8 + 2 * 30)
+    assert json.loads(run.output)["views"] == 10 * 2 * (5 + 2 * 30)
 
 
 def test_without_measured_views_there_is_no_estimate(tmp_path: Path) -> None:
