@@ -174,8 +174,8 @@ class Bed(Spec):
         b = Builder(self.name, "bed", "wall", front_clearance=0.5, side_clearance=sides)
         parts = Builder("", "", "free")
         middle = (_BED_FRONT + _BED_BACK) / 2  # moved to the origin below
-        size = (self.outer, _BED_BACK - _BED_FRONT, self.rail_low + 0.02, 0.06, 0.02)
-        legs = (mesh.moved(y=middle) for mesh in feet(self.style, *size))
+        sizes = (self.outer, _BED_BACK - _BED_FRONT, self.rail_low + 0.02, 0.06, 0.02)
+        legs = (mesh.moved(y=middle) for mesh in feet(self.style, *sizes))
         parts.add(leg_material(self.style, self.style.wood), *legs)
         (self._add_padded if self.form == "padded" else self._add_boards)(parts, middle)
         mattress_z = self.rail_high - 0.06

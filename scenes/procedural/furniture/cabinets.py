@@ -6,7 +6,7 @@ Cabinets have their back at y = depth / 2; the outer faces of their fronts lie a
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import pairwise, zip_longest
+from itertools import pairwise
 
 import numpy as np
 
@@ -197,7 +197,8 @@ def add_drawers(
     pulled: Sequence[float] = (),
 ) -> None:
     """Add drawers over [-half, half], one above another between the heights `zs`."""
-    for (z0, z1), out in zip_longest(pairwise(zs), pulled, fillvalue=0.0):
+    for k, (z0, z1) in enumerate(pairwise(zs)):
+        out = pulled[k] if pulled else 0.0
         add_drawer(b, style, material, inside, -half, half, float(z0), float(z1), depth, out)
 
 

@@ -498,8 +498,10 @@ class Kettle(Spec):
         b.add(BLACK_PLASTIC, sphere(0.012, 12, 8).moved(z=0.217), name="knob")
         path = [(0.055, 0.195), (0.095, 0.2), (0.118, 0.17), (0.115, 0.1), (0.073, 0.05)]
         b.add(BLACK_PLASTIC, tube([(x, 0, z) for x, z in path], 0.01, 10), name="handle")
-        path = [(-0.05, 0, 0.15), (-0.085, 0, 0.19), (-0.095, 0, 0.2)]
-        b.add(self.body, tube(path, [0.022, 0.014, 0.011], 12), name="body")
+        spout = tube(
+            [(-0.05, 0, 0.15), (-0.085, 0, 0.19), (-0.095, 0, 0.2)], [0.022, 0.014, 0.011], 12
+        )
+        b.add(self.body, spout, name="body")
         return b.piece()
 
 

@@ -253,8 +253,8 @@ class Couch(Spec):
         add_feet(b, self.style, self.legs, width, depth, foot + 0.02, 0.045, 0.03)
         size = (width - 0.03, depth - 0.05, seat_z - cushion - foot)
         rest = (width - 0.04, back, back_z - foot - 0.03)
-        at = (0, depth / 2 - back / 2, foot + 0.01)
-        b.add(cloth, rounded_box(size, (0, 0, foot), 0.02, inner=2), rounded_box(rest, at, 0.05))
+        behind = rounded_box(rest, (0, depth / 2 - back / 2, foot + 0.01), 0.05)
+        b.add(cloth, rounded_box(size, (0, 0, foot), 0.02, inner=2), behind)
         radius = min(0.035 if arm < 0.16 else 0.06, 0.45 * arm)
         for side in (-1, 1):
             x = side * (width / 2 - arm / 2)
@@ -428,7 +428,7 @@ class Bench(Spec):
             at = (0, (k - 1) * each, height - 0.032)
             b.add(wood, box((width, each - 0.006, 0.032), at, 0.004, grain="x"))
         for sx in (-1, 1):
-            at = (sx * (width / 2 - 0.12), 0, height - 0.071)
-            b.add(wood, box((0.03, depth - 0.1, 0.04), at))
+            x = sx * (width / 2 - 0.12)
+            b.add(wood, box((0.03, depth - 0.1, 0.04), (x, 0, height - 0.071)))
         b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.03)
         return b.piece()

@@ -12,7 +12,6 @@ A field says how it is drawn; fields are drawn in their order.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, Self, dataclass_transform
@@ -124,6 +123,6 @@ class Spec:
         """Draw a specification and build it."""
         return cls.draw(draw, style, **given).build()
 
-    @abstractmethod
     def build(self) -> FurniturePiece:
-        """Build the piece: no draws, no files."""
+        """Build the piece: no draws, no files. Parts of pieces have other ways to be built."""
+        raise NotImplementedError

@@ -85,8 +85,8 @@ class Books(Spec):
             cover, pages = _book(book.thickness, book.height, deep)
             sine, _ = _slope(book.lean)
             # A leaning book touches the shelf with its lower right corner.
-            at = (x + float(book.height * sine), self.front + book.back)
-            at = (*at, self.z + float(book.thickness * sine))
+            z = self.z + float(book.thickness * sine)
+            at = (x + float(book.height * sine), self.front + book.back, z)
             row.add(book.binding, cover.turned("y", -book.lean).moved(*at), name="books")
             row.add(PAGES, pages.turned("y", -book.lean).moved(*at), name="pages")
             x += _needed(book.thickness, book.height, book.lean) + 0.0008
@@ -654,8 +654,9 @@ class ShoeRack(Spec):
     def build(self) -> FurniturePiece:
         b = Builder("shoe rack", "shelf", "wall", front_clearance=0.4)
         half, deep, metal = self.width / 2, 0.3 / 2 - 0.01, self.style.metal
-        for x, y in CORNERS:
-            b.add(metal, bar((x * half, y * deep, 0), (x * half, y * deep, 0.45), 0.009, 10))
+        for sx, sy in CORNERS:
+            foot = (sx * half, sy * deep)
+            b.add(metal, bar((*foot, 0), (*foot, 0.45), 0.009, 10))
         for z in _BOARDS:
             for side in (-1, 1):
                 b.add(metal, bar((side * half, -deep, z), (side * half, deep, z), 0.007, 8))

@@ -190,10 +190,9 @@ class CoffeeTable(Spec):
         if self.form == "glass":
             b.add(GLASS, box((width - 0.01, depth - 0.01, 0.01), (0, 0, height - 0.01)), name="top")
             for side in (-1, 1):
-                at = (0, side * (depth / 2 - 0.0225), height - 0.056)
-                long = box((width - 0.09, 0.03, 0.045), at)
-                at = (side * (width / 2 - 0.0225), 0, height - 0.0565)
-                b.add(wood, long, box((0.03, depth - 0.09, 0.045), at))
+                y, x = side * (depth / 2 - 0.0225), side * (width / 2 - 0.0225)
+                long = box((width - 0.09, 0.03, 0.045), (0, y, height - 0.056))
+                b.add(wood, long, box((0.03, depth - 0.09, 0.045), (x, 0, height - 0.0565)))
         else:
             top = box((width + 0.02, depth + 0.02, 0.028), (0, 0, height - 0.02), 0.003)
             b.add(wood, top, name="top")
