@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.cabinets import add_door, add_drawer, carcass
+from pbrnet.scenes.procedural.furniture.cabinets import add_door, add_drawers, carcass
 from pbrnet.scenes.procedural.furniture.cloth import plane, surface
-from pbrnet.scenes.procedural.furniture.drapes import dropped, hanging, hung, ripples
+from pbrnet.scenes.procedural.furniture.drapes import (
+    Ripples,
+    dropped,
+    hanging,
+    hung,
+    ripples,
+)
 from pbrnet.scenes.procedural.furniture.geometry import (
+    CORNERS,
     BodyMesh,
     bar,
     box,
@@ -21,6 +29,15 @@ from pbrnet.scenes.procedural.furniture.geometry import (
     span,
     superellipse,
     tube,
+)
+from pbrnet.scenes.procedural.furniture.spec import (
+    Spec,
+    between,
+    chance,
+    drawn,
+    either,
+    optional,
+    pick,
 )
 from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
@@ -56,119 +73,116 @@ def _tap(spout: float, height: float) -> BodyMesh:
     )
 
 
-def bath_tub(draw: Draw, style: Style, width: float = 1.7) -> FurniturePiece:
-    """A bath along the wall, `width` long, with a mixer and hand shower on its rim."""
-    depth, height = draw.between(0.72, 0.8), draw.between(0.54, 0.6)
-    b = Builder("bath tub", "bath", "wall", front_clearance=0.5)
-    half_x, half_y = width / 2, depth / 2
-    rings = [
-        superellipse(half_x - 0.012, half_y - 0.012, 0.0, 24, 96),
-        superellipse(half_x - 0.012, half_y - 0.012, height - 0.045, 24, 96),
-        superellipse(half_x, half_y, height - 0.04, 24, 96),
-        superellipse(half_x, half_y, height - 0.006, 24, 96),
-        superellipse(half_x - 0.006, half_y - 0.006, height, 22, 96),
-        superellipse(half_x - 0.062, half_y - 0.062, height, 5, 96),
-        superellipse(half_x - 0.075, half_y - 0.075, height - 0.02, 4.5, 96),
-        superellipse(half_x - 0.12, half_y - 0.1, height - 0.25, 4, 96),
-        superellipse(half_x - 0.17, half_y - 0.13, 0.15, 3.6, 96),
-        superellipse(half_x - 0.25, half_y - 0.2, 0.125, 3, 96),
-    ]
-    b.add(CERAMIC, loft(np.stack(rings)), name="tub")
-    side = draw.pick((-1.0, 1.0))
-    x = side * (half_x - 0.33)
-    b.add(CHROME, cylinder(0.028, 0.1255, 0.129, 24).moved(x), name="drain")
-    drain = cylinder(0.03, 0, 0.008, 24).turned("y", -90 * side)
-    drain = drain.moved(side * (half_x - 0.094), 0, height - 0.15)
-    b.add(CHROME, drain, name="drain")
-    with b.holding("tap", "fitting"):
-        b.add(CHROME, _tap(0.15, 0.14).moved(0, half_y - 0.033, height), name="tap")
-    t = np.linspace(0, 1, 14)
-    hose = np.stack(
-        [
-            0.09 + 0.13 * t,
-            half_y - 0.035 - 0.03 * np.sin(np.pi * t),
-            height + 0.01 + 0.11 * np.sin(np.pi * t),
-        ],
-        1,
-    )
-    b.add(STEEL, tube(hose, 0.006, 8), name="hose")
-    shower = bar((0.22, half_y - 0.036, height), (0.22, half_y - 0.036, height + 0.06), 0.011, 10)
-    b.add(CHROME, shower, name="shower")
-    path = [
-        (0.22, half_y - 0.035, height + 0.05), (0.22, half_y - 0.06, height + 0.16),
-        (0.22, half_y - 0.08, height + 0.19),
-    ]  # fmt: skip
-    b.add(CHROME, tube(path, [0.012, 0.012, 0.03], 12), name="shower")
-    if draw.chance(0.6):
-        tub = np.concatenate([part.vertices[part.faces] for part in b.piece().parts])
-        x = side * -0.3 * width
+class Towel(Spec):
+    """A towel dropped over the rim of a bath."""
+
+    long: float = between(0.7, 0.9)
+    out: float = between(0.0, 0.05)
+    turn: float = drawn(lambda draw, spec: draw.normal(0, 5))
+    tight: float = between(0.04, 0.15)
+    ripples: Ripples = drawn(lambda draw, spec: ripples(draw))
+
+    def mesh(self, tub: Float64Array, x: float, y: float, z: float) -> BodyMesh:
+        """The towel over the rim at (x, y, z) of a tub of triangles (N, 3, 3)."""
         near = (np.abs(tub[..., 0] - x).min(axis=1) < 0.35) & (tub[..., 1].min(axis=1) < 0.3)
-        long, out = draw.between(0.7, 0.9), draw.between(0.0, 0.05)
-        turn, tight = draw.normal(0, 5), draw.between(0.04, 0.15)
-        towel = dropped(
-            ripples(draw),
+        return dropped(
+            self.ripples,
             [surface(tub[near], 0.012), plane(2, 0.02)],
-            (0.42, long),
-            (x, -half_y - out, height + 0.06),
-            turn=turn,
-            tight=tight,
+            (0.42, self.long),
+            (x, y - self.out, z + 0.06),
+            turn=self.turn,
+            tight=self.tight,
             thickness=0.008,
         )
-        b.add(style.towel, towel, name="towel")
-    return b.piece()
 
 
-def wash_basin(draw: Draw, style: Style, width: float | None = None) -> FurniturePiece:
+class BathTub(Spec):
+    """A bath along the wall, `width` long, with a mixer and hand shower on its rim."""
+
+    width: float = 1.7
+    depth: float = between(0.72, 0.8)
+    height: float = between(0.54, 0.6)
+    side: float = pick(-1.0, 1.0)
+    towel: Towel | None = optional(0.6, Towel)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("bath tub", "bath", "wall", front_clearance=0.5)
+        half_x, half_y, height, side = self.width / 2, self.depth / 2, self.height, self.side
+        outline = (  # inset along x and y, height, power
+            *((0.012, 0.012, 0.0, 24), (0.012, 0.012, height - 0.045, 24)),
+            *((0.0, 0.0, height - 0.04, 24), (0.0, 0.0, height - 0.006, 24)),
+            *((0.006, 0.006, height, 22), (0.062, 0.062, height, 5)),
+            *((0.075, 0.075, height - 0.02, 4.5), (0.12, 0.1, height - 0.25, 4)),
+            *((0.17, 0.13, 0.15, 3.6), (0.25, 0.2, 0.125, 3)),
+        )
+        rings = [superellipse(half_x - x, half_y - y, z, power, 96) for x, y, z, power in outline]
+        b.add(CERAMIC, loft(rings), name="tub")
+        drain = cylinder(0.028, 0.1255, 0.129, 24).moved(side * (half_x - 0.33))
+        overflow = cylinder(0.03, 0, 0.008, 24).turned("y", -90 * side)
+        overflow = overflow.moved(side * (half_x - 0.094), 0, height - 0.15)
+        b.add(CHROME, drain, overflow, name="drain")
+        with b.holding("tap", "fitting"):
+            b.add(CHROME, _tap(0.15, 0.14).moved(0, half_y - 0.033, height), name="tap")
+        t = np.linspace(0, 1, 14)
+        arch = np.sin(np.pi * t)
+        hose = [0.09 + 0.13 * t, half_y - 0.035 - 0.03 * arch, height + 0.01 + 0.11 * arch]
+        b.add(STEEL, tube(np.stack(hose, 1), 0.006, 8), name="hose")
+        y = half_y - 0.036
+        stem = bar((0.22, y, height), (0.22, y, height + 0.06), 0.011, 10)
+        path = [(half_y - 0.035, 0.05), (half_y - 0.06, 0.16), (half_y - 0.08, 0.19)]
+        head = tube([(0.22, y, height + z) for y, z in path], [0.012, 0.012, 0.03], 12)
+        b.add(CHROME, stem, head, name="shower")
+        if self.towel:
+            tub = np.concatenate([part.vertices[part.faces] for part in b.piece().parts])
+            towel = self.towel.mesh(tub, side * -0.3 * self.width, -half_y, height)
+            b.add(self.style.towel, towel, name="towel")
+        return b.piece()
+
+
+class WashBasin(Spec):
     """A wash basin with a mixer: on a cabinet, or on a pedestal."""
-    width = draw.between(0.55, 0.9) if width is None else width
-    depth, height = 0.47, draw.between(0.83, 0.88)
-    b = Builder("wash basin", "wash basin", "wall", front_clearance=0.7)
-    half_x, half_y = width / 2, depth / 2
-    bowl_x = min(0.27, half_x - 0.05)
-    inner = [
-        superellipse(bowl_x, 0.15, height, 3, 64, y=-0.035),
-        superellipse(bowl_x - 0.012, 0.14, height - 0.015, 3, 64, y=-0.035),
-        superellipse(bowl_x - 0.05, 0.105, height - 0.1, 2.6, 64, y=-0.03),
-        superellipse(bowl_x - 0.15, 0.04, height - 0.125, 2.2, 64, y=-0.03),
-    ]
-    if draw.chance(0.65):
-        low = 0.26
-        finish = style.cabinet
-        b.add(finish, *carcass(width - 0.02, depth - 0.02, low, height - 0.056, top=False))
-        high = height - 0.058
-        split = low + 0.5 * (high - low)
-        parts = (style, finish, style.wood, -half_x + 0.01, half_x - 0.01)
-        pulled = draw.between(0.06, 0.2) if draw.chance(0.25) else 0.0
-        if draw.chance(0.5):
-            add_drawer(b, *parts, low, split, depth - 0.02, pulled)
-            add_drawer(b, *parts, split, high, depth - 0.02)
+
+    width: float = between(0.55, 0.9)
+    height: float = between(0.83, 0.88)
+    on_cabinet: bool = chance(0.65)
+    pulled: float = drawn(
+        lambda draw, spec: draw.between(0.06, 0.2) if spec.on_cabinet and draw.chance(0.25) else 0.0
+    )
+    drawers: bool = drawn(lambda draw, spec: spec.on_cabinet and draw.chance(0.5))
+    tap: Material = either(0.7, CHROME, "metal")
+
+    def build(self) -> FurniturePiece:
+        b = Builder("wash basin", "wash basin", "wall", front_clearance=0.7)
+        height, half_x = self.height, self.width / 2
+        bowl_x = min(0.27, half_x - 0.05)
+        bowl = ((0.0, 0.15, 0.0, 3, -0.035), (0.012, 0.14, 0.015, 3, -0.035))
+        bowl += ((0.05, 0.105, 0.1, 2.6, -0.03), (0.15, 0.04, 0.125, 2.2, -0.03))
+        inner = [
+            superellipse(bowl_x - inset, half, height - deep, power, 64, y=y)
+            for inset, half, deep, power, y in bowl
+        ]
+        if self.on_cabinet:
+            self._add_cabinet(b, half_x)
+            b.add(CERAMIC, loft([*self._basin(half_x, bowl_x), *inner]), name="basin")
         else:
-            add_door(
-                b,
-                style,
-                finish,
-                -half_x + 0.01,
-                0,
-                low,
-                high,
-                depth - 0.02,
-                "left",
-                100 * pulled,
-            )
-            add_door(b, style, finish, 0, half_x - 0.01, low, high, depth - 0.02, "right")
-        for sx in (-1, 1):
-            for sy in (-1, 1):
-                b.add(
-                    style.metal,
-                    bar(
-                        (sx * (half_x - 0.06), sy * 0.16, 0),
-                        (sx * (half_x - 0.06), sy * 0.16, low + 0.002),
-                        0.014,
-                        10,
-                    ),
-                    name="feet",
-                )
-        outer = [
+            half_x = min(half_x, 0.31)
+            shrunk = [ring * [min(1.0, (half_x - 0.05) / bowl_x), 1, 1] for ring in inner]
+            b.add(CERAMIC, loft([*self._washstand(half_x), *shrunk]), name="basin")
+            column = ((0.12, 0.1, 0.0), (0.09, 0.085, 0.06), (0.075, 0.075, 0.4))
+            column += ((0.1, 0.1, height - 0.17),)
+            rings = [superellipse(a, c, z, 2.3, 40, y=0.07) for a, c, z in column]
+            b.add(CERAMIC, loft(rings), name="pedestal")
+        b.add(CHROME, cylinder(0.022, -0.1245, -0.1215, 20).moved(0, -0.03, height), name="drain")
+        with b.holding("tap", "fitting"):
+            b.add(self.tap, _tap(0.13, 0.15).moved(0, 0.16, height - 0.001), name="tap")
+        for side in (-1, 1) if half_x - bowl_x > 0.105 else ():
+            b.surface(side * (half_x - 0.053), -0.02, height, 0.04, 0.16)
+        return b.piece()
+
+    def _basin(self, half_x: float, bowl_x: float) -> list[Float64Array]:
+        """Rings of the outside of a basin on a cabinet, from below up to its rim."""
+        height, half_y = self.height, _BASIN / 2
+        return [
             superellipse(bowl_x - 0.13, 0.06, height - 0.14, 2.4, 64, y=-0.03),
             superellipse(bowl_x - 0.03, 0.13, height - 0.11, 2.6, 64, y=-0.03),
             superellipse(bowl_x, 0.16, height - 0.055, 3, 64, y=-0.03),
@@ -176,179 +190,146 @@ def wash_basin(draw: Draw, style: Style, width: float | None = None) -> Furnitur
             superellipse(half_x, half_y, height - 0.004, 20, 64),
             superellipse(half_x - 0.004, half_y - 0.004, height, 18, 64),
         ]
-        b.add(CERAMIC, loft(np.stack([*outer, *inner])), name="basin")
-    else:
-        half_x = min(half_x, 0.31)
-        outer = [
+
+    def _washstand(self, half_x: float) -> list[Float64Array]:
+        """Rings of the outside of a basin on a pedestal, from below up to its rim."""
+        height, half_y = self.height, _BASIN / 2
+        return [
             superellipse(0.11, 0.11, height - 0.19, 2.4, 64, y=0.06),
             superellipse(0.7 * half_x, 0.17, height - 0.14, 2.6, 64, y=0.03),
             superellipse(0.97 * half_x, half_y - 0.01, height - 0.07, 3.2, 64),
             superellipse(half_x, half_y, height - 0.03, 3.6, 64),
             superellipse(half_x - 0.006, half_y - 0.006, height, 3.6, 64),
         ]
-        shrunk = [ring * [min(1.0, (half_x - 0.05) / bowl_x), 1, 1] for ring in inner]
-        b.add(CERAMIC, loft(np.stack([*outer, *shrunk])), name="basin")
-        column = [
-            superellipse(a, c, z, 2.3, 40, y=0.07)
-            for a, c, z in (
-                (0.12, 0.1, 0.0),
-                (0.09, 0.085, 0.06),
-                (0.075, 0.075, 0.4),
-                (0.1, 0.1, height - 0.17),
-            )
-        ]
-        b.add(CERAMIC, loft(np.stack(column)), name="pedestal")
-    b.add(CHROME, cylinder(0.022, -0.1245, -0.1215, 20).moved(0, -0.03, height), name="drain")
-    with b.holding("tap", "fitting"):
-        tap = _tap(0.13, 0.15).moved(0, 0.16, height - 0.001)
-        b.add(CHROME if draw.chance(0.7) else style.metal, tap, name="tap")
-    if half_x - bowl_x > 0.105:
-        for side in (-1, 1):
-            b.surface(side * (half_x - 0.053), -0.02, height, 0.04, 0.16)
-    return b.piece()
+
+    def _add_cabinet(self, b: Builder, half_x: float) -> None:
+        style, depth, low, high = self.style, _BASIN - 0.02, 0.26, self.height - 0.058
+        finish, half = style.cabinet, half_x - 0.01
+        b.add(finish, *carcass(self.width - 0.02, depth, low, self.height - 0.056, top=False))
+        if self.drawers:
+            zs = (low, low + 0.5 * (high - low), high)
+            add_drawers(b, style, finish, style.wood, half, zs, depth, (self.pulled, 0.0))
+        else:
+            add_door(b, style, finish, -half, 0, low, high, depth, "left", 100 * self.pulled)
+            add_door(b, style, finish, 0, half, low, high, depth, "right")
+        for sx, sy in CORNERS:
+            foot = (sx * (half_x - 0.06), sy * 0.16)
+            b.add(style.metal, bar((*foot, 0), (*foot, low + 0.002), 0.014, 10), name="feet")
 
 
-def toilet(draw: Draw, style: Style) -> FurniturePiece:
+_BASIN = 0.47  # metres, depth of a basin
+
+
+class Toilet(Spec):
     """A toilet with its cistern; the lid is down or up."""
-    b = Builder("toilet", "toilet", "wall", front_clearance=0.6, side_clearance=0.15)
-    back = 0.34
-    seat = draw.between(0.4, 0.43)
 
-    def ring(half_x: float, front: float, rear: float, z: float, power: float = 2.5) -> np.ndarray:
-        return superellipse(half_x, (rear - front) / 2, z, power, 48, y=(front + rear) / 2)
+    seat: float = between(0.4, 0.43)
+    closed: bool = chance(0.7)
+    cistern: float = between(0.36, 0.4)
 
-    rings = [
-        ring(0.115, -0.19, back - 0.03, 0.0, 3.2), ring(0.11, -0.185, back - 0.03, 0.03, 3.2),
-        ring(0.105, -0.19, back - 0.04, 0.16, 3.0), ring(0.14, -0.27, back - 0.06, 0.28, 2.6),
-        ring(0.178, -0.325, back - 0.07, seat - 0.05),
-        ring(0.185, -0.335, back - 0.07, seat - 0.02), ring(0.182, -0.332, back - 0.07, seat),
-        ring(0.125, -0.27, 0.06, seat, 2.2), ring(0.12, -0.265, 0.055, seat - 0.02, 2.2),
-        ring(0.08, -0.2, -0.0, seat - 0.16, 2.0), ring(0.04, -0.13, -0.06, seat - 0.2, 2.0),
-    ]  # fmt: skip
-    b.add(CERAMIC, loft(np.stack(rings)), name="bowl")
-    outline = ring(0.183, -0.333, 0.12, 0)[:, :2]
-    hole = ring(0.115, -0.26, 0.045, 0, 2.2)[:, :2]
-    b.add(WHITE_PLASTIC, prism(outline, seat + 0.002, seat + 0.018, [hole]), name="seat")
-    lid_rings = [
-        ring(0.18, -0.33, 0.125, z) * [shrink, 1, 1]
-        for z, shrink in ((0.0, 1.0), (0.012, 1.0), (0.018, 0.95))
-    ]
-    lid = loft(np.stack(lid_rings))
-    if draw.chance(0.7):
-        b.add(WHITE_PLASTIC, lid.moved(z=seat + 0.0195), name="lid")
-    else:
-        b.add(
-            WHITE_PLASTIC,
-            lid.moved(y=-0.125).turned("x", -96).moved(0, 0.125, seat + 0.02),
-            name="lid",
+    def build(self) -> FurniturePiece:
+        b = Builder("toilet", "toilet", "wall", front_clearance=0.6, side_clearance=0.15)
+        back, seat = 0.34, self.seat
+        outline = (  # half width, front, rear, height, power
+            *((0.115, -0.19, back - 0.03, 0.0, 3.2), (0.11, -0.185, back - 0.03, 0.03, 3.2)),
+            *((0.105, -0.19, back - 0.04, 0.16, 3.0), (0.14, -0.27, back - 0.06, 0.28, 2.6)),
+            *((0.178, -0.325, back - 0.07, seat - 0.05, 2.5),),
+            *((0.185, -0.335, back - 0.07, seat - 0.02, 2.5),),
+            *((0.182, -0.332, back - 0.07, seat, 2.5), (0.125, -0.27, 0.06, seat, 2.2)),
+            *((0.12, -0.265, 0.055, seat - 0.02, 2.2), (0.08, -0.2, -0.0, seat - 0.16, 2.0)),
+            (0.04, -0.13, -0.06, seat - 0.2, 2.0),
         )
-    for side in (-1, 1):
-        b.add(
-            CHROME,
-            bar(
-                (side * 0.07 - 0.02, 0.135, seat + 0.012),
-                (side * 0.07 + 0.02, 0.135, seat + 0.012),
-                0.009,
-                10,
-            ),
-            name="hinge",
-        )
-    tank = seat + draw.between(0.36, 0.4)
-    cistern = rounded_box((0.37, 0.16, tank - seat + 0.008), (0, back - 0.08, seat - 0.008), 0.03)
-    b.add(CERAMIC, cistern, name="cistern")
-    cistern = rounded_box((0.385, 0.168, 0.035), (0, back - 0.084, tank - 0.005), 0.012)
-    b.add(CERAMIC, cistern, name="cistern")
-    b.add(CHROME, cylinder(0.022, 0, 0.006, 20).moved(0, back - 0.084, tank + 0.029), name="button")
-    for side in (-1, 1):  # beside the button
-        b.surface(side * 0.096, back - 0.084, tank + 0.03, 0.065, 0.055)
-    return b.piece()
+        b.add(CERAMIC, loft([_oval(*each) for each in outline]), name="bowl")
+        hole = _oval(0.115, -0.26, 0.045, 0, 2.2)[:, :2]
+        board = prism(_oval(0.183, -0.333, 0.12, 0)[:, :2], seat + 0.002, seat + 0.018, [hole])
+        b.add(WHITE_PLASTIC, board, name="seat")
+        heights = ((0.0, 1.0), (0.012, 1.0), (0.018, 0.95))
+        lid = loft([_oval(0.18, -0.33, 0.125, z) * [shrink, 1, 1] for z, shrink in heights])
+        if self.closed:
+            lid = lid.moved(z=seat + 0.0195)
+        else:
+            lid = lid.moved(y=-0.125).turned("x", -96).moved(0, 0.125, seat + 0.02)
+        b.add(WHITE_PLASTIC, lid, name="lid")
+        for side in (-1, 1):
+            ends = [(side * 0.07 + dx, 0.135, seat + 0.012) for dx in (-0.02, 0.02)]
+            b.add(CHROME, bar(*ends, 0.009, 10), name="hinge")
+        tank, y = seat + self.cistern, back - 0.084
+        size = (0.37, 0.16, tank - seat + 0.008)
+        cover = rounded_box((0.385, 0.168, 0.035), (0, y, tank - 0.005), 0.012)
+        body = rounded_box(size, (0, back - 0.08, seat - 0.008), 0.03)
+        b.add(CERAMIC, body, cover, name="cistern")
+        b.add(CHROME, cylinder(0.022, 0, 0.006, 20).moved(0, y, tank + 0.029), name="button")
+        for side in (-1, 1):  # beside the button
+            b.surface(side * 0.096, y, tank + 0.03, 0.065, 0.055)
+        return b.piece()
 
 
-def shower(draw: Draw, style: Style, width: float = 0.9) -> FurniturePiece:
+def _oval(half_x: float, front: float, rear: float, z: float, power: float = 2.5) -> Float64Array:
+    return superellipse(half_x, (rear - front) / 2, z, power, 48, y=(front + rear) / 2)
+
+
+class Shower(Spec):
     """A corner shower: tray, glass screens and door; walls at its back (+Y) and left (-X)."""
-    half, height = width / 2, draw.between(1.9, 2.0)
-    b = Builder("shower", "shower", "corner", front_clearance=0.6)
-    rings = [
-        superellipse(half, half, 0.0, 30, 64),
-        superellipse(half, half, 0.045, 30, 64),
-        superellipse(half - 0.004, half - 0.004, 0.05, 28, 64),
-        superellipse(half - 0.05, half - 0.05, 0.05, 16, 64),
-        superellipse(half - 0.07, half - 0.07, 0.032, 14, 64),
-    ]
-    b.add(CERAMIC, loft(np.stack(rings)), name="tray")
-    b.add(CHROME, cylinder(0.055, 0.0325, 0.036, 28).moved(-0.1, 0.1), name="drain")
-    pane = 0.008
-    edge = half - 0.025
-    b.add(
-        GLASS, span((edge - pane, -edge + 0.01, 0.052), (edge, half - 0.012, height)), name="screen"
-    )
-    split = -0.02
-    b.add(GLASS, span((split, -edge, 0.052), (edge - 0.012, -edge + pane, height)), name="screen")
-    ajar = draw.between(10, 50) if draw.chance(0.5) else 0.0
-    length = half + split - 0.03
-    door = span((0.004, -pane / 2, 0.058), (length, pane / 2, height - 0.004)).turned("z", -ajar)
-    hinge = (-half + 0.024, -edge + pane / 2)
-    b.add(GLASS, door.moved(*hinge), name="door")
-    for side in (-1.0, 1.0):
-        knob = cylinder(0.014, 0.002, 0.03, 16, bevel=0.003).turned("x", 90.0 * side)
-        b.add(
-            CHROME, knob.moved(length - 0.06, 0, 1.05).turned("z", -ajar).moved(*hinge), name="knob"
-        )
-    profile = span((edge - 0.02, half - 0.02, 0.05), (edge + 0.012, half, height + 0.002))
-    b.add(style.metal, profile, name="profile")
-    profile = span((-half, -edge - 0.01, 0.05), (-half + 0.022, -edge + 0.02, height + 0.002))
-    b.add(style.metal, profile, name="profile")
-    b.add(
-        style.metal,
-        bar(
-            (edge - 0.004, -edge + 0.004, height - 0.02),
-            (edge - 0.004, half - 0.005, height - 0.02),
-            0.009,
-            8,
-        ),
-        name="profile",
-    )
-    x, y = -0.05, half - 0.055
-    b.add(CHROME, bar((x, y, 0.98), (x, y, 2.06), 0.011, 12), name="riser")
-    b.add(
-        CHROME,
-        tube(
-            [(x, y, 2.04), (x, y - 0.03, 2.085), (x, y - 0.08, 2.09), (x, y - 0.32, 2.09)], 0.01, 10
-        ),
-        name="riser",
-    )
-    head = lathe([(0.105, 0.0), (0.11, 0.006), (0.03, 0.018), (0.018, 0.05), (0, 0.05)], 36)
-    head = head.moved(x, y - 0.31, 2.035)
-    b.add(CHROME, head, name="head")
-    for z in (1.05, 1.95):
-        b.add(CHROME, bar((x, half - 0.001, z), (x, y, z), 0.01, 10), name="riser")
-    mixer = cylinder(0.022, -0.14, 0.14, 20, bevel=0.004).turned("y", 90).moved(x, y, 1.0)
-    b.add(CHROME, mixer, name="mixer")
-    t = np.linspace(0, 1, 18)
-    hose = np.stack(
-        [
-            x + 0.12 - 0.03 * t - 0.04 * np.sin(np.pi * t),
-            y - 0.02 - 0.0 * t,
-            0.99 + 0.6 * t - 0.6 * np.sin(np.pi * t) * (1 - t),
-        ],
-        1,
-    )
-    b.add(STEEL, tube(hose, 0.006, 8), name="hose")
-    b.add(
-        CHROME,
-        tube(
-            [(x + 0.09, y - 0.02, 1.58), (x + 0.09, y - 0.05, 1.7), (x + 0.09, y - 0.09, 1.73)],
-            [0.012, 0.013, 0.035],
-            14,
-        ),
-        name="hand shower",
-    )
-    b.add(CHROME, bar((x, y, 1.6), (x + 0.09, y - 0.02, 1.6), 0.01, 8), name="riser")
-    if width > 0.85:  # a board in the corner of the walls
-        low = (0.002 - half, half - 0.182, 1.1)
-        b.add(GLASS, span(low, (0.182 - half, half - 0.002, 1.106)), name="board")
-        b.surface(0.092 - half, half - 0.092, 1.106, 0.085, 0.085, 0.4)
-    return b.piece()
+
+    width: float = 0.9
+    height: float = between(1.9, 2.0)
+    ajar: float = drawn(lambda draw, spec: draw.between(10, 50) if draw.chance(0.5) else 0.0)
+
+    def build(self) -> FurniturePiece:
+        b, half = Builder("shower", "shower", "corner", front_clearance=0.6), self.width / 2
+        tray = ((0.0, 0.0, 30), (0.0, 0.045, 30), (0.004, 0.05, 28), (0.05, 0.05, 16))
+        tray += ((0.07, 0.032, 14),)
+        rings = [superellipse(half - dx, half - dx, z, power, 64) for dx, z, power in tray]
+        b.add(CERAMIC, loft(rings), name="tray")
+        b.add(CHROME, cylinder(0.055, 0.0325, 0.036, 28).moved(-0.1, 0.1), name="drain")
+        self._add_screens(b, half)
+        self._add_fittings(b, half, -0.05, half - 0.055)
+        if self.width > 0.85:  # a board in the corner of the walls
+            low = (0.002 - half, half - 0.182, 1.1)
+            b.add(GLASS, span(low, (0.182 - half, half - 0.002, 1.106)), name="board")
+            b.surface(0.092 - half, half - 0.092, 1.106, 0.085, 0.085, 0.4)
+        return b.piece()
+
+    def _add_screens(self, b: Builder, half: float) -> None:
+        pane, edge, split, height = 0.008, half - 0.025, -0.02, self.height
+        low = (edge - pane, -edge + 0.01, 0.052)
+        b.add(GLASS, span(low, (edge, half - 0.012, height)), name="screen")
+        front = span((split, -edge, 0.052), (edge - 0.012, -edge + pane, height))
+        b.add(GLASS, front, name="screen")
+        length, hinge = half + split - 0.03, (-half + 0.024, -edge + pane / 2)
+        door = span((0.004, -pane / 2, 0.058), (length, pane / 2, height - 0.004))
+        b.add(GLASS, door.turned("z", -self.ajar).moved(*hinge), name="door")
+        for side in (-1.0, 1.0):
+            knob = cylinder(0.014, 0.002, 0.03, 16, bevel=0.003).turned("x", 90.0 * side)
+            knob = knob.moved(length - 0.06, 0, 1.05).turned("z", -self.ajar).moved(*hinge)
+            b.add(CHROME, knob, name="knob")
+        low, high = (edge - 0.02, half - 0.02, 0.05), (edge + 0.012, half, height + 0.002)
+        hung = span((-half, -edge - 0.01, 0.05), (-half + 0.022, -edge + 0.02, height + 0.002))
+        x, z = edge - 0.004, height - 0.02
+        top = bar((x, -edge + 0.004, z), (x, half - 0.005, z), 0.009, 8)
+        for mesh in (span(low, high), hung, top):
+            b.add(self.style.metal, mesh, name="profile")
+
+    def _add_fittings(self, b: Builder, half: float, x: float, y: float) -> None:
+        """Add riser, head, mixer and hand shower at (x, y)."""
+        b.add(CHROME, bar((x, y, 0.98), (x, y, 2.06), 0.011, 12), name="riser")
+        path = [(x, y, 2.04), (x, y - 0.03, 2.085), (x, y - 0.08, 2.09), (x, y - 0.32, 2.09)]
+        b.add(CHROME, tube(path, 0.01, 10), name="riser")
+        head = lathe([(0.105, 0.0), (0.11, 0.006), (0.03, 0.018), (0.018, 0.05), (0, 0.05)], 36)
+        b.add(CHROME, head.moved(x, y - 0.31, 2.035), name="head")
+        for z in (1.05, 1.95):
+            b.add(CHROME, bar((x, half - 0.001, z), (x, y, z), 0.01, 10), name="riser")
+        mixer = cylinder(0.022, -0.14, 0.14, 20, bevel=0.004).turned("y", 90)
+        b.add(CHROME, mixer.moved(x, y, 1.0), name="mixer")
+        t = np.linspace(0, 1, 18)
+        sag = np.sin(np.pi * t)
+        hang = 0.99 + 0.6 * t - 0.6 * sag * (1 - t)
+        hose = np.stack([x + 0.12 - 0.03 * t - 0.04 * sag, y - 0.02 - 0.0 * t, hang], 1)
+        b.add(STEEL, tube(hose, 0.006, 8), name="hose")
+        x += 0.09
+        path = [(x, y - 0.02, 1.58), (x, y - 0.05, 1.7), (x, y - 0.09, 1.73)]
+        b.add(CHROME, tube(path, [0.012, 0.013, 0.035], 14), name="hand shower")
+        b.add(CHROME, bar((-0.05, y, 1.6), (x, y - 0.02, 1.6), 0.01, 8), name="riser")
 
 
 _IN_CABINET = (
