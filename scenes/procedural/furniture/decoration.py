@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.procedural.furniture.build import Builder
 from pbrnet.scenes.procedural.furniture.drapes import hooked, pleats
 from pbrnet.scenes.procedural.furniture.geometry import (
+    CORNERS,
     BodyMesh,
     bar,
     box,
@@ -20,6 +22,18 @@ from pbrnet.scenes.procedural.furniture.geometry import (
     span,
     sphere,
     tube,
+)
+from pbrnet.scenes.procedural.furniture.spec import (
+    Spec,
+    any_of,
+    between,
+    chance,
+    drawn,
+    either,
+    optional,
+    pick,
+    several,
+    whole,
 )
 from pbrnet.scenes.procedural.furniture.storage import (
     LyingBook,
@@ -47,50 +61,68 @@ from pbrnet.scenes.seeds import Draw
 LABEL = Material("paper", hex_color("#e9e1cc"), 0.8)
 
 
-def vase(draw: Draw, style: Style) -> FurniturePiece:
+class Twig(Spec):
+    """A twig with three blossoms."""
+
+    extent: float = between(0.05, 0.14)
+    rise: float = between(0.14, 0.3)
+    blossoms: tuple[float, ...] = drawn(  # their radii
+        lambda draw, spec: tuple(draw.between(0.011, 0.019) for _ in range(3))
+    )
+
+
+class Twigs(Spec):
+    """Five to eight twigs with blossoms of one colour."""
+
+    bloom: Material = any_of("cushions")
+    twigs: tuple[Twig, ...] = several(Twig, 5, 9)
+
+
+class Vase(Spec):
     """A vase, sometimes with twigs."""
-    b = Builder("vase", "vase", "on_top")
-    height = draw.between(0.16, 0.34)
-    glaze = draw.pick(style.accents)
-    b.add(glaze, VaseBody.draw(draw, style, height=height).mesh(), name="vase")
-    if draw.chance(0.6):
-        b.name = "vase with twigs"
-        twig = Material("wood", hex_color("#6a4c34"), 0.8)
-        bloom = draw.pick(style.cushions)
-        for k in range(draw.whole(5, 9)):
+
+    height: float = between(0.16, 0.34)
+    glaze: Material = any_of("accents")
+    body: VaseBody = drawn(lambda draw, spec: VaseBody.draw(draw, spec.style, height=spec.height))
+    twigs: Twigs | None = optional(0.6, Twigs)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("vase with twigs" if self.twigs else "vase", "vase", "on_top")
+        b.add(self.glaze, self.body.mesh(), name="vase")
+        brown, t = Material("wood", hex_color("#6a4c34"), 0.8), np.linspace(0, 1, 5)
+        for k, twig in enumerate(self.twigs.twigs if self.twigs else ()):
+            out, low, top = twig.extent * t**1.5, 0.72 * self.height, self.height + twig.rise
             turn = k * 2.4
-            extent, top = draw.between(0.05, 0.14), height + draw.between(0.14, 0.3)
-            t = np.linspace(0, 1, 5)
-            rings = [
-                extent * t**1.5 * np.cos(turn), extent * t**1.5 * np.sin(turn),
-                0.72 * height + (top - 0.72 * height) * t,
-            ]  # fmt: skip
-            path = np.stack(rings, 1)
-            b.add(twig, tube(path, np.linspace(0.0026, 0.0014, 5), 8), name="twigs")
-            for share in (0.7, 0.85, 1.0):
+            path = np.stack([out * np.cos(turn), out * np.sin(turn), low + (top - low) * t], 1)
+            b.add(brown, tube(path, np.linspace(0.0026, 0.0014, 5), 8), name="twigs")
+            for share, size in zip((0.7, 0.85, 1.0), twig.blossoms, strict=True):
                 at = [float(np.interp(share, t, path[:, c])) for c in range(3)]
-                size = draw.between(0.011, 0.019)
-                b.add(bloom, sphere(size, 10, 6).moved(*at), name="blossoms")
-    return b.piece()
+                assert self.twigs is not None
+                b.add(self.twigs.bloom, sphere(size, 10, 6).moved(*at), name="blossoms")
+        return b.piece()
 
 
-def picture(
-    draw: Draw, style: Style, width: float | None = None, height: float | None = None
-) -> FurniturePiece:
+class Picture(Spec):
     """A framed picture behind a mount; the origin is its centre."""
-    width = draw.between(0.35, 1.0) if width is None else width
-    height = width * draw.pick((0.7, 0.75, 1.3, 1.0)) if height is None else height
-    height = min(height, 1.1)
-    b = Builder("picture", "picture", "on_wall", mount_height=draw.between(1.45, 1.6))
-    frame = draw.between(0.018, 0.04)
-    wood = style.dark_wood if draw.chance(0.5) else style.wood
-    _add_frame(b, wood, width, height, frame, 0.028)
-    w, h = width / 2 - frame, height / 2 - frame
-    mount = span((-w - 0.004, -0.016, -h - 0.004), (w + 0.004, -0.006, h + 0.004))
-    b.add(WHITE_PAINT, mount, name="mount")
-    margin = draw.between(0.08, 0.2) * min(width, height)
-    b.add(style.picture(draw), _picture_plane(w - margin, h - margin, -0.0175), name="picture")
-    return b.piece()
+
+    width: float = between(0.35, 1.0)
+    height: float = drawn(lambda draw, spec: spec.width * draw.pick((0.7, 0.75, 1.3, 1.0)))
+    mount_height: float = between(1.45, 1.6)
+    rail: float = between(0.018, 0.04)
+    wood: Material = either(0.5, "dark_wood", "wood")
+    margin: float = between(0.08, 0.2)
+    shown: Material = drawn(lambda draw, spec: spec.style.picture(draw))
+
+    def build(self) -> FurniturePiece:
+        width, height = self.width, min(self.height, 1.1)
+        b = Builder("picture", "picture", "on_wall", mount_height=self.mount_height)
+        _add_frame(b, self.wood, width, height, self.rail, 0.028)
+        w, h = width / 2 - self.rail, height / 2 - self.rail
+        mount = span((-w - 0.004, -0.016, -h - 0.004), (w + 0.004, -0.006, h + 0.004))
+        b.add(WHITE_PAINT, mount, name="mount")
+        margin = self.margin * min(width, height)
+        b.add(self.shown, _picture_plane(w - margin, h - margin, -0.0175), name="picture")
+        return b.piece()
 
 
 def _picture_plane(w: float, h: float, y: float) -> BodyMesh:
@@ -107,29 +139,29 @@ def display(w: float, h: float) -> BodyMesh:
     return BodyMesh(points, np.array([[0, 1, 2], [0, 2, 3]]), uvs, smooth=False)
 
 
-def with_display(
-    piece: FurniturePiece,
-    draw: Draw,
-    shown: BodyMesh,
-    luminance: float,
-    is_film: bool = False,
-) -> FurniturePiece:
-    """Return a piece with a display that shows a picture while it is on.
+class Shown(NamedTuple):
+    """What a display shows: mean luminance, candelas a square metre, and seed of the picture."""
 
-    `shown` is one-sided, with uvs [0, 1]; `luminance` is the picture's mean, candelas a square
-    metre. It shows a scene if it `is_film`, else windows with text.
-    """
-    area = float(face_areas(shown.vertices[shown.faces])[0].sum())
-    part = PiecePart(
-        "display",
-        shown.vertices,
-        shown.faces,
-        shown.uvs,
-        SCREEN,
-        lumens=round(np.pi * luminance * area, 1),
-        kelvin=6500.0,
-        picture=2 * draw.variant() + (not is_film),
-    )
+    luminance: float
+    picture: int
+
+
+def showing(low: float, high: float, is_film: bool = False) -> Any:
+    """A field of what a display shows: a scene if it `is_film`, else windows with text."""
+    return drawn(lambda draw, spec: shown_on(draw, low, high, is_film))
+
+
+def shown_on(draw: Draw, low: float, high: float, is_film: bool = False) -> Shown:
+    """Draw what a display of a luminance from low to high shows."""
+    return Shown(draw.between(low, high), 2 * draw.variant() + (not is_film))
+
+
+def with_display(piece: FurniturePiece, mesh: BodyMesh, shown: Shown) -> FurniturePiece:
+    """Return a piece with a display, a one-sided mesh with uvs [0, 1], that shows something."""
+    area = float(face_areas(mesh.vertices[mesh.faces])[0].sum())
+    lumens = round(np.pi * shown.luminance * area, 1)
+    surface = (mesh.vertices, mesh.faces, mesh.uvs, SCREEN)
+    part = PiecePart("display", *surface, lumens=lumens, kelvin=6500.0, picture=shown.picture)
     return replace(piece, parts=(*piece.parts, part))
 
 
@@ -139,213 +171,209 @@ def _add_frame(
     """Add four frame rails centred at the origin, with their back on the wall y = 0."""
     w, h = width / 2, height / 2
     for side in (-1, 1):
-        b.add(
-            material,
-            span(
-                (side * w - rail * (side > 0), -depth, -h),
-                (side * w + rail * (side < 0), 0, h),
-                0.003,
-                "z",
-            ),
-            span(
-                (-w + rail, -depth + 0.0005, side * h - rail * (side > 0)),
-                (w - rail, -0.0003, side * h + rail * (side < 0)),
-                0.003,
-                "x",
-            ),
-            name="frame",
-        )
+        x0, x1 = side * w - rail * (side > 0), side * w + rail * (side < 0)
+        z0, z1 = side * h - rail * (side > 0), side * h + rail * (side < 0)
+        post = span((x0, -depth, -h), (x1, 0, h), 0.003, "z")
+        low, high = (-w + rail, -depth + 0.0005, z0), (w - rail, -0.0003, z1)
+        b.add(material, post, span(low, high, 0.003, "x"), name="frame")
 
 
-def wall_mirror(
-    draw: Draw, style: Style, width: float | None = None, height: float | None = None
-) -> FurniturePiece:
-    """A mirror in a frame, rectangular or round; the origin is its centre."""
-    b = Builder("wall mirror", "mirror", "on_wall", mount_height=draw.between(1.45, 1.55))
-    round_one = width is None and height is None and draw.chance(0.4)
-    width = draw.between(0.45, 0.75) if width is None else width
-    height = width * draw.between(1.1, 1.7) if height is None else height
-    if round_one:
-        radius = width / 2
-        angle = 2 * np.pi * np.arange(48) / 48
-        ring = np.stack(
-            [(radius - 0.012) * np.cos(angle), (radius - 0.012) * np.sin(angle), 0.014 + 0 * angle],
-            1,
+class WallMirror(Spec):
+    """A mirror in a frame, rectangular or round; the origin is its centre.
+
+    It is rectangular where a size is given.
+    """
+
+    mount_height: float = between(1.45, 1.55)
+    is_round: bool = drawn(
+        lambda draw, spec: not {"width", "height"} & vars(spec).keys() and draw.chance(0.4)
+    )
+    width: float = between(0.45, 0.75)
+    height: float = drawn(lambda draw, spec: spec.width * draw.between(1.1, 1.7))
+    frame: Material | None = drawn(
+        lambda draw, spec: (
+            None if spec.is_round else (spec.style.wood if draw.chance(0.6) else spec.style.metal)
         )
-        b.add(style.metal, tube(ring, 0.0139, 10, closed=True).turned("x", 90), name="frame")
-        b.add(MIRROR, cylinder(radius - 0.012, 0.0, 0.012, 48).turned("x", 90))
+    )
+
+    def build(self) -> FurniturePiece:
+        b = Builder("wall mirror", "mirror", "on_wall", mount_height=self.mount_height)
+        w, h = self.width / 2, self.height / 2
+        if self.frame is None:
+            angle, inner = 2 * np.pi * np.arange(48) / 48, w - 0.012
+            ring = np.stack([inner * np.cos(angle), inner * np.sin(angle), 0.014 + 0 * angle], 1)
+            rim = tube(ring, 0.0139, 10, closed=True).turned("x", 90)
+            b.add(self.style.metal, rim, name="frame")
+            b.add(MIRROR, cylinder(inner, 0.0, 0.012, 48).turned("x", 90))
+            return b.piece()
+        _add_frame(b, self.frame, self.width, self.height, 0.03, 0.026)
+        b.add(MIRROR, span((-w + 0.028, -0.014, -h + 0.028), (w - 0.028, -0.004, h - 0.028)))
         return b.piece()
-    material = style.wood if draw.chance(0.6) else style.metal
-    _add_frame(b, material, width, height, 0.03, 0.026)
-    b.add(
-        MIRROR,
-        span(
-            (-width / 2 + 0.028, -0.014, -height / 2 + 0.028),
-            (width / 2 - 0.028, -0.004, height / 2 - 0.028),
-        ),
-    )
-    return b.piece()
 
 
-def floor_mirror(draw: Draw, style: Style) -> FurniturePiece:
+class FloorMirror(Spec):
     """A tall mirror that leans against the wall."""
-    width, height = draw.between(0.5, 0.7), draw.between(1.55, 1.8)
-    flat = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
-    _add_frame(flat, style.wood, width, height, 0.04, 0.03)
-    flat.add(
-        MIRROR,
-        span(
-            (-width / 2 + 0.038, -0.018, -height / 2 + 0.038),
-            (width / 2 - 0.038, -0.004, height / 2 - 0.038),
-        ),
-    )
-    lean = -draw.between(5, 8)
-    b = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
-    b.add_from(flat.turned("x", lean))
-    low = b.piece().bounds
-    middle = float(low[0, 1] + low[1, 1]) / 2
-    stood = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
-    stood.add_from(b, y=-middle, z=-float(low[0, 2]))
-    return stood.piece()
+
+    width: float = between(0.5, 0.7)
+    height: float = between(1.55, 1.8)
+    lean: float = between(5, 8)
+
+    def build(self) -> FurniturePiece:
+        w, h = self.width / 2, self.height / 2
+        flat = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
+        _add_frame(flat, self.style.wood, self.width, self.height, 0.04, 0.03)
+        flat.add(MIRROR, span((-w + 0.038, -0.018, -h + 0.038), (w - 0.038, -0.004, h - 0.038)))
+        leaning = flat.turned("x", -self.lean)
+        low, high = leaning.piece().bounds
+        b = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
+        b.add_from(leaning, y=-float(low[1] + high[1]) / 2, z=-float(low[2]))
+        return b.piece()
 
 
-def television(draw: Draw, style: Style, width: float | None = None) -> FurniturePiece:
+class Television(Spec):
     """A flat television on its feet."""
-    width = draw.between(0.9, 1.3) if width is None else width
-    b = Builder("television", "television", "on_top")
-    height = width * 0.575
-    z = 0.07
-    case = span((-width / 2, -0.012, z), (width / 2, 0.014, z + height), 0.003)
-    b.add(BLACK_PLASTIC, case, name="case")
-    b.add(
-        BLACK_PLASTIC,
-        rounded_box((0.7 * width, 0.05, 0.5 * height), (0, 0.03, z + 0.1 * height), 0.015, inner=1),
-        name="case",
-    )
-    b.add(
-        SCREEN,
-        span(
-            (-width / 2 + 0.009, -0.0135, z + 0.018),
-            (width / 2 - 0.009, -0.0115, z + height - 0.009),
-        ),
-        name="screen",
-    )
-    for side in (-1, 1):
-        x = side * 0.32 * width
-        for sy in (-1, 1):
-            feet = bar((x, 0, z + 0.01), (x + side * 0.02, sy * 0.12, 0.0075), 0.007, 8)
-            b.add(BLACK_PLASTIC, feet, name="feet")
-            feet = cylinder(0.008, 0, 0.008, 10).moved(x + side * 0.02, sy * 0.12)
-            b.add(BLACK_PLASTIC, feet, name="feet")
-    w, h, middle = width / 2 - 0.012, height / 2 - 0.0165, z + height / 2 + 0.0045
-    luminance = draw.between(20, 60)  # mean of the picture, candelas a square metre
-    return with_display(b.piece(), draw, display(w, h).moved(0, -0.0138, middle), luminance, True)
+
+    width: float = between(0.9, 1.3)
+    shown: Shown = showing(20, 60, is_film=True)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("television", "television", "on_top")
+        width, height, z = self.width, self.width * 0.575, 0.07
+        panel = span((-width / 2, -0.012, z), (width / 2, 0.014, z + height), 0.003)
+        size, at = (0.7 * width, 0.05, 0.5 * height), (0, 0.03, z + 0.1 * height)
+        b.add(BLACK_PLASTIC, panel, rounded_box(size, at, 0.015, inner=1), name="case")
+        low, high = (-width / 2 + 0.009, -0.0135, z + 0.018), (width / 2 - 0.009, -0.0115)
+        b.add(SCREEN, span(low, (*high, z + height - 0.009)), name="screen")
+        for side, sy in CORNERS:
+            x = side * 0.32 * width
+            leg = bar((x, 0, z + 0.01), (x + side * 0.02, sy * 0.12, 0.0075), 0.007, 8)
+            pad = cylinder(0.008, 0, 0.008, 10).moved(x + side * 0.02, sy * 0.12)
+            b.add(BLACK_PLASTIC, leg, pad, name="feet")
+        w, h, middle = width / 2 - 0.012, height / 2 - 0.0165, z + height / 2 + 0.0045
+        return with_display(b.piece(), display(w, h).moved(0, -0.0138, middle), self.shown)
 
 
-def monitor(draw: Draw, style: Style) -> FurniturePiece:
+class Monitor(Spec):
     """A computer monitor with keyboard and mouse in front."""
-    width = draw.between(0.52, 0.64)
-    height = 0.585 * width
-    b = Builder("computer monitor", "monitor", "on_top")
-    y, z = 0.13, draw.between(0.09, 0.14)
-    case = span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003)
-    b.add(BLACK_PLASTIC, case, name="case")
-    w, h, middle = width / 2 - 0.008, height / 2 - 0.011, z + height / 2 + 0.003
-    dark = span((-w, y - 0.0135, middle - h), (w, y - 0.0115, middle + h))
-    b.add(SCREEN, dark, name="screen")
-    b.add(BLACK_PLASTIC, box((0.05, 0.02, z + 0.14), (0, y + 0.025, 0.006)), name="stand")
-    b.add(BLACK_PLASTIC, box((0.24, 0.19, 0.01), (0, y + 0.02, 0), 0.003), name="stand")
-    keys = Material("plastic", hex_color("#d9d8d4" if draw.chance(0.5) else "#2a2b2e"), 0.5)
-    with b.holding("keyboard", "electronics"):
-        keyboard = box((0.43, 0.125, 0.01), (-0.03, -0.11, 0.002), 0.003)
-        b.add(STEEL if draw.chance(0.5) else BLACK_PLASTIC, keyboard, name="keyboard")
-        b.add(BLACK_PLASTIC, box((0.4, 0.1, 0.0035), (-0.03, -0.11, 0)), name="keyboard")
-        for row in range(5):
-            x = -0.235
-            while x < 0.165:
-                wide = 0.1 if row == 0 and -0.12 < x < -0.05 else 0.0155
-                b.add(
-                    keys,
-                    box((wide, 0.0165, 0.005), (x + wide / 2, -0.154 + 0.0215 * row, 0.0115)),
-                    name="keys",
-                )
-                x += wide + 0.0035
-    mouse = rounded_box((0.06, 0.1, 0.034), (0.25, -0.11, 0.0), 0.0165, (0, 0, 0.003), inner=1)
-    with b.holding("computer mouse", "electronics"):
-        b.add(BLACK_PLASTIC, mouse.moved(z=0.003), name="mouse")
-        b.add(BLACK_PLASTIC, box((0.04, 0.07, 0.005), (0.25, -0.11, 0)), name="mouse")
-    shown = display(w - 0.002, h - 0.002).moved(0, y - 0.0138, middle)
-    return with_display(b.piece(), draw, shown, draw.between(40, 100))
+
+    width: float = between(0.52, 0.64)
+    z: float = between(0.09, 0.14)
+    pale_keys: bool = chance(0.5)
+    board: Material = either(0.5, STEEL, BLACK_PLASTIC)
+    shown: Shown = showing(40, 100)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("computer monitor", "monitor", "on_top")
+        width, height, y, z = self.width, 0.585 * self.width, 0.13, self.z
+        case = span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003)
+        b.add(BLACK_PLASTIC, case, name="case")
+        w, h, middle = width / 2 - 0.008, height / 2 - 0.011, z + height / 2 + 0.003
+        dark = span((-w, y - 0.0135, middle - h), (w, y - 0.0115, middle + h))
+        b.add(SCREEN, dark, name="screen")
+        b.add(BLACK_PLASTIC, box((0.05, 0.02, z + 0.14), (0, y + 0.025, 0.006)), name="stand")
+        b.add(BLACK_PLASTIC, box((0.24, 0.19, 0.01), (0, y + 0.02, 0), 0.003), name="stand")
+        self._add_keyboard(b)
+        mouse = rounded_box((0.06, 0.1, 0.034), (0.25, -0.11, 0.0), 0.0165, (0, 0, 0.003), inner=1)
+        with b.holding("computer mouse", "electronics"):
+            b.add(BLACK_PLASTIC, mouse.moved(z=0.003), name="mouse")
+            b.add(BLACK_PLASTIC, box((0.04, 0.07, 0.005), (0.25, -0.11, 0)), name="mouse")
+        screen = display(w - 0.002, h - 0.002).moved(0, y - 0.0138, middle)
+        return with_display(b.piece(), screen, self.shown)
+
+    def _add_keyboard(self, b: Builder) -> None:
+        keys = Material("plastic", hex_color("#d9d8d4" if self.pale_keys else "#2a2b2e"), 0.5)
+        with b.holding("keyboard", "electronics"):
+            board = box((0.43, 0.125, 0.01), (-0.03, -0.11, 0.002), 0.003)
+            b.add(self.board, board, name="keyboard")
+            b.add(BLACK_PLASTIC, box((0.4, 0.1, 0.0035), (-0.03, -0.11, 0)), name="keyboard")
+            for row in range(5):
+                x = -0.235
+                while x < 0.165:
+                    wide = 0.1 if row == 0 and -0.12 < x < -0.05 else 0.0155
+                    at = (x + wide / 2, -0.154 + 0.0215 * row, 0.0115)
+                    b.add(keys, box((wide, 0.0165, 0.005), at), name="keys")
+                    x += wide + 0.0035
 
 
-def laptop(draw: Draw, style: Style) -> FurniturePiece:
+class Laptop(Spec):
     """An open laptop."""
-    width = draw.between(0.3, 0.36)
-    depth = 0.68 * width
-    b = Builder("laptop", "laptop", "on_top")
-    case = STEEL if draw.chance(0.6) else BLACK_PLASTIC
-    b.add(case, box((width, depth, 0.014), (0, 0, 0.001), 0.003), name="case")
-    b.add(BLACK_PLASTIC, box((width - 0.04, depth - 0.04, 0.002), (0, 0, 0)), name="feet")
-    pitch = (width - 0.05) / 13
-    for row in range(5):
-        for k in range(13):
-            if row == 0 and 4 <= k <= 8:
-                if k != 6:
+
+    width: float = between(0.3, 0.36)
+    case: Material = either(0.6, STEEL, BLACK_PLASTIC)
+    lean: float = between(10, 28)
+    shown: Shown = showing(40, 100)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("laptop", "laptop", "on_top")
+        width, depth, case = self.width, 0.68 * self.width, self.case
+        b.add(case, box((width, depth, 0.014), (0, 0, 0.001), 0.003), name="case")
+        b.add(BLACK_PLASTIC, box((width - 0.04, depth - 0.04, 0.002), (0, 0, 0)), name="feet")
+        pitch = (width - 0.05) / 13
+        for row in range(5):
+            for k in range(13):
+                in_bar = row == 0 and 4 <= k <= 8  # the space bar
+                if in_bar and k != 6:
                     continue
-                size = (5 * pitch - 0.003, pitch - 0.004, 0.002)
-            else:
-                size = (pitch - 0.003, pitch - 0.004, 0.002)
-            at = ((k - 6) * pitch, -0.005 + row * pitch * 0.98 - 0.02, 0.0148)
-            b.add(BLACK_PLASTIC, box(size, at), name="keys")
-    touchpad = box((0.34 * width, 0.27 * depth, 0.0008), (0, -depth / 2 + 0.18 * depth, 0.0147))
-    b.add(BLACK_PLASTIC, touchpad, name="touchpad")
-    lid = Builder("", "", "free")
-    lid.add(case, span((-width / 2, 0, 0), (width / 2, 0.006, depth), 0.002), name="case")
-    w, h, middle = width / 2 - 0.008, depth / 2 - 0.011, depth / 2 + 0.002
-    lid.add(SCREEN, span((-w, -0.0012, middle - h), (w, 0, middle + h)), name="screen")
-    lean, y = -draw.between(10, 28), depth / 2 - 0.006
-    b.add_from(lid.turned("x", lean), y=y, z=0.012)
-    shown = display(w - 0.002, h - 0.002).moved(0, -0.0015, middle)
-    shown = shown.turned("x", lean).moved(0, y, 0.012)
-    return with_display(b.piece(), draw, shown, draw.between(40, 100))
+                size = ((5 if in_bar else 1) * pitch - 0.003, pitch - 0.004, 0.002)
+                at = ((k - 6) * pitch, -0.005 + row * pitch * 0.98 - 0.02, 0.0148)
+                b.add(BLACK_PLASTIC, box(size, at), name="keys")
+        at = (0, -depth / 2 + 0.18 * depth, 0.0147)
+        b.add(BLACK_PLASTIC, box((0.34 * width, 0.27 * depth, 0.0008), at), name="touchpad")
+        lid = Builder("", "", "free")
+        lid.add(case, span((-width / 2, 0, 0), (width / 2, 0.006, depth), 0.002), name="case")
+        w, h, middle = width / 2 - 0.008, depth / 2 - 0.011, depth / 2 + 0.002
+        lid.add(SCREEN, span((-w, -0.0012, middle - h), (w, 0, middle + h)), name="screen")
+        lean, y = -self.lean, depth / 2 - 0.006
+        b.add_from(lid.turned("x", lean), y=y, z=0.012)
+        screen = display(w - 0.002, h - 0.002).moved(0, -0.0015, middle)
+        return with_display(b.piece(), screen.turned("x", lean).moved(0, y, 0.012), self.shown)
 
 
-def books_stack(draw: Draw, style: Style) -> FurniturePiece:
+class BooksStack(Spec):
     """A stack of three to six books."""
-    b = Builder("stack of books", "books", "on_top")
-    held = Builder("", "", "free")
-    count, turn = draw.whole(3, 7), draw.between(-20, 20)
-    add_stack(held, [LyingBook.draw(draw, style) for _ in range(count)], 0, 0, 0, turn)
-    return replace(b.piece(), parts=tuple(replace(part, own=None) for part in held.piece().parts))
+
+    count: int = whole(3, 7)
+    turn: float = between(-20, 20)
+    books: tuple[LyingBook, ...] = drawn(
+        lambda draw, spec: tuple(LyingBook.draw(draw, spec.style) for _ in range(spec.count))
+    )
+
+    def build(self) -> FurniturePiece:
+        b = Builder("stack of books", "books", "on_top")
+        add_stack(b, self.books, 0, 0, 0, self.turn)
+        return b.piece()
 
 
-def fruit_bowl(draw: Draw, style: Style) -> FurniturePiece:
+class Fruit(Spec):
+    """One fruit of a bowl."""
+
+    size: float = between(0.033, 0.04)
+    color: str = pick("#b8322a", "#d98a2b", "#8aa83a", "#d9c23a", "#c24a2a")
+    tilt: float = between(-40, 40)
+
+
+class FruitBowl(Spec):
     """A bowl with five to seven fruits."""
-    b = Builder("fruit bowl", "bowl", "on_top")
-    radius, height = draw.between(0.12, 0.16), draw.between(0.06, 0.09)
-    bowl = _bowl(radius, height)
-    b.add(style.wood if draw.chance(0.4) else draw.pick(style.accents), bowl, name="bowl")
-    colors = ("#b8322a", "#d98a2b", "#8aa83a", "#d9c23a", "#c24a2a")
-    count = draw.whole(5, 8)
-    for k in range(count):
-        size = draw.between(0.033, 0.04)
-        ring = 0.0 if k == count - 1 else 0.52 * radius
-        turn = 2 * np.pi * k / max(count - 1, 1)
-        z = 0.45 * height + size + (0.045 if ring == 0 else 0.0)
-        fruit = Material("plastic", hex_color(draw.pick(colors)), 0.4)
-        apple = [
-            (0.0, -0.82), (0.3, -0.9), (0.7, -0.68), (1.0, -0.05), (0.93, 0.42), (0.6, 0.8),
-            (0.22, 0.82), (0.0, 0.62),
-        ]  # fmt: skip
-        body = lathe([(size * r, size * h) for r, h in apple], 18)
-        b.add(
-            fruit,
-            body.turned("x", draw.between(-40, 40)).moved(
-                ring * float(np.cos(turn)), ring * float(np.sin(turn)), z
-            ),
-            name="fruit",
-        )
-    return b.piece()
+
+    radius: float = between(0.12, 0.16)
+    height: float = between(0.06, 0.09)
+    body: Material = either(0.4, "wood", "accents")
+    fruits: tuple[Fruit, ...] = several(Fruit, 5, 8)
+
+    def build(self) -> FurniturePiece:
+        b, radius, height = Builder("fruit bowl", "bowl", "on_top"), self.radius, self.height
+        b.add(self.body, _bowl(radius, height), name="bowl")
+        apple = [(0.0, -0.82), (0.3, -0.9), (0.7, -0.68), (1.0, -0.05), (0.93, 0.42), (0.6, 0.8)]
+        apple += [(0.22, 0.82), (0.0, 0.62)]
+        last = len(self.fruits) - 1
+        for k, fruit in enumerate(self.fruits):
+            size, ring = fruit.size, 0.0 if k == last else 0.52 * radius
+            turn = 2 * np.pi * k / max(last, 1)
+            z = 0.45 * height + size + (0.045 if ring == 0 else 0.0)
+            body = lathe([(size * r, size * h) for r, h in apple], 18).turned("x", fruit.tilt)
+            body = body.moved(ring * float(np.cos(turn)), ring * float(np.sin(turn)), z)
+            b.add(Material("plastic", hex_color(fruit.color), 0.4), body, name="fruit")
+        return b.piece()
 
 
 def _bowl(radius: float, height: float) -> BodyMesh:

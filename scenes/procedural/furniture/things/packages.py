@@ -8,7 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.decoration import display, with_display
+from pbrnet.scenes.procedural.furniture.decoration import display, shown_on, with_display
 from pbrnet.scenes.procedural.furniture.geometry import (
     BodyMesh,
     bar,
@@ -133,7 +133,7 @@ def slab(
                 b.add(RUBBER, box((0.5 * x / columns, 0.5 * y / rows, 0.0014), at), name="keys")
     if screen:
         shown = display(0.45 * x, 0.45 * y).turned("x", -90).moved(z=z + 0.001)
-        return with_display(b.piece(), draw, shown, draw.between(40, 100))
+        return with_display(b.piece(), shown, shown_on(draw, 40, 100))
     return b.piece()
 
 
