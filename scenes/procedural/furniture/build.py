@@ -68,6 +68,15 @@ class Builder:
             other._groups[key] = [mesh.turned(axis, degrees) for mesh in meshes]
         return other
 
+    def grounded(self) -> Builder:
+        """Return a builder with all meshes moved so that the lowest point is at z = 0."""
+        other = Builder(self.name, self.category, self.anchor)
+        low = min(
+            float(mesh.vertices[:, 2].min()) for each in self._groups.values() for mesh in each
+        )
+        other.add_from(self, z=-low)
+        return other
+
     def surface(
         self,
         x: float,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.drapes import hooked, pleats
+from pbrnet.scenes.procedural.furniture.drapes import Pleats, hooked, pleats
 from pbrnet.scenes.procedural.furniture.geometry import (
     CORNERS,
     BodyMesh,
@@ -31,6 +32,7 @@ from pbrnet.scenes.procedural.furniture.spec import (
     drawn,
     either,
     optional,
+    optional_of,
     pick,
     several,
     whole,
@@ -52,7 +54,6 @@ from pbrnet.scenes.procedural.furniture.style import (
     WHITE_PAINT,
     WHITE_PLASTIC,
     WICKER,
-    Style,
     hex_color,
 )
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material, PiecePart
@@ -89,17 +90,20 @@ class Vase(Spec):
     def build(self) -> FurniturePiece:
         b = Builder("vase with twigs" if self.twigs else "vase", "vase", "on_top")
         b.add(self.glaze, self.body.mesh(), name="vase")
+        if self.twigs:
+            self._add_twigs(b, self.twigs)
+        return b.piece()
+
+    def _add_twigs(self, b: Builder, bunch: Twigs) -> None:
         brown, t = Material("wood", hex_color("#6a4c34"), 0.8), np.linspace(0, 1, 5)
-        for k, twig in enumerate(self.twigs.twigs if self.twigs else ()):
+        for k, twig in enumerate(bunch.twigs):
             out, low, top = twig.extent * t**1.5, 0.72 * self.height, self.height + twig.rise
             turn = k * 2.4
             path = np.stack([out * np.cos(turn), out * np.sin(turn), low + (top - low) * t], 1)
             b.add(brown, tube(path, np.linspace(0.0026, 0.0014, 5), 8), name="twigs")
             for share, size in zip((0.7, 0.85, 1.0), twig.blossoms, strict=True):
                 at = [float(np.interp(share, t, path[:, c])) for c in range(3)]
-                assert self.twigs is not None
-                b.add(self.twigs.bloom, sphere(size, 10, 6).moved(*at), name="blossoms")
-        return b.piece()
+                b.add(bunch.bloom, sphere(size, 10, 6).moved(*at), name="blossoms")
 
 
 class Picture(Spec):
@@ -383,24 +387,31 @@ def _bowl(radius: float, height: float) -> BodyMesh:
     return lathe([*outer, *inner[:-1], (inner[-1][0] - 0.004, 0.008)], 32)
 
 
-def crockery(draw: Draw, style: Style) -> FurniturePiece:
+class Cup(Spec):
+    """A cup beside plates, of their glaze or of another."""
+
+    own: Material | None = optional_of(0.4, "accents")
+    turn: float = between(0, 360)
+
+
+class Crockery(Spec):
     """A pile of plates and two or three cups."""
-    b = Builder("crockery", "crockery", "on_top")
-    glaze = CERAMIC if draw.chance(0.6) else draw.pick(style.accents)
-    for k in range(draw.whole(2, 6)):
-        plate = [
-            (0.075, 0.0), (0.085, 0.004), (0.127, 0.018), (0.128, 0.021), (0.084, 0.008),
-            (0.0, 0.007),
-        ]  # fmt: skip
-        b.add(glaze, lathe(plate, 36).moved(x=-0.07, z=0.0075 * k), name="plates")
-    for k in range(draw.whole(2, 4)):
-        with b.holding("cup", "crockery"):
-            b.add(
-                draw.pick(style.accents) if draw.chance(0.4) else glaze,
-                _cup().turned("z", draw.between(0, 360)).moved(0.13, (k - 0.8) * 0.135, 0),
-                name="cups",
-            )
-    return b.piece()
+
+    glaze: Material = either(0.6, CERAMIC, "accents")
+    plates: int = whole(2, 6)
+    cups: tuple[Cup, ...] = several(Cup, 2, 4)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("crockery", "crockery", "on_top")
+        profile = [(0.075, 0.0), (0.085, 0.004), (0.127, 0.018), (0.128, 0.021), (0.084, 0.008)]
+        plate = lathe([*profile, (0.0, 0.007)], 36)
+        for k in range(self.plates):
+            b.add(self.glaze, plate.moved(x=-0.07, z=0.0075 * k), name="plates")
+        for k, each in enumerate(self.cups):
+            cup = _cup().turned("z", each.turn).moved(0.13, (k - 0.8) * 0.135, 0)
+            with b.holding("cup", "crockery"):
+                b.add(each.own or self.glaze, cup, name="cups")
+        return b.piece()
 
 
 def _cup() -> BodyMesh:
@@ -412,174 +423,222 @@ def _cup() -> BodyMesh:
     return merge([lathe(profile, 24), tube(ear, 0.0045, 8)])
 
 
-def candle(draw: Draw, style: Style) -> FurniturePiece:
+class Candle(Spec):
     """Candles of three heights on a tray."""
-    b = Builder("candles", "candle", "on_top")
-    tray = [(0.1, 0.0), (0.105, 0.012), (0.101, 0.012), (0.097, 0.004), (0.0, 0.004)]
-    b.add(style.metal, lathe(tray, 32), name="tray")
-    wax = Material("plastic", hex_color("#efe6d2"), 0.6)
-    for k in range(3):
-        turn = 2 * np.pi * k / 3 + 0.4
-        x, y = 0.052 * float(np.cos(turn)), 0.052 * float(np.sin(turn))
-        radius, height = draw.between(0.024, 0.034), draw.between(0.06, 0.16)
-        profile = [
-            (radius, 0.0035), (radius, height), (0.8 * radius, height),
-            (0.6 * radius, height - 0.006), (0, height - 0.007),
-        ]  # fmt: skip
-        wick = bar((x, y, height - 0.009), (x + 0.002, y, height + 0.008), 0.0012, 8)
-        with b.holding("candle", "candle"):
-            b.add(wax, lathe(profile, 22).moved(x, y), name="wax")
-            b.add(BLACK_PLASTIC, wick, name="wick")
-    return b.piece()
+
+    candles: tuple[tuple[float, float], ...] = drawn(  # radius, height
+        lambda draw, spec: tuple(
+            (draw.between(0.024, 0.034), draw.between(0.06, 0.16)) for _ in range(3)
+        )
+    )
+
+    def build(self) -> FurniturePiece:
+        b = Builder("candles", "candle", "on_top")
+        tray = [(0.1, 0.0), (0.105, 0.012), (0.101, 0.012), (0.097, 0.004), (0.0, 0.004)]
+        b.add(self.style.metal, lathe(tray, 32), name="tray")
+        wax = Material("plastic", hex_color("#efe6d2"), 0.6)
+        for k, (radius, height) in enumerate(self.candles):
+            turn = 2 * np.pi * k / 3 + 0.4
+            x, y = 0.052 * float(np.cos(turn)), 0.052 * float(np.sin(turn))
+            profile = [(radius, 0.0035), (radius, height), (0.8 * radius, height)]
+            profile += [(0.6 * radius, height - 0.006), (0, height - 0.007)]
+            wick = bar((x, y, height - 0.009), (x + 0.002, y, height + 0.008), 0.0012, 8)
+            with b.holding("candle", "candle"):
+                b.add(wax, lathe(profile, 22).moved(x, y), name="wax")
+                b.add(BLACK_PLASTIC, wick, name="wick")
+        return b.piece()
 
 
-def wall_clock(draw: Draw, style: Style) -> FurniturePiece:
+class WallClock(Spec):
     """A round clock; the origin is its centre."""
-    radius = draw.between(0.13, 0.19)
-    b = Builder("wall clock", "clock", "on_wall", mount_height=draw.between(1.75, 1.95))
-    rim = [(radius, 0.0), (radius, 0.035), (radius - 0.015, 0.035), (radius - 0.017, 0.02)]
-    b.add(
-        style.wood if draw.chance(0.4) else style.metal,
-        lathe(rim, 48).turned("x", 90),
-        name="rim",
-    )
-    b.add(WHITE_PAINT, cylinder(radius - 0.0165, 0.015, 0.022, 48).turned("x", 90), name="dial")
-    for k in range(12):
-        long = 0.024 if k % 3 == 0 else 0.014
-        mark = box(
-            (0.007 if k % 3 == 0 else 0.004, 0.0016, long), (0, -0.0232, radius - 0.03 - long)
-        )
-        b.add(BLACK_PLASTIC, mark.turned("y", 30 * k), name="marks")
-    hour, minute = draw.between(0, 360), draw.between(0, 360)
-    for length, width, angle, y in ((0.52, 0.009, hour, -0.026), (0.76, 0.006, minute, -0.029)):
-        hand = box((width, 0.0018, length * radius + 0.02), (0, y, -0.02))
-        b.add(BLACK_PLASTIC, hand.turned("y", angle), name="hands")
-    b.add(BLACK_PLASTIC, cylinder(0.008, 0.021, 0.033, 14).turned("x", 90), name="hands")
-    return b.piece()
+
+    radius: float = between(0.13, 0.19)
+    mount_height: float = between(1.75, 1.95)
+    rim: Material = either(0.4, "wood", "metal")
+    hour: float = between(0, 360)  # degrees of the hands
+    minute: float = between(0, 360)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("wall clock", "clock", "on_wall", mount_height=self.mount_height)
+        radius = self.radius
+        rim = [(radius, 0.0), (radius, 0.035), (radius - 0.015, 0.035), (radius - 0.017, 0.02)]
+        b.add(self.rim, lathe(rim, 48).turned("x", 90), name="rim")
+        dial = cylinder(radius - 0.0165, 0.015, 0.022, 48).turned("x", 90)
+        b.add(WHITE_PAINT, dial, name="dial")
+        for k in range(12):
+            wide, long = (0.007, 0.024) if k % 3 == 0 else (0.004, 0.014)
+            mark = box((wide, 0.0016, long), (0, -0.0232, radius - 0.03 - long))
+            b.add(BLACK_PLASTIC, mark.turned("y", 30 * k), name="marks")
+        hands = ((0.52, 0.009, self.hour, -0.026), (0.76, 0.006, self.minute, -0.029))
+        for length, width, angle, y in hands:
+            hand = box((width, 0.0018, length * radius + 0.02), (0, y, -0.02))
+            b.add(BLACK_PLASTIC, hand.turned("y", angle), name="hands")
+        b.add(BLACK_PLASTIC, cylinder(0.008, 0.021, 0.033, 14).turned("x", 90), name="hands")
+        return b.piece()
 
 
-def radiator(draw: Draw, style: Style, width: float | None = None) -> FurniturePiece:
+class Radiator(Spec):
     """A ribbed radiator with a valve, mounted just above the floor."""
-    width = draw.between(0.6, 1.3) if width is None else width
-    height = 0.55
-    b = Builder("radiator", "radiator", "on_wall", mount_height=0.13)
-    count = max(4, round(width / 0.06))
-    pitch = width / count
-    for k in range(count):
-        x = -width / 2 + (k + 0.5) * pitch
-        b.add(
-            WHITE_PAINT,
-            rounded_box((0.8 * pitch, 0.028, height), (x, -0.115, 0), 0.013, steps=1, inner=1),
-            rounded_box((0.8 * pitch, 0.028, height), (x, -0.06, 0), 0.013, steps=1, inner=1),
-        )
-    for z in (0.06, height - 0.06):
-        b.add(WHITE_PAINT, box((width - 0.4 * pitch, 0.075, 0.03), (0, -0.0875, z - 0.015), 0.006))
-        for side in (-1, 1):
-            bracket = box((0.03, 0.052, 0.02), (side * 0.3 * width, -0.026, z - 0.01))
-            b.add(WHITE_PAINT, bracket, name="bracket")
-    b.add(
-        CHROME,
-        bar((width / 2 - 0.3 * pitch, -0.0875, 0.06), (width / 2 + 0.05, -0.0875, 0.06), 0.01, 10),
-        name="valve",
-    )
-    valve = bar((width / 2 + 0.04, -0.0875, 0.06), (width / 2 + 0.04, -0.0875, -0.12), 0.008, 10)
-    b.add(CHROME, valve, name="valve")
-    knob = cylinder(0.02, 0, 0.06, 16, bevel=0.004).turned("y", 90)
-    knob = knob.moved(width / 2 + 0.045, -0.0875, 0.06)
-    b.add(WHITE_PAINT, knob, name="knob")
-    return b.piece()
+
+    width: float = between(0.6, 1.3)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("radiator", "radiator", "on_wall", mount_height=0.13)
+        width, height = self.width, 0.55
+        count = max(4, round(width / 0.06))
+        pitch = width / count
+        for k in range(count):
+            x = -width / 2 + (k + 0.5) * pitch
+            for y in (-0.115, -0.06):
+                size = (0.8 * pitch, 0.028, height)
+                b.add(WHITE_PAINT, rounded_box(size, (x, y, 0), 0.013, steps=1, inner=1))
+        for z in (0.06, height - 0.06):
+            size, at = (width - 0.4 * pitch, 0.075, 0.03), (0, -0.0875, z - 0.015)
+            b.add(WHITE_PAINT, box(size, at, 0.006))
+            for side in (-1, 1):
+                bracket = box((0.03, 0.052, 0.02), (side * 0.3 * width, -0.026, z - 0.01))
+                b.add(WHITE_PAINT, bracket, name="bracket")
+        x, y = width / 2, -0.0875
+        pipe = bar((x - 0.3 * pitch, y, 0.06), (x + 0.05, y, 0.06), 0.01, 10)
+        down = bar((x + 0.04, y, 0.06), (x + 0.04, y, -0.12), 0.008, 10)
+        b.add(CHROME, pipe, down, name="valve")
+        knob = cylinder(0.02, 0, 0.06, 16, bevel=0.004).turned("y", 90)
+        b.add(WHITE_PAINT, knob.moved(x + 0.045, y, 0.06), name="knob")
+        return b.piece()
 
 
-def coat_hooks(draw: Draw, style: Style) -> FurniturePiece:
+class Coat(NamedTuple):
+    """A coat on a hook."""
+
+    x: float
+    cloth: Material
+    size: tuple[float, float]
+    pleats: Pleats
+
+    def mesh(self) -> BodyMesh:
+        """The coat below its hook."""
+        return hooked(self.pleats, self.size).moved(self.x, -0.045, -0.012)
+
+
+class CoatHooks(Spec):
     """A board with hooks, some with a coat."""
-    width = draw.between(0.6, 0.9)
-    b = Builder("coat hooks", "coat hooks", "on_wall", mount_height=draw.between(1.6, 1.7))
-    b.add(style.wood, span((-width / 2, -0.022, -0.05), (width / 2, 0, 0.05), 0.003))
-    count, last, edge = int(width / 0.15), -1.0, -1.0
-    for k in range(count):
-        x = (k - (count - 1) / 2) * 0.15
-        path = [(x, -0.02, -0.01), (x, -0.05, -0.03), (x, -0.08, -0.02), (x, -0.088, 0.015)]
-        b.add(style.metal, tube(path, 0.006, 8), name="hooks")
-        b.add(style.metal, sphere(0.009, 10, 6).moved(x, -0.088, 0.018), name="hooks")
+
+    width: float = between(0.6, 0.9)
+    mount_height: float = between(1.6, 1.7)
+    coats: tuple[Coat, ...] = drawn(lambda draw, spec: tuple(_coats(draw, spec)))
+
+    @property
+    def places(self) -> list[float]:
+        """Places of the hooks along x."""
+        count = int(self.width / 0.15)
+        return [(k - (count - 1) / 2) * 0.15 for k in range(count)]
+
+    def build(self) -> FurniturePiece:
+        b = Builder("coat hooks", "coat hooks", "on_wall", mount_height=self.mount_height)
+        board = span((-self.width / 2, -0.022, -0.05), (self.width / 2, 0, 0.05), 0.003)
+        b.add(self.style.wood, board)
+        coats = {coat.x: coat for coat in self.coats}
+        for x in self.places:
+            path = [(x, -0.02, -0.01), (x, -0.05, -0.03), (x, -0.08, -0.02), (x, -0.088, 0.015)]
+            b.add(self.style.metal, tube(path, 0.006, 8), name="hooks")
+            b.add(self.style.metal, sphere(0.009, 10, 6).moved(x, -0.088, 0.018), name="hooks")
+            if x in coats:
+                with b.holding("coat", "clothing"):
+                    b.add(coats[x].cloth, coats[x].mesh(), name="coat")
+        return b.piece()
+
+
+def _coats(draw: Draw, hooks: CoatHooks) -> Iterator[Coat]:
+    """Draw coats; cloth of wide ones would lie in their neighbours', which are left out."""
+    style, last, edge = hooks.style, -1.0, -1.0
+    for x in hooks.places:
         if x - last > 0.28 and draw.chance(0.25 + 0.5 * style.disorder):
             cloth = draw.pick((*style.cushions, style.second_upholstery, style.throw))
             size = (draw.between(0.5, 0.8), draw.between(0.62, 0.85))
-            coat = hooked(pleats(draw), size).moved(x, -0.045, -0.012)
-            left, right = coat.vertices[:, 0].min(), coat.vertices[:, 0].max()
-            if left < edge + 0.01:  # cloth of wide coats would lie in their neighbours'
-                continue
-            last, edge = x, right
-            with b.holding("coat", "clothing"):
-                b.add(cloth, coat, name="coat")
-    return b.piece()
+            coat = Coat(x, cloth, size, pleats(draw))
+            along = coat.mesh().vertices[:, 0]
+            if along.min() >= edge + 0.01:
+                last, edge = x, along.max()
+                yield coat
 
 
-def storage_box(draw: Draw, style: Style) -> FurniturePiece:
+class StorageBox(Spec):
     """A lidded box of cardboard or an open basket."""
-    b = Builder("storage basket", "box", "free")
-    width, depth = draw.between(0.3, 0.42), draw.between(0.24, 0.34)
-    height = draw.between(0.2, 0.3)
-    if draw.chance(0.5):
-        b.name = "storage box"
-        paper = Material("paper", draw.pick(style.accents).color, 0.85)
-        b.add(paper, box((width, depth, height - 0.02), (0, 0, 0), 0.002), name="box")
-        lid = box((width + 0.008, depth + 0.008, 0.06), (0, 0, height - 0.06), 0.002)
-        b.add(paper, lid, name="lid")
-        label = box((0.07, 0.004, 0.03), (0, -depth / 2 - 0.001, 0.5 * height))
-        b.add(style.metal, label, name="label")
-        b.surface(0, 0, height, width / 2 - 0.02, depth / 2 - 0.02)
-    else:
-        add_basket(b, 0, 0, 0, (width / 2, depth / 2), height)
-        b.add(
-            style.throw,
-            rounded_box(
-                (width - 0.06, depth - 0.06, 0.12), (0, 0, height - 0.13), 0.05, (0, 0, 0.02)
-            ),
-            name="linen",
-        )
-    return b.piece()
 
+    width: float = between(0.3, 0.42)
+    depth: float = between(0.24, 0.34)
+    height: float = between(0.2, 0.3)
+    paper: Material | None = optional_of(0.5, "accents")  # None: a basket
 
-def waste_bin(draw: Draw, style: Style) -> FurniturePiece:
-    """An open round bin, a basket for paper, or a bin with a pedal."""
-    radius, height = draw.between(0.11, 0.14), draw.between(0.26, 0.33)
-    b = Builder("waste bin", "bin", "free")
-    kind = draw.pick(("waste bin", "paper basket", "pedal bin", "mesh bin"))
-    b.name = kind
-    if kind == "pedal bin":
-        case = STEEL if draw.chance(0.6) else WHITE_PLASTIC
-        b.add(case, cylinder(radius, 0.012, height, 32, 0.006), name="bin")
-        b.add(BLACK_PLASTIC, cylinder(0.97 * radius, 0.0, 0.0121, 32), name="foot")
-        lid = [(1.01 * radius, height + 0.003), (0.9 * radius, height + 0.022), (0, height + 0.03)]
-        b.add(case, lathe(lid, 32), name="lid")
-        pedal = box((0.06, 0.05, 0.008), (0, -radius - 0.015, 0.008), 0.002)
-        b.add(BLACK_PLASTIC, pedal, name="pedal")
+    def build(self) -> FurniturePiece:
+        b = Builder("storage box" if self.paper else "storage basket", "box", "free")
+        width, depth, height = self.width, self.depth, self.height
+        if self.paper:
+            paper = Material("paper", self.paper.color, 0.85)
+            b.add(paper, box((width, depth, height - 0.02), (0, 0, 0), 0.002), name="box")
+            lid = box((width + 0.008, depth + 0.008, 0.06), (0, 0, height - 0.06), 0.002)
+            b.add(paper, lid, name="lid")
+            label = box((0.07, 0.004, 0.03), (0, -depth / 2 - 0.001, 0.5 * height))
+            b.add(self.style.metal, label, name="label")
+            b.surface(0, 0, height, width / 2 - 0.02, depth / 2 - 0.02)
+        else:
+            add_basket(b, 0, 0, 0, (width / 2, depth / 2), height)
+            size, at = (width - 0.06, depth - 0.06, 0.12), (0, 0, height - 0.13)
+            b.add(self.style.throw, rounded_box(size, at, 0.05, (0, 0, 0.02)), name="linen")
         return b.piece()
-    material = {"paper basket": WICKER, "mesh bin": style.metal}.get(kind, BLACK_PLASTIC)
-    profile = [
-        (0.8 * radius, 0.0), (radius, height), (radius - 0.004, height),
-        (0.8 * radius - 0.004, 0.006),
-    ]  # fmt: skip
-    b.add(material, lathe(profile, 32), name="bin")
-    return b.piece()
 
 
-def bottle(draw: Draw, style: Style) -> FurniturePiece:
+class WasteBin(Spec):
+    """An open round bin, a basket for paper, or a bin with a pedal."""
+
+    radius: float = between(0.11, 0.14)
+    height: float = between(0.26, 0.33)
+    kind: str = pick("waste bin", "paper basket", "pedal bin", "mesh bin")
+    case: Material | None = drawn(
+        lambda draw, spec: (
+            (STEEL if draw.chance(0.6) else WHITE_PLASTIC) if spec.kind == "pedal bin" else None
+        )
+    )
+
+    def build(self) -> FurniturePiece:
+        b, radius, height = Builder(self.kind, "bin", "free"), self.radius, self.height
+        if self.case:
+            b.add(self.case, cylinder(radius, 0.012, height, 32, 0.006), name="bin")
+            b.add(BLACK_PLASTIC, cylinder(0.97 * radius, 0.0, 0.0121, 32), name="foot")
+            lid = [(1.01 * radius, height + 0.003), (0.9 * radius, height + 0.022)]
+            b.add(self.case, lathe([*lid, (0, height + 0.03)], 32), name="lid")
+            pedal = box((0.06, 0.05, 0.008), (0, -radius - 0.015, 0.008), 0.002)
+            b.add(BLACK_PLASTIC, pedal, name="pedal")
+            return b.piece()
+        own = {"paper basket": WICKER, "mesh bin": self.style.metal}
+        profile = [(0.8 * radius, 0.0), (radius, height), (radius - 0.004, height)]
+        body = lathe([*profile, (0.8 * radius - 0.004, 0.006)], 32)
+        b.add(own.get(self.kind, BLACK_PLASTIC), body, name="bin")
+        return b.piece()
+
+
+class Bottle(Spec):
     """A bottle and two glasses."""
-    b = Builder("bottle and glasses", "glass", "on_top")
-    tints = ("#24361f", "#3a2413", "#1c2f38")
-    dark = Material("plastic", hex_color(draw.pick(tints)), 0.1)
-    height, width = draw.between(0.28, 0.33), draw.between(0.034, 0.041)
-    body = [
-        (width - 0.002, 0.0), (width, 0.006), (width, 0.62 * height), (0.8 * width, 0.71 * height),
-    ]  # fmt: skip
-    neck = [(0.015, 0.8 * height), (0.0145, height), (0.0, height)]
-    b.add(dark, lathe([*body, *neck], 26), name="bottle")
-    label = lathe([(width + 0.0004, 0.22 * height), (width + 0.0004, 0.5 * height)], 26)
-    b.add(LABEL, label, name="label")
-    for x, y in ((0.1, -0.03), (0.085, 0.075)):
-        glass = [(0.028, 0.0), (0.034, 0.1), (0.0325, 0.1), (0.0265, 0.006), (0.0, 0.006)]
-        at = (x + draw.between(-0.01, 0.02), y + draw.between(-0.01, 0.01))
-        with b.holding("glass", "glass"):
-            b.add(GLASS, lathe(glass, 24).moved(*at), name="glasses")
-    return b.piece()
+
+    tint: str = pick("#24361f", "#3a2413", "#1c2f38")
+    height: float = between(0.28, 0.33)
+    width: float = between(0.034, 0.041)
+    glasses: tuple[tuple[float, float], ...] = drawn(  # where they are off their places
+        lambda draw, spec: tuple(
+            (draw.between(-0.01, 0.02), draw.between(-0.01, 0.01)) for _ in range(2)
+        )
+    )
+
+    def build(self) -> FurniturePiece:
+        b, height, width = Builder("bottle and glasses", "glass", "on_top"), self.height, self.width
+        body = [(width - 0.002, 0.0), (width, 0.006), (width, 0.62 * height)]
+        body += [(0.8 * width, 0.71 * height), (0.015, 0.8 * height), (0.0145, height)]
+        dark = Material("plastic", hex_color(self.tint), 0.1)
+        b.add(dark, lathe([*body, (0.0, height)], 26), name="bottle")
+        label = [(width + 0.0004, 0.22 * height), (width + 0.0004, 0.5 * height)]
+        b.add(LABEL, lathe(label, 26), name="label")
+        profile = [(0.028, 0.0), (0.034, 0.1), (0.0325, 0.1), (0.0265, 0.006), (0.0, 0.006)]
+        for (x, y), (dx, dy) in zip(((0.1, -0.03), (0.085, 0.075)), self.glasses, strict=True):
+            with b.holding("glass", "glass"):
+                b.add(GLASS, lathe(profile, 24).moved(x + dx, y + dy), name="glasses")
+        return b.piece()

@@ -76,6 +76,13 @@ def optional(share: float, kind: type[Spec]) -> Any:
     return drawn(lambda draw, spec: kind.draw(draw, spec.style) if draw.chance(share) else None)
 
 
+def optional_of(share: float, which: str) -> Any:
+    """A field that is one of the style's materials of a name with a probability, else None."""
+    return drawn(
+        lambda draw, spec: material(draw, spec.style, which) if draw.chance(share) else None
+    )
+
+
 def several(kind: type[Spec], low: int, high: int) -> Any:
     """A field of [low, high) specifications of a kind."""
     return drawn(

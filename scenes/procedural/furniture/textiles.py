@@ -30,8 +30,16 @@ from pbrnet.scenes.procedural.furniture.geometry import (
     thick_sheet,
     tube,
 )
+from pbrnet.scenes.procedural.furniture.spec import (
+    Spec,
+    any_of,
+    between,
+    drawn,
+    several,
+    whole,
+)
 from pbrnet.scenes.procedural.furniture.style import WHITE_PAINT, Style
-from pbrnet.scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 from pbrnet.scenes.seeds import Draw, generator
 
 SHAPES = 6  # simulations of each size of curtain
@@ -246,75 +254,93 @@ def _cut(place: Float64Array, drop: float) -> Float64Array:
     return np.concatenate([place[:, :, :last], hem[:, :, None]], axis=2)
 
 
-def rug(
-    draw: Draw, style: Style, width: float | None = None, depth: float | None = None
-) -> FurniturePiece:
+class Rug(Spec):
     """A rug with a border and fringes at its short ends, or a round one."""
-    width = draw.between(1.6, 2.4) if width is None else width
-    depth = draw.between(1.1, 1.7) if depth is None else depth
-    b = Builder("rug", "rug", "centre")
-    thickness = draw.between(0.008, 0.014)
-    if abs(width - depth) < 0.05 * width and draw.chance(0.6):
-        rings = [
-            superellipse(width / 2 - inset, width / 2 - inset, z, 2.0, 64)
-            for z, inset in ((0.0, 0.0), (0.7 * thickness, 0.0), (thickness, 0.006))
-        ]
-        b.add(style.rug, loft(np.stack(rings)))
-        return b.piece()
-    n, m = 25, 17
-    x, y = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1, 1, m), indexing="ij")
-    lie = 0.0015 * np.sin(4 * x + draw.between(0, 6)) * np.sin(3 * y + draw.between(0, 6))
-    points = np.stack([x * width / 2, y * depth / 2, thickness + lie], axis=-1)
-    mesh = thick_sheet(points, thickness - 0.002)
-    mesh.vertices[:, 2] -= mesh.vertices[:, 2].min()
-    b.add(style.rug, mesh)
-    if draw.chance(0.6):
-        spacing = 0.03
-        for side in (-1, 1):
-            for v in np.arange(-depth / 2 + 0.015, depth / 2, spacing):
-                length = draw.between(0.04, 0.055)
-                start = side * (width / 2 - 0.003)
-                b.add(
-                    style.rug,
-                    box(
-                        (length, 0.009, 0.003),
-                        (
-                            start + side * length / 2,
-                            float(v) + draw.between(-0.004, 0.004),
-                            0.0015,
-                        ),
-                    ),
-                    name="fringe",
-                )
-    return b.piece()
 
-
-def cushion(draw: Draw, style: Style) -> FurniturePiece:
-    """A loose cushion."""
-    size = draw.between(0.38, 0.5)
-    b = Builder("cushion", "cushion", "on_top")
-    fabric = draw.pick(style.cushions)
-    b.add(fabric, stuffed((size, size * draw.between(0.75, 1.0), 0.15), draw.whole(5)))
-    return b.piece()
-
-
-def folded_blanket(draw: Draw, style: Style) -> FurniturePiece:
-    """A blanket folded into a stack of layers."""
-    b = Builder("folded blanket", "textile", "on_top")
-    width, depth = draw.between(0.32, 0.42), draw.between(0.26, 0.34)
-    z = 0.0
-    for _ in range(draw.whole(3, 5)):
-        b.add(
-            style.throw,
-            rounded_box(
-                (width * draw.between(0.96, 1.0), depth * draw.between(0.96, 1.0), 0.032),
-                (draw.between(-0.006, 0.006), draw.between(-0.006, 0.006), z),
-                0.0155,
-                (0, 0, 0.001),
-            ),
+    width: float = between(1.6, 2.4)
+    depth: float = between(1.1, 1.7)
+    thickness: float = between(0.008, 0.014)
+    is_round: bool = drawn(
+        lambda draw, spec: abs(spec.width - spec.depth) < 0.05 * spec.width and draw.chance(0.6)
+    )
+    phases: tuple[float, ...] = drawn(  # of its lie
+        lambda draw, spec: () if spec.is_round else (draw.between(0, 6), draw.between(0, 6))
+    )
+    fringes: tuple[tuple[float, float], ...] = drawn(  # length, place beside its own
+        lambda draw, spec: (
+            ()
+            if spec.is_round or not draw.chance(0.6)
+            else tuple(
+                (draw.between(0.04, 0.055), draw.between(-0.004, 0.004))
+                for _ in range(2 * len(spec.places))
+            )
         )
-        z += 0.031
-    low = min(float(part.vertices[:, 2].min()) for part in b.piece().parts)
-    lifted = Builder("folded blanket", "textile", "on_top")
-    lifted.add_from(b, z=-low)
-    return lifted.piece()
+    )
+
+    @property
+    def places(self) -> list[float]:
+        """Places of the fringes along the short ends."""
+        return np.arange(-self.depth / 2 + 0.015, self.depth / 2, 0.03).tolist()
+
+    def build(self) -> FurniturePiece:
+        b, cloth = Builder("rug", "rug", "centre"), self.style.rug
+        width, depth, thickness = self.width, self.depth, self.thickness
+        if self.is_round:
+            edge = ((0.0, 0.0), (0.7 * thickness, 0.0), (thickness, 0.006))
+            half = width / 2
+            b.add(cloth, loft([superellipse(half - dx, half - dx, z, 2.0, 64) for z, dx in edge]))
+            return b.piece()
+        x, y = np.meshgrid(np.linspace(-1, 1, 25), np.linspace(-1, 1, 17), indexing="ij")
+        one, other = self.phases
+        lie = 0.0015 * np.sin(4 * x + one) * np.sin(3 * y + other)
+        points = np.stack([x * width / 2, y * depth / 2, thickness + lie], axis=-1)
+        mesh = thick_sheet(points, thickness - 0.002)
+        mesh.vertices[:, 2] -= mesh.vertices[:, 2].min()
+        b.add(cloth, mesh)
+        places = [(side, v) for side in (-1, 1) for v in self.places]
+        for (side, v), (length, off) in zip(places, self.fringes, strict=False):
+            at = (side * (width / 2 - 0.003) + side * length / 2, v + off, 0.0015)
+            b.add(cloth, box((length, 0.009, 0.003), at), name="fringe")
+        return b.piece()
+
+
+class Cushion(Spec):
+    """A loose cushion."""
+
+    size: float = between(0.38, 0.5)
+    fabric: Material = any_of("cushions")
+    narrow: float = between(0.75, 1.0)
+    form: int = whole(0, 5)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("cushion", "cushion", "on_top")
+        b.add(self.fabric, stuffed((self.size, self.size * self.narrow, 0.15), self.form))
+        return b.piece()
+
+
+class Fold(Spec):
+    """One layer of a folded blanket: its share of the size, and where it lies."""
+
+    wide: float = between(0.96, 1.0)
+    deep: float = between(0.96, 1.0)
+    x: float = between(-0.006, 0.006)
+    y: float = between(-0.006, 0.006)
+
+
+class FoldedBlanket(Spec):
+    """A blanket folded into a stack of layers."""
+
+    width: float = between(0.32, 0.42)
+    depth: float = between(0.26, 0.34)
+    folds: tuple[Fold, ...] = several(Fold, 3, 5)
+
+    def build(self) -> FurniturePiece:
+        b, z = Builder("folded blanket", "textile", "on_top"), 0.0
+        for fold in self.folds:
+            size = (self.width * fold.wide, self.depth * fold.deep, 0.032)
+            b.add(
+                self.style.throw,
+                rounded_box(size, (fold.x, fold.y, z), 0.0155, (0, 0, 0.001)),
+            )
+            z += 0.031
+        return b.grounded().piece()

@@ -292,15 +292,7 @@ def frame(draw: Draw, style: Style) -> FurniturePiece:
         b.add(material, mesh.turned("x", lean), name="frame" if material is body else "photo")
     prop = bar((0, 0.018, 0.5 * z), (0, 0.3 * z, 0.003), 0.003, 8)
     b.add(BLACK_PLASTIC, prop, name="prop")
-    return _grounded(b)
-
-
-def _grounded(b: Builder) -> FurniturePiece:
-    """The piece, moved so that its lowest point is at z = 0."""
-    low = float(b.piece().bounds[0, 2])
-    moved = Builder(b.name, b.category, b.anchor)
-    moved.add_from(b, z=-low)
-    return moved.piece()
+    return b.grounded().piece()
 
 
 def rack(draw: Draw, style: Style) -> FurniturePiece:
