@@ -7,8 +7,6 @@ home share. A new kind is a `Spec` in one of the modules, and its name below.
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 from pbrnet.scenes.procedural.furniture import (
     bathroom,
     beds,
@@ -53,8 +51,7 @@ _KINDS = {
     ),
 }
 FURNITURE_KINDS: dict[str, type[Spec]] = {
-    name: getattr(module, name.title().replace("_", ""), None)
-    or SimpleNamespace(make=getattr(module, name))
+    name: getattr(module, name.title().replace("_", ""))
     for module, names in _KINDS.items()
     for name in names.split()
 }

@@ -9,6 +9,7 @@ from pbrnet.scenes.procedural.furniture.build import Builder
 from pbrnet.scenes.procedural.furniture.cabinets import add_door, add_drawers, carcass
 from pbrnet.scenes.procedural.furniture.cloth import plane, surface
 from pbrnet.scenes.procedural.furniture.drapes import (
+    Hanging,
     Ripples,
     dropped,
     hanging,
@@ -32,6 +33,7 @@ from pbrnet.scenes.procedural.furniture.geometry import (
 )
 from pbrnet.scenes.procedural.furniture.spec import (
     Spec,
+    any_of,
     between,
     chance,
     drawn,
@@ -49,11 +51,9 @@ from pbrnet.scenes.procedural.furniture.style import (
     STEEL,
     WHITE_PAINT,
     WHITE_PLASTIC,
-    Style,
     hex_color,
 )
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material
-from pbrnet.scenes.seeds import Draw
 
 
 def _tap(spout: float, height: float) -> BodyMesh:
@@ -338,139 +338,137 @@ _IN_CABINET = (
 )
 
 
-def mirror_cabinet(draw: Draw, style: Style, width: float | None = None) -> FurniturePiece:
+class MirrorCabinet(Spec):
     """A cabinet with mirror doors, sometimes one ajar; the origin is on its lower back edge."""
-    width = draw.between(0.55, 0.8) if width is None else width
-    depth, height = 0.15, 0.65
-    b = Builder("mirror cabinet", "mirror", "on_wall", mount_height=1.2)
-    parts = Builder("", "", "free")
-    parts.add(WHITE_PAINT, *carcass(width, depth, 0, height))
-    for z in (0.22, 0.44):
-        parts.add(
-            GLASS,
-            span(
-                (-width / 2 + 0.019, -depth / 2 + 0.03, z),
-                (width / 2 - 0.019, depth / 2 - 0.013, z + 0.006),
-            ),
-            name="shelf",
+
+    width: float = between(0.55, 0.8)
+    angle: float = drawn(lambda draw, spec: draw.between(12, 50) if draw.chance(0.35) else 0.0)
+    held: tuple[tuple[str, float], ...] = drawn(  # names and heights of bottles
+        lambda draw, spec: tuple(
+            (name, draw.between(0.7, 1.2))
+            for name in (draw.shuffled(_IN_CABINET)[:5] if spec.angle else ())
         )
-    angle = draw.between(12, 50) if draw.chance(0.35) else 0.0
-    each = width / 2 - 0.002
-    leaf = [
-        (WHITE_PAINT, span((0, -0.012, 0), (each, 0, height))),
-        (MIRROR, span((0.001, -0.0165, 0.001), (each - 0.001, -0.012, height - 0.001))),
-    ]
-    for material, mesh in leaf:
-        parts.add(
-            material, mesh.turned("z", -angle).moved(-width / 2, -depth / 2 + 0.019), name="door"
-        )
-        parts.add(material, mesh.moved(-each).moved(width / 2, -depth / 2 + 0.019), name="door")
-    if angle:
+    )
+
+    def build(self) -> FurniturePiece:
+        width, depth, height, parts = self.width, 0.15, 0.65, Builder("", "", "free")
+        b = Builder("mirror cabinet", "mirror", "on_wall", mount_height=1.2)
+        parts.add(WHITE_PAINT, *carcass(width, depth, 0, height))
+        for z in (0.22, 0.44):
+            low = (-width / 2 + 0.019, -depth / 2 + 0.03, z)
+            shelf = span(low, (width / 2 - 0.019, depth / 2 - 0.013, z + 0.006))
+            parts.add(GLASS, shelf, name="shelf")
+        each, y = width / 2 - 0.002, -depth / 2 + 0.019
+        leaf = [
+            (WHITE_PAINT, span((0, -0.012, 0), (each, 0, height))),
+            (MIRROR, span((0.001, -0.0165, 0.001), (each - 0.001, -0.012, height - 0.001))),
+        ]
+        for material, mesh in leaf:
+            parts.add(material, mesh.turned("z", -self.angle).moved(-width / 2, y), name="door")
+            parts.add(material, mesh.moved(-each).moved(width / 2, y), name="door")
         outline = [(0.022, 0), (0.022, 0.1), (0.01, 0.12), (0.01, 0.14), (0, 0.14)]
-        for k, which in enumerate(draw.permutation(len(_IN_CABINET))[:5].tolist()):
-            x, z = ((0.07, 0.018), (0.15, 0.2265), (0.23, 0.4465), (0.07, 0.2265), (0.14, 0.018))[k]
-            with parts.holding(_IN_CABINET[which], "fitting"):
-                bottle = lathe(outline, 16).scaled(z=draw.between(0.7, 1.2))
-                parts.add(style.accents[k], bottle.moved(x - width / 2, 0.0, z), name="bottle")
-    b.add_from(parts, y=-depth / 2)
-    return b.piece()
+        places = ((0.07, 0.018), (0.15, 0.2265), (0.23, 0.4465), (0.07, 0.2265), (0.14, 0.018))
+        for k, (name, tall) in enumerate(self.held):
+            x, z = places[k]
+            bottle = lathe(outline, 16).scaled(z=tall).moved(x - width / 2, 0.0, z)
+            with parts.holding(name, "fitting"):
+                parts.add(self.style.accents[k], bottle, name="bottle")
+        b.add_from(parts, y=-depth / 2)
+        return b.piece()
 
 
-def towel_rail(draw: Draw, style: Style) -> FurniturePiece:
+class TowelRail(Spec):
     """A heated towel rail with one or two towels; the origin is on its lower back edge."""
-    width, height = draw.between(0.45, 0.55), draw.between(0.8, 1.2)
-    b = Builder("towel rail", "towel rail", "on_wall", mount_height=0.55)
-    metal = CHROME if draw.chance(0.6) else WHITE_PAINT
-    y = -0.07
-    for side in (-1, 1):
-        b.add(metal, bar((side * width / 2, y, 0), (side * width / 2, y, height), 0.015, 12))
-        for z in (0.08, height - 0.08):
-            b.add(metal, bar((side * width / 2, 0, z), (side * width / 2, y, z), 0.009, 10))
-    rungs = []
-    for k in range(int(height / 0.055)):
-        if k % 6 != 5:
-            z = 0.04 + 0.055 * k
-            rungs.append(z)
+
+    width: float = between(0.45, 0.55)
+    height: float = between(0.8, 1.2)
+    metal: Material = drawn(lambda draw, spec: CHROME if draw.chance(0.6) else WHITE_PAINT)
+    wide: float = between(0.28, 0.34)  # of towels
+    both: bool = chance(0.5)
+    fronts: tuple[float, float] = drawn(
+        lambda draw, spec: tuple(draw.uniform((0.36, 0.16), (0.5, 0.22)).tolist())
+    )
+    towels: tuple[tuple[Hanging, float], ...] = drawn(  # and their x
+        lambda draw, spec: tuple(
+            (hanging(draw), draw.between(-0.02, 0.02)) for _ in range(1 + spec.both)
+        )
+    )
+
+    def build(self) -> FurniturePiece:
+        b = Builder("towel rail", "towel rail", "on_wall", mount_height=0.55)
+        width, height, metal, y = self.width, self.height, self.metal, -0.07
+        for side in (-1, 1):
+            x = side * width / 2
+            b.add(metal, bar((x, y, 0), (x, y, height), 0.015, 12))
+            for z in (0.08, height - 0.08):
+                b.add(metal, bar((x, 0, z), (x, y, z), 0.009, 10))
+        rungs = [0.04 + 0.055 * k for k in range(int(height / 0.055)) if k % 6 != 5]
+        for z in rungs:
             b.add(metal, bar((-width / 2, y - 0.008, z), (width / 2, y - 0.008, z), 0.01, 10))
-    wide, rows = draw.between(0.28, 0.34), [rungs[-2]]
-    if draw.chance(0.5):
-        rows.append(rungs[len(rungs) // 3])
-    fronts = draw.uniform((0.36, 0.16), (0.5, 0.22))
-    if len(rows) == 2:  # the upper one ends above the lower one
-        fronts[0] = min(float(fronts[0]), rows[0] - rows[1] - 0.09)
-    for z, front, back in zip(rows, fronts, (0.2, 0.12), strict=False):
-        towel = hung(hanging(draw), wide, float(front), back, 0.018, 0.06)
-        x = draw.between(-0.02, 0.02)
-        with b.holding("towel", "towel"):
-            b.add(style.towel, towel.moved(x, y - 0.008, z), name="towel")
-    return b.piece()
+        rows, fronts = [rungs[-2], rungs[len(rungs) // 3]][: len(self.towels)], [*self.fronts]
+        if self.both:  # the upper one ends above the lower one
+            fronts[0] = min(fronts[0], rows[0] - rows[1] - 0.09)
+        places = zip(rows, fronts, (0.2, 0.12), self.towels, strict=False)
+        for z, front, back, (how, x) in places:
+            towel = hung(how, self.wide, front, back, 0.018, 0.06).moved(x, y - 0.008, z)
+            with b.holding("towel", "towel"):
+                b.add(self.style.towel, towel, name="towel")
+        return b.piece()
 
 
-def washing_machine(draw: Draw, style: Style) -> FurniturePiece:
+class WashingMachine(Spec):
     """A front-loading washing machine."""
-    width, depth, height = 0.6, draw.between(0.54, 0.6), draw.between(0.845, 0.855)
-    b = Builder("washing machine", "washing machine", "wall", front_clearance=0.7)
-    f = -depth / 2
-    case = span((-width / 2, f + 0.01, 0.02), (width / 2, depth / 2, height), 0.008)
-    b.add(WHITE_PAINT, case, name="case")
-    foot = span((-width / 2 + 0.03, f + 0.04, 0), (width / 2 - 0.03, depth / 2 - 0.03, 0.021))
-    b.add(BLACK_PLASTIC, foot, name="foot")
-    rim = [
-        (0.185, -0.002), (0.185, 0.02), (0.17, 0.034), (0.145, 0.036), (0.14, 0.02), (0.14, 0.004),
-    ]  # fmt: skip
-    at = (0.0, f + 0.01, 0.43)
-    door = lathe(rim, 48).turned("x", 90).moved(*at)
-    b.add(STEEL if draw.chance(0.6) else BLACK_PLASTIC, door, name="door")
-    lens = [(0.139, 0.006), (0.125, 0.02), (0.07, 0.008), (0.0, 0.006)]
-    window = lathe(lens, 40).turned("x", 90).moved(*at)
-    b.add(Material("plastic", hex_color("#15171a"), 0.06), window, name="window")
-    b.add(IRON, box((0.03, 0.03, 0.07), (0.162, f - 0.02, 0.395), 0.006), name="handle")
-    b.add(
-        WHITE_PLASTIC,
-        span(
-            (-width / 2 + 0.01, f + 0.002, height - 0.125),
-            (width / 2 - 0.01, f + 0.02, height - 0.012),
-            0.004,
-        ),
-        name="panel",
-    )
-    b.add(
-        BLACK_PLASTIC,
-        span((0.1, f, height - 0.1), (0.26, f + 0.004, height - 0.045)),
-        name="display",
-    )
-    dial = lathe([(0.036, 0), (0.034, 0.02), (0.028, 0.024), (0, 0.024)], 28).turned("x", 90)
-    dial = dial.moved(0, f + 0.003, height - 0.07)
-    b.add(STEEL, dial, name="dial")
-    drawer = span((-0.27, f, height - 0.11), (-0.08, f + 0.004, height - 0.03), 0.001)
-    b.add(WHITE_PLASTIC, drawer, name="drawer")
-    b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)
-    return b.piece()
+
+    depth: float = between(0.54, 0.6)
+    height: float = between(0.845, 0.855)
+    ring: Material = either(0.6, STEEL, BLACK_PLASTIC)
+
+    def build(self) -> FurniturePiece:
+        b = Builder("washing machine", "washing machine", "wall", front_clearance=0.7)
+        half, depth, height, f = 0.3, self.depth, self.height, -self.depth / 2
+        case = span((-half, f + 0.01, 0.02), (half, depth / 2, height), 0.008)
+        b.add(WHITE_PAINT, case, name="case")
+        foot = span((-half + 0.03, f + 0.04, 0), (half - 0.03, depth / 2 - 0.03, 0.021))
+        b.add(BLACK_PLASTIC, foot, name="foot")
+        rim = [(0.185, -0.002), (0.185, 0.02), (0.17, 0.034), (0.145, 0.036), (0.14, 0.02)]
+        door = lathe([*rim, (0.14, 0.004)], 48).turned("x", 90).moved(0.0, f + 0.01, 0.43)
+        b.add(self.ring, door, name="door")
+        lens = lathe([(0.139, 0.006), (0.125, 0.02), (0.07, 0.008), (0.0, 0.006)], 40)
+        window = Material("plastic", hex_color("#15171a"), 0.06)
+        b.add(window, lens.turned("x", 90).moved(0.0, f + 0.01, 0.43), name="window")
+        b.add(IRON, box((0.03, 0.03, 0.07), (0.162, f - 0.02, 0.395), 0.006), name="handle")
+        low, high = (-half + 0.01, f + 0.002, height - 0.125), (half - 0.01, f + 0.02)
+        b.add(WHITE_PLASTIC, span(low, (*high, height - 0.012), 0.004), name="panel")
+        display = span((0.1, f, height - 0.1), (0.26, f + 0.004, height - 0.045))
+        b.add(BLACK_PLASTIC, display, name="display")
+        dial = lathe([(0.036, 0), (0.034, 0.02), (0.028, 0.024), (0, 0.024)], 28)
+        b.add(STEEL, dial.turned("x", 90).moved(0, f + 0.003, height - 0.07), name="dial")
+        drawer = span((-0.27, f, height - 0.11), (-0.08, f + 0.004, height - 0.03), 0.001)
+        b.add(WHITE_PLASTIC, drawer, name="drawer")
+        b.surface(0, 0, height, half - 0.05, depth / 2 - 0.05)
+        return b.piece()
 
 
-def toiletries(draw: Draw, style: Style) -> FurniturePiece:
+class Toiletries(Spec):
     """A soap dispenser, a beaker with toothbrushes and a tube."""
-    b = Builder("toiletries", "toiletries", "on_top")
-    glaze = draw.pick(style.accents)
-    dispenser = lathe([(0.03, 0), (0.032, 0.005), (0.032, 0.11), (0.012, 0.125), (0, 0.125)], 24)
-    dispenser = dispenser.moved(-0.045)
-    b.add(glaze, dispenser, name="dispenser")
-    b.add(
-        CHROME,
-        bar((-0.045, 0, 0.12), (-0.045, 0, 0.158), 0.004, 8),
-        tube([(-0.045, 0.004, 0.156), (-0.045, -0.02, 0.158), (-0.045, -0.036, 0.15)], 0.005, 8),
-        name="dispenser",
-    )
-    cup = [(0.03, 0), (0.034, 0.09), (0.0315, 0.09), (0.0275, 0.006), (0, 0.006)]
-    with b.holding("beaker", "fitting"):
-        b.add(CERAMIC, lathe(cup, 24).moved(0.04), name="beaker")
-        for k in range(2):
-            lean = -0.02 + 0.04 * k
-            tint = style.accents[k]
-            brush = Material("plastic", tint.color, 0.4)
-            top = (0.04 + 1.3 * lean, 0.012, 0.185)
-            b.add(brush, bar((0.04 - 0.5 * lean, -0.01, 0.008), top, 0.003, 8), name="toothbrush")
-            b.add(
-                WHITE_PLASTIC, box((0.009, 0.012, 0.024), (top[0], 0.005, 0.164)), name="toothbrush"
-            )
-    return b.piece()
+
+    glaze: Material = any_of("accents")
+
+    def build(self) -> FurniturePiece:
+        b = Builder("toiletries", "toiletries", "on_top")
+        body = [(0.03, 0), (0.032, 0.005), (0.032, 0.11), (0.012, 0.125), (0, 0.125)]
+        b.add(self.glaze, lathe(body, 24).moved(-0.045), name="dispenser")
+        stem = bar((-0.045, 0, 0.12), (-0.045, 0, 0.158), 0.004, 8)
+        path = [(-0.045, 0.004, 0.156), (-0.045, -0.02, 0.158), (-0.045, -0.036, 0.15)]
+        b.add(CHROME, stem, tube(path, 0.005, 8), name="dispenser")
+        cup = [(0.03, 0), (0.034, 0.09), (0.0315, 0.09), (0.0275, 0.006), (0, 0.006)]
+        with b.holding("beaker", "fitting"):
+            b.add(CERAMIC, lathe(cup, 24).moved(0.04), name="beaker")
+            for k in range(2):
+                lean = -0.02 + 0.04 * k
+                brush = Material("plastic", self.style.accents[k].color, 0.4)
+                foot, top = (0.04 - 0.5 * lean, -0.01, 0.008), (0.04 + 1.3 * lean, 0.012, 0.185)
+                b.add(brush, bar(foot, top, 0.003, 8), name="toothbrush")
+                head = box((0.009, 0.012, 0.024), (top[0], 0.005, 0.164))
+                b.add(WHITE_PLASTIC, head, name="toothbrush")
+        return b.piece()

@@ -34,11 +34,12 @@ from pbrnet.scenes.procedural.furniture.spec import (
     Spec,
     any_of,
     between,
+    chance,
     drawn,
     several,
     whole,
 )
-from pbrnet.scenes.procedural.furniture.style import WHITE_PAINT, Style
+from pbrnet.scenes.procedural.furniture.style import WHITE_PAINT
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 from pbrnet.scenes.seeds import Draw, generator
 
@@ -57,15 +58,7 @@ _TIED_X = 0.07  # metres from the outer edge to the middle of the tie
 _TIED_Z = 0.07  # metres above and below the middle of a tie without a sill
 
 
-def curtains(
-    draw: Draw,
-    style: Style,
-    width: float = 1.4,
-    height: float = 2.3,
-    hem: float = 0.015,
-    shape: float = 0.0,
-    sill: float = 0.0,
-) -> FurniturePiece:
+class Curtains(Spec):
     """A pair of open curtains on a rod with rings or in a rail, some of them tied back.
 
     `width` of the window, heights of the rod, of the cloth's `hem` and of the window's `sill` above
@@ -73,55 +66,86 @@ def curtains(
     `shape` chooses one of `SHAPES` simulations of the folds, which all windows of a home may share.
     Where a tie would run into the sill there is none.
     """
-    b = Builder("curtains", "curtain", "on_wall")
-    wide = min(max(0.25 * width, 0.26), 0.6) * draw.between(0.85, 1.2)
-    half_span = width / 2 + draw.between(0.14, 0.24)
-    in_rail, tied = draw.random(2)
-    railed = bool(in_rail < 0.35)
-    size = int(np.argmin([abs(bunch - wide) for bunch in _BUNCHES]))
-    bunch = _BUNCHES[size]
-    stretch = min(max(wide / bunch, 0.87), 1.15)
-    gap = _RAIL + 0.001 if railed else _RING_LOW + 0.001  # metres from the height to the cloth
-    drop = height - gap - hem
-    clear = abs(height - gap - _TIE - sill) > _TIED_Z
-    ties = bool(tied < 0.25 and hem < 0.1 and drop > _TIE + 0.6 and clear)
-    made = panels(int(shape), size, style.curtain.translucent, ties)
-    for place, hooks, side in zip(made.places, made.hooks, (-1.0, 1.0), strict=True):
-        cloth = _cut(refined(place), drop)
+
+    width: float = 1.4
+    height: float = 2.3
+    hem: float = 0.015
+    shape: float = 0.0
+    sill: float = 0.0
+    wide: float = between(0.85, 1.2)
+    beyond: float = between(0.14, 0.24)  # metres that the rod reaches past the window
+    railed: bool = chance(0.35)
+    tied: bool = chance(0.25)
+
+    @property
+    def gap(self) -> float:
+        """Metres from the height to the cloth."""
+        return _RAIL + 0.001 if self.railed else _RING_LOW + 0.001
+
+    @property
+    def ties(self) -> bool:
+        """Whether they are tied back: they are long enough, and the tie is free of the sill."""
+        clear = abs(self.height - self.gap - _TIE - self.sill) > _TIED_Z
+        drop = self.height - self.gap - self.hem
+        return self.tied and self.hem < 0.1 and drop > _TIE + 0.6 and clear
+
+    def build(self) -> FurniturePiece:
+        b = Builder("curtains", "curtain", "on_wall")
+        wide = min(max(0.25 * self.width, 0.26), 0.6) * self.wide
+        half_span = self.width / 2 + self.beyond
+        size = int(np.argmin([abs(bunch - wide) for bunch in _BUNCHES]))
+        stretch = min(max(wide / _BUNCHES[size], 0.87), 1.15)
+        made = panels(int(self.shape), size, self.style.curtain.translucent, self.ties)
+        for place, hooks, side in zip(made.places, made.hooks, (-1.0, 1.0), strict=True):
+            self._add_panel(b, place, made.rest[0], half_span, stretch, side)
+            for at in [] if self.railed else hooks:
+                turn = 2 * np.pi * np.arange(14) / 14
+                ring = [0 * turn, 0.017 * np.cos(turn), 0.017 * np.sin(turn) - 0.006]
+                loop = tube(np.stack(ring, axis=1), 0.0022, 8, closed=True)
+                along = side * (half_span - stretch * at)
+                b.add(self.style.metal, loop.moved(along, -_OFF, self.height), name="ring")
+        (self._add_rail if self.railed else self._add_rod)(b, half_span)
+        return b.piece()
+
+    def _add_panel(
+        self,
+        b: Builder,
+        place: Float64Array,
+        rest: float,
+        half_span: float,
+        stretch: float,
+        side: float,
+    ) -> None:
+        cloth, top = _cut(refined(place), self.height - self.gap - self.hem), self.height - self.gap
         x = side * (half_span - stretch * cloth[0])
-        points = np.stack([x, cloth[1] - _OFF, cloth[2] + height - gap], axis=-1)
-        s = made.rest[0] / 2 * np.arange(points.shape[0])[:, None]
+        points = np.stack([x, cloth[1] - _OFF, cloth[2] + self.height - self.gap], axis=-1)
+        s = rest / 2 * np.arange(points.shape[0])[:, None]
         uvs = np.stack(np.broadcast_arrays(s, -points[..., 2]), axis=-1)
         if side > 0:
             points, uvs = points[::-1], uvs[::-1]
         with b.holding("curtain", "curtain"):
-            b.add(style.curtain, grid(points, uvs), name="curtain")
-            if ties:
-                cord = _cord(side * (half_span - stretch * _TIED_X), height - gap - _TIE, side)
-                b.add(style.curtain, *cord, name="tie")
-        for at in [] if railed else hooks:
-            turn = 2 * np.pi * np.arange(14) / 14
-            ring = np.stack([0 * turn, 0.017 * np.cos(turn), 0.017 * np.sin(turn) - 0.006], axis=1)
-            loop = tube(ring, 0.0022, 8, closed=True)
-            along = side * (half_span - stretch * at)
-            b.add(style.metal, loop.moved(along, -_OFF, height), name="ring")
-    if railed:
-        half = half_span + 0.05
+            b.add(self.style.curtain, grid(points, uvs), name="curtain")
+            if self.ties:
+                cord = _cord(side * (half_span - stretch * _TIED_X), top - _TIE, side)
+                b.add(self.style.curtain, *cord, name="tie")
+
+    def _add_rail(self, b: Builder, half_span: float) -> None:
+        half, height = half_span + 0.05, self.height
         rail = box((2 * half, 0.024, _RAIL), (0, -_OFF, height - _RAIL), 0.003)
         b.add(WHITE_PAINT, rail, name="rail")
-        for x in np.linspace(-half + 0.08, half - 0.08, 2 + int(width > 1.6)):
+        for x in np.linspace(-half + 0.08, half - 0.08, 2 + int(self.width > 1.6)):
             arm = box((0.03, _OFF, 0.006), (float(x), -_OFF / 2, height + 0.001))
             b.add(WHITE_PAINT, arm, name="bracket")
-        return b.piece()
-    end = half_span + 0.07
-    b.add(style.metal, bar((-end, -_OFF, height), (end, -_OFF, height), 0.0105, 12), name="rod")
-    for side in (-1, 1):
-        b.add(style.metal, sphere(0.022, 14, 8).moved(side * end, -_OFF, height), name="rod")
-        x = side * (half_span + 0.025)
-        b.add(style.metal, bar((x, -0.003, height), (x, -_OFF, height), 0.007, 8), name="bracket")
-        bracket = cylinder(0.02, 0, 0.006, 16).turned("x", 90).moved(x, 0, height)
-        b.add(style.metal, bracket, name="bracket")
-    return b.piece()
+
+    def _add_rod(self, b: Builder, half_span: float) -> None:
+        end, height, metal = half_span + 0.07, self.height, self.style.metal
+        b.add(metal, bar((-end, -_OFF, height), (end, -_OFF, height), 0.0105, 12), name="rod")
+        for side in (-1, 1):
+            b.add(metal, sphere(0.022, 14, 8).moved(side * end, -_OFF, height), name="rod")
+            x = side * (half_span + 0.025)
+            arm = bar((x, -0.003, height), (x, -_OFF, height), 0.007, 8)
+            plate = cylinder(0.02, 0, 0.006, 16).turned("x", 90).moved(x, 0, height)
+            b.add(metal, arm, plate, name="bracket")
 
 
 class Panels(NamedTuple):

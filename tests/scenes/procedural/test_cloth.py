@@ -31,7 +31,7 @@ from pbrnet.scenes.procedural.furniture.drapes import (
 )
 from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, grid
 from pbrnet.scenes.procedural.furniture.style import make_style
-from pbrnet.scenes.procedural.furniture.textiles import SHAPES, curtains, panels
+from pbrnet.scenes.procedural.furniture.textiles import SHAPES, Curtains, panels
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 from pbrnet.scenes.seeds import generator
 from tests.scenes.procedural.test_furniture import is_closed, volume
@@ -169,7 +169,7 @@ def test_curtains_are_not_tied_back_at_the_sill() -> None:
     style = make_style(generator(0, "style"))
 
     def ties(seed: int, sill: float) -> int:
-        made = curtains(generator(seed, "curtains"), style, height=2.3, sill=sill)
+        made = Curtains.make(generator(seed, "curtains"), style, height=2.3, sill=sill)
         return sum(part.name.startswith("tie") for part in made.parts)
 
     tied = [seed for seed in range(12) if ties(seed, 0.0)]
