@@ -14,6 +14,7 @@ import ast
 import json
 import sys
 import tempfile
+import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import lru_cache
@@ -121,6 +122,8 @@ def code_of(modules: Iterable[str], left_out: Iterable[str] = ()) -> str:
     )
     tables = [table for path in found if (table := path.with_suffix(".yaml")).is_file()]
     content = [repr(yaml.safe_load(table.read_bytes())).encode() for table in tables]
+    tables = [table for path in found if (table := path.with_suffix(".toml")).is_file()]
+    content += [repr(tomllib.loads(table.read_text("utf-8"))).encode() for table in tables]
     return digest_bytes(*(_normalised(path) for path in found), *content)[:16]
 
 
