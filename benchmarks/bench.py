@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.passes.groundtruth import Truth
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.scenes import run_scenes
-from pbrnet.pipeline.views import View, as_matrix, intrinsics_of, load_cameras
+from pbrnet.pipeline.views import ImageParams, View, as_matrix, intrinsics_of, load_cameras
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.files import write_text

@@ -18,7 +18,7 @@ import click
 import numpy as np
 from matplotlib.figure import Figure
 
-from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams
+from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.params import Params
@@ -26,7 +26,7 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParam
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.scenes import run_scenes
-from pbrnet.pipeline.views import load_cameras, save_cameras
+from pbrnet.pipeline.views import ImageParams, load_cameras, save_cameras
 from pbrnet.scenes.contract import load_scene, save_scene, scene_folders
 from pbrnet.scenes.files import atomic_file
 from pbrnet.scenes.params import SceneParams

@@ -12,7 +12,6 @@ import pyarrow.parquet as pq
 from benchmarks.bench import Bench, resized
 from benchmarks.rows import Row, at_most
 from benchmarks.timing import Spent, beyond, by_turns, ratio, spread, sums
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import KINDS, ChannelSet, Kind
 from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.pack import pack_dataset
@@ -29,7 +28,7 @@ from pbrnet.pipeline.passes.registry import (
 from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
 from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.scene import RenderScene
-from pbrnet.pipeline.views import CameraFile, View, as_matrix, save_cameras
+from pbrnet.pipeline.views import CameraFile, ImageParams, View, as_matrix, save_cameras
 
 _LAMPS = 8  # with a light group of their own
 _STEP = 0.06  # metres from frame to frame of a walk

@@ -25,7 +25,6 @@ from benchmarks.bench import Bench
 from benchmarks.rows import Row, at_least
 from benchmarks.timing import Clock, Spent, by_turns, ratio, spread
 from pbrnet.model.data.reader import OPTIONAL, PAPER, Dataset
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import RGB, TINT, Kind
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.parquet import images_of
@@ -34,7 +33,7 @@ from pbrnet.pipeline.frames import frame_path, read_frame, write_pixels
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
-from pbrnet.pipeline.views import View, load_cameras
+from pbrnet.pipeline.views import ImageParams, View, load_cameras
 
 KINDS: tuple[Kind, ...] = ("inputs", "illumination", "visibility", "shading", "color")
 Denoise = Literal["none", "oidn"]

@@ -19,7 +19,7 @@ from pbrnet.model.data.reader import NOISY_SPP
 from pbrnet.model.networks import hybrid, plus
 from pbrnet.model.networks.objective import ExposedLoss, Objective, PairedLoss, Setting, Target
 from pbrnet.model.networks.pbrnet import Architecture, composition_network, shading_network
-from pbrnet.model.training.settings import TrainParams
+from pbrnet.model.settings import TrainParams
 from pbrnet.scenes.errors import InputError
 
 

@@ -18,8 +18,8 @@ from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import exists, regular_file
 
 if TYPE_CHECKING:
-    from pbrnet.model.training.settings import BackboneParams, EvaluateParams, TrainParams
-    from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams
+    from pbrnet.model.settings import BackboneParams, EvaluateParams, TrainParams
+    from pbrnet.pipeline.cameras.settings import CameraParams
     from pbrnet.pipeline.dataset.settings import DatasetParams
     from pbrnet.pipeline.farm.settings import FarmParams
     from pbrnet.pipeline.passes.settings import (
@@ -32,11 +32,12 @@ if TYPE_CHECKING:
     )
     from pbrnet.pipeline.tonemap import ToneParams
     from pbrnet.pipeline.transport.settings import TransportParams
+    from pbrnet.pipeline.views import ImageParams
     from pbrnet.scenes.params import AssetParams, SceneParams
 
 _MAX_BYTES = 2**20  # of a parameter file
 MAX_SEED = 2**63 - 1
-_PASSES, _NETWORKS = "pbrnet.pipeline.passes.settings", "pbrnet.model.training.settings"
+_PASSES, _NETWORKS = "pbrnet.pipeline.passes.settings", "pbrnet.model.settings"
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Params:
     channels: tuple[ChannelSet, ...] = param(
         ("paper",), "sets of images, or all; see docs/dataset.md"
     )
-    image: ImageParams = section("pbrnet.pipeline.cameras.settings:ImageParams", "of every frame")
+    image: ImageParams = section("pbrnet.pipeline.views:ImageParams", "of every frame")
     farm: FarmParams = section(
         "pbrnet.pipeline.farm.settings:FarmParams",
         "distribution over workers; never changes a pixel",

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from pbrnet.pipeline.cameras.settings import ImageParams, Projection
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.checked import OPTIONAL, build, check_name, plain
+from pbrnet.scenes.checked import OPTIONAL, build, check_name, param, plain, within
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_json, write_json
 from pbrnet.scenes.geometry.directions import (
@@ -24,6 +23,38 @@ from pbrnet.scenes.geometry.directions import (
 MAX_SIDE = 16_384  # pixels
 MAX_NUMBER = 1e7  # metres in a pose, pixels in K
 Matrix = tuple[tuple[float, ...], ...]
+
+
+Projection = Literal["perspective", "equirectangular"]
+
+
+@dataclass(frozen=True)
+class ImageParams:
+    """Projection and size of every frame.
+
+    The field of view follows PBRS at 4:3 (half-angle in x is fixed); an equirectangular image shows
+    all directions, and `half_fov_x` is not used.
+    """
+
+    width: int = param(160, "pixels", within(16, 8192))
+    height: int = param(120, "pixels", within(16, 8192))
+    half_fov_x: float = param(0.5534, "radians, PBRS", within(0.05, 1.4))
+    projection: Projection = param(
+        "perspective", "or equirectangular, see docs/cameras.md", OPTIONAL
+    )
+
+    @property
+    def is_panorama(self) -> bool:
+        """True if images show all directions."""
+        return self.projection == "equirectangular"
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError for an equirectangular image that is not twice as wide as high."""
+        if self.is_panorama and self.width != 2 * self.height:
+            raise ValueError(
+                f"{where}: {self.width} x {self.height} pixels; with projection: equirectangular "
+                "the width is twice the height"
+            )
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import drjit
 import psutil
 import torch
 
-from pbrnet.model.training.settings import Baseline
+from pbrnet.model.settings import Baseline
 from pbrnet.pipeline.farm.versions import PACKED
 
 

@@ -22,7 +22,7 @@ from safetensors.torch import load_file
 from torch import nn
 from torch.nn import functional
 
-from pbrnet.model.training.settings import BackboneParams
+from pbrnet.model.settings import BackboneParams
 from pbrnet.model.training.weights import write_weights
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError, MachineError

@@ -15,7 +15,7 @@ from typing import Protocol
 import torch
 from torch import nn
 
-from pbrnet.model.training.settings import LossParams
+from pbrnet.model.settings import LossParams
 
 # Input, conv1_2, conv2_2, conv3_2, conv4_2, conv5_2.
 LAMBDA = (1.0, 1 / 2.6, 1 / 4.8, 1 / 3.7, 1 / 5.6, 10 / 1.5)

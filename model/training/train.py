@@ -27,11 +27,11 @@ from pbrnet.model.data.reader import NOISY_SPP, Dataset, Example
 from pbrnet.model.methods import METHODS, Method, build_network
 from pbrnet.model.networks.objective import Objective, Setting
 from pbrnet.model.networks.pbrnet import Architecture, channels_last
+from pbrnet.model.settings import StageTrainParams, TrainParams
 from pbrnet.model.training.backbone import Backbone, load_backbone
 from pbrnet.model.training.checkpoint import Checkpoint, CurvePoint
 from pbrnet.model.training.loop import Run, train_steps
 from pbrnet.model.training.loss import PerceptualLoss
-from pbrnet.model.training.settings import StageTrainParams, TrainParams
 from pbrnet.model.training.store import ModelCard, TrainingData, load_model, save_model
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import plain

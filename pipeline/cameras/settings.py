@@ -1,4 +1,4 @@
-"""Parameters of images and of view sampling."""
+"""Parameters of view sampling."""
 
 from __future__ import annotations
 
@@ -7,37 +7,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 from pbrnet.scenes.checked import OPTIONAL, param, within
-
-Projection = Literal["perspective", "equirectangular"]
-
-
-@dataclass(frozen=True)
-class ImageParams:
-    """Projection and size of every frame.
-
-    The field of view follows PBRS at 4:3 (half-angle in x is fixed); an equirectangular image shows
-    all directions, and `half_fov_x` is not used.
-    """
-
-    width: int = param(160, "pixels", within(16, 8192))
-    height: int = param(120, "pixels", within(16, 8192))
-    half_fov_x: float = param(0.5534, "radians, PBRS", within(0.05, 1.4))
-    projection: Projection = param(
-        "perspective", "or equirectangular, see docs/cameras.md", OPTIONAL
-    )
-
-    @property
-    def is_panorama(self) -> bool:
-        """True if images show all directions."""
-        return self.projection == "equirectangular"
-
-    def verify(self, where: str) -> None:
-        """Raise ValueError for an equirectangular image that is not twice as wide as high."""
-        if self.is_panorama and self.width != 2 * self.height:
-            raise ValueError(
-                f"{where}: {self.width} x {self.height} pixels; with projection: equirectangular "
-                "the width is twice the height"
-            )
 
 
 @dataclass(frozen=True)

@@ -35,11 +35,12 @@ import shapely
 from shapely.geometry import Polygon
 
 from pbrnet.pipeline.cameras.framing import THINGS, THIRDS, Framing, framing_of, is_framed
-from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams
+from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene, cast, render_ids
 from pbrnet.pipeline.views import (
     CameraFile,
+    ImageParams,
     View,
     as_matrix,
     camera_model,

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from pbrnet.pipeline.cameras.settings import Projection
 from pbrnet.pipeline.channels import (
     RADIANCE,
     SETS,
@@ -31,6 +30,7 @@ from pbrnet.pipeline.channels import (
     kinds_of_sets,
 )
 from pbrnet.pipeline.dataset.label_tables import CLASSES, json_text
+from pbrnet.pipeline.views import Projection
 
 
 @dataclass(frozen=True)

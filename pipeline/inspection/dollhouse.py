@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams
+from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras
 from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.images import Picture
@@ -30,7 +30,7 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.tonemap import to_bytes
-from pbrnet.pipeline.views import View, as_matrix
+from pbrnet.pipeline.views import ImageParams, View, as_matrix
 from pbrnet.scenes.color import encode_srgb
 from pbrnet.scenes.contract import Room, Scene, load_scene
 from pbrnet.scenes.formats.ply import read_ply, write_ply

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import render
 from pbrnet.pipeline.render.scene import open_scene, set_variant
-from pbrnet.pipeline.views import View, as_matrix, camera_model, look
+from pbrnet.pipeline.views import ImageParams, View, as_matrix, camera_model, look
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.seeds import derive

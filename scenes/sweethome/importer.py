@@ -37,9 +37,9 @@ from pbrnet.scenes.sweethome.furnishing.items import PlacedItem, merge_parts
 from pbrnet.scenes.sweethome.furnishing.lamps import hung_lamp
 from pbrnet.scenes.sweethome.furnishing.missing import MissingPiece, note_missing
 from pbrnet.scenes.sweethome.furnishing.models import Models
-from pbrnet.scenes.sweethome.furnishing.pieces import furniture_items
 from pbrnet.scenes.sweethome.home import Home
 from pbrnet.scenes.sweethome.options import SweetHomeOptions
+from pbrnet.scenes.sweethome.pieces import furniture_items
 from pbrnet.scenes.sweethome.reader import read_home
 from pbrnet.scenes.sweethome.rooms import (
     Indoors,

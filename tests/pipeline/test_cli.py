@@ -18,7 +18,7 @@ from click.testing import CliRunner
 
 from pbrnet.model.commands import doctor
 from pbrnet.model.commands.doctor import examine
-from pbrnet.model.training.settings import Baseline
+from pbrnet.model.settings import Baseline
 from pbrnet.pipeline.cli import COMMANDS, cli, main
 from pbrnet.pipeline.release.presets import find_preset
 from tests.fixtures.paths import ROOT

@@ -11,10 +11,10 @@ import OpenEXR
 import pytest
 
 from pbrnet.pipeline import frames
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.radiance import HALF_MAX, radiance_halves, scale_for
 from pbrnet.pipeline.views import (
     CameraFile,
+    ImageParams,
     View,
     as_matrix,
     intrinsics_of,

@@ -43,7 +43,7 @@ from tests.project.imports import import_closure
 FILE = Path(__file__).with_name("keys.json")
 # Code that decides no byte of what is made, or only through parameters.
 PLUMBING = (
-    "model/training/settings.py",
+    "model/settings.py",
     "pipeline/cameras/settings.py",
     "pipeline/costs",
     "pipeline/farm",

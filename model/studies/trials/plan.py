@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pbrnet.model.data.reader import Dataset
-from pbrnet.model.training.settings import StageTrainParams
+from pbrnet.model.settings import StageTrainParams
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import build, plain

@@ -19,6 +19,7 @@ from pbrnet.model.data.reader import Dataset, subset_fingerprint
 from pbrnet.model.evaluation.evaluate import refuse_leaks
 from pbrnet.model.evaluation.metrics import find_lpips
 from pbrnet.model.methods import METHODS, columns_of
+from pbrnet.model.settings import StageTrainParams
 from pbrnet.model.studies.trials.plan import Trial, TrialStudy
 from pbrnet.model.studies.trials.scores import (
     ViewScores,
@@ -27,7 +28,6 @@ from pbrnet.model.studies.trials.scores import (
     score_views,
 )
 from pbrnet.model.training.backbone import BackboneCard
-from pbrnet.model.training.settings import StageTrainParams
 from pbrnet.model.training.store import ModelCard, load_model
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.params import Params

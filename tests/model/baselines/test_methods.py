@@ -27,8 +27,8 @@ from pbrnet.model.data.encoding import PAPER_INPUTS, input_named
 from pbrnet.model.methods import BASELINES, METHODS, columns_of, is_current
 from pbrnet.model.networks.objective import Batch, Objective, Setting
 from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.model.settings import Baseline, TrainParams
 from pbrnet.model.titles import METHOD_TITLES, NETWORK_TITLES
-from pbrnet.model.training.settings import Baseline, TrainParams
 
 
 def inputs(height: int, width: int) -> dict[str, torch.Tensor]:

@@ -19,9 +19,9 @@ from pbrnet.model.evaluation.evaluate import evaluate
 from pbrnet.model.evaluation.metrics import ssim
 from pbrnet.model.methods import BASELINES, METHODS, Adam
 from pbrnet.model.networks.objective import Batch, Objective
+from pbrnet.model.settings import StageTrainParams, TrainParams
 from pbrnet.model.training import train as training
 from pbrnet.model.training.loop import TrainingError
-from pbrnet.model.training.settings import StageTrainParams, TrainParams
 from pbrnet.model.training.store import load_model
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.params import Params

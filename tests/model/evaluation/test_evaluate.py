@@ -22,9 +22,8 @@ from pbrnet.model.evaluation.inference import load_networks
 from pbrnet.model.evaluation.predict import resized
 from pbrnet.model.evaluation.product import product, product_linear
 from pbrnet.model.evaluation.reference import sheet, summary
-from pbrnet.model.training.settings import EvaluateParams, StageTrainParams, TrainParams
+from pbrnet.model.settings import EvaluateParams, StageTrainParams, TrainParams
 from pbrnet.model.training.train import Folders, train_network
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.dataset.settings import DatasetParams
@@ -32,7 +31,7 @@ from pbrnet.pipeline.images import png_facts, read_picture
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.splits import SplitParams
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, tonemap
-from pbrnet.pipeline.views import View, as_matrix, intrinsics_of
+from pbrnet.pipeline.views import ImageParams, View, as_matrix, intrinsics_of
 from pbrnet.scenes.color import decode_srgb
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError

@@ -11,7 +11,7 @@ from PIL import Image
 
 from pbrnet.model.evaluation.evaluate import evaluate
 from pbrnet.model.evaluation.reference import SHOWN
-from pbrnet.model.training.settings import EvaluateParams, TrainParams
+from pbrnet.model.settings import EvaluateParams, TrainParams
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.params import Params

@@ -31,8 +31,8 @@ from pbrnet.model.networks.hybrid import (
 )
 from pbrnet.model.networks.objective import Batch, ExposedLoss, Setting
 from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.model.settings import StageTrainParams, TrainParams
 from pbrnet.model.training import train
-from pbrnet.model.training.settings import StageTrainParams, TrainParams
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.cli import main

@@ -16,7 +16,7 @@ from pbrnet.model.networks.flip import Flip
 from pbrnet.model.networks.objective import Batch, ExposedLoss, Setting
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.networks.plus import MAX_GLOSS, MAX_LOG_FACTOR, PlusNet
-from pbrnet.model.training.settings import StageTrainParams, TrainParams
+from pbrnet.model.settings import StageTrainParams, TrainParams
 from pbrnet.model.training.store import load_model
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.params import Params

@@ -10,6 +10,7 @@ import torch
 from skimage import data, transform
 from torch import nn
 
+from pbrnet.model.settings import BackboneParams, LossParams
 from pbrnet.model.training.backbone import (
     BALANCE,
     EfficientNetLite0,
@@ -19,7 +20,6 @@ from pbrnet.model.training.backbone import (
     make_backbone,
 )
 from pbrnet.model.training.loss import PerceptualLoss, layer_weights
-from pbrnet.model.training.settings import BackboneParams, LossParams
 from pbrnet.scenes.errors import InputError, MachineError
 
 

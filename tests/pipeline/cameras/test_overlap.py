@@ -12,10 +12,9 @@ import pytest
 from pbrnet.pipeline.cameras.camera_files import NO_SET, make_cameras
 from pbrnet.pipeline.cameras.overlap import outlook, overlap
 from pbrnet.pipeline.cameras.reprojection import reproject
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
-from pbrnet.pipeline.views import View, look
+from pbrnet.pipeline.views import ImageParams, View, look
 from pbrnet.scenes.contract import load_scene
 from tests.fixtures.params import pbrs_cameras, pbrs_params
 from tests.fixtures.render import diffuse, quad, write_scene

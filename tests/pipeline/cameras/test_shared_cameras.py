@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from pbrnet.pipeline.cameras.camera_files import make_cameras
-from pbrnet.pipeline.cameras.settings import ImageParams, TrajectoryFile
+from pbrnet.pipeline.cameras.settings import TrajectoryFile
 from pbrnet.pipeline.cameras.shared_cameras import take_cameras
 from pbrnet.pipeline.cameras.view_sampling import TOO_CLOSE
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.stages.cameras import camera_fingerprints, run_cameras
-from pbrnet.pipeline.views import load_cameras
+from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.contract import load_scene, save_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.params import SceneParams

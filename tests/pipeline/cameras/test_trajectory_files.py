@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.cameras.camera_files import THROUGH, make_cameras
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.cameras.trajectory_files import Trajectory, read_trajectory
 from pbrnet.pipeline.cameras.view_sampling import INSIDE, TOO_CLOSE
 from pbrnet.pipeline.render.scene import open_scene
-from pbrnet.pipeline.views import as_matrix, look
+from pbrnet.pipeline.views import ImageParams, as_matrix, look
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.params import pbrs_cameras, pbrs_params

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.cameras import view_sampling
-from pbrnet.pipeline.cameras.settings import CameraParams, ImageParams, RoomShare
+from pbrnet.pipeline.cameras.settings import CameraParams, RoomShare
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras, score_ids
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
-from pbrnet.pipeline.views import CameraFile, look
+from pbrnet.pipeline.views import CameraFile, ImageParams, look
 from pbrnet.scenes.contract import Room, load_scene
 from tests.fixtures.params import pbrs_cameras, pbrs_params
 from tests.fixtures.stages import LIVING, Block, write_room

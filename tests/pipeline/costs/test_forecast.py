@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, joined, samples_of
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import NoisyParams
+from pbrnet.pipeline.views import ImageParams
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.params import pbrs_params, plain_truth
 

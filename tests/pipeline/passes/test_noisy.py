@@ -13,7 +13,6 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.parquet import images_of
@@ -27,7 +26,7 @@ from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.splits import split_sampling
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
-from pbrnet.pipeline.views import View, load_cameras
+from pbrnet.pipeline.views import ImageParams, View, load_cameras
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.files import digest_folder
 from pbrnet.scenes.seeds import derive

@@ -11,7 +11,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from pbrnet.model.data.reader import Dataset
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras
 from pbrnet.pipeline.channels import BUMPED, DIRECT, NORMAL, RGB
 from pbrnet.pipeline.dataset.label_checks import label_fault, material_fault, world_points
@@ -25,7 +24,7 @@ from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
-from pbrnet.pipeline.views import View
+from pbrnet.pipeline.views import ImageParams, View
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError, ParameterError

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, read_meta
 from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
-from pbrnet.pipeline.views import load_cameras
+from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import write_room

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import DIFFUSE, DIRECT, light_bands
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, read_frame
@@ -20,7 +19,7 @@ from pbrnet.pipeline.passes.settings import LightParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
-from pbrnet.pipeline.views import load_cameras
+from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.params import SceneParams

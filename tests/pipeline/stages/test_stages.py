@@ -15,7 +15,6 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.commands import stages
 from pbrnet.pipeline.costs.ledger import read_ledger
@@ -29,7 +28,7 @@ from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scenes import run_scenes
-from pbrnet.pipeline.views import View, load_cameras, save_cameras
+from pbrnet.pipeline.views import ImageParams, View, load_cameras, save_cameras
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError, PbrnetError
 from pbrnet.scenes.params import SceneParams

@@ -15,10 +15,9 @@ import pytest
 from PIL import Image
 from shapely.geometry import Point, Polygon
 
-from pbrnet.pipeline.cameras.settings import ImageParams
 from pbrnet.pipeline.cameras.view_sampling import score_ids
 from pbrnet.pipeline.render.scene import open_scene, render_ids, set_variant
-from pbrnet.pipeline.views import intrinsics_of
+from pbrnet.pipeline.views import ImageParams, intrinsics_of
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError
