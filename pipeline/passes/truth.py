@@ -155,9 +155,10 @@ def render_truths(
     albedo = _grey(first)
     truths = render_both(scene, view, first.trace, albedo, seed, light is not None, groups)
     guided = guides(scene, view) if first.denoiser else None
+    traced: dict[Kind, Result] = {"shading": truths.shading, "color": truths.color}
     made = {
         kind: _denoised(kind, truth, guided, view, albedo, truths.halves.get(kind))
-        for kind, truth in (("shading", truths.shading), ("color", truths.color))
+        for kind, truth in traced.items()
         if kind in settings or (light and kind == "color")
     }
     if light:

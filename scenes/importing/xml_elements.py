@@ -12,7 +12,7 @@ Value = Element | tuple[float, ...] | Float64Array | bool | int | float | str
 _TAGS: dict[type, str] = {bool: "boolean", int: "integer", float: "float", str: "string"}
 
 
-def plugin(tag: str, kind: str, name: str = "", **values: Value | None) -> Element:
+def plugin(tag: str, kind: str, name: str = "", /, **values: Value | None) -> Element:
     """A plugin element whose properties are the keyword `values`, typed by their Python type.
 
     Tuples of three become colours, arrays (4, 4) transforms, and elements are nested under the

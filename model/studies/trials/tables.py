@@ -39,9 +39,10 @@ def result_lines(result: TrialsResult) -> list[str]:
     """
     columns = [(name, MEASURES[name][0], MEASURES[name][2]) for name in result.measured]
     rows = [["", *(title for _, title, _ in columns)]]
-    for row in result.rows:
-        cells = (_cell(row.metrics.get(name), digits) for name, _, digits in columns)
-        rows.append([row.label, *cells])
+    rows.extend(
+        [row.label, *(_cell(row.metrics.get(one), digits) for one, _, digits in columns)]
+        for row in result.rows
+    )
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [*result.notes, f"{result.views} views of {result.scenes} {result.split} scenes"]
     group = ""

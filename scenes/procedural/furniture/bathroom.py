@@ -155,8 +155,12 @@ class WashBasin(Spec):
         b = Builder("wash basin", "wash basin", "wall", front_clearance=0.7)
         height, half_x = self.height, self.width / 2
         bowl_x = min(0.27, half_x - 0.05)
-        bowl = ((0.0, 0.15, 0.0, 3, -0.035), (0.012, 0.14, 0.015, 3, -0.035))
-        bowl += ((0.05, 0.105, 0.1, 2.6, -0.03), (0.15, 0.04, 0.125, 2.2, -0.03))
+        bowl = (
+            (0.0, 0.15, 0.0, 3, -0.035),
+            (0.012, 0.14, 0.015, 3, -0.035),
+            (0.05, 0.105, 0.1, 2.6, -0.03),
+            (0.15, 0.04, 0.125, 2.2, -0.03),
+        )
         inner = [
             superellipse(bowl_x - inset, half, height - deep, power, 64, y=y)
             for inset, half, deep, power, y in bowl
@@ -168,8 +172,8 @@ class WashBasin(Spec):
             half_x = min(half_x, 0.31)
             shrunk = [ring * [min(1.0, (half_x - 0.05) / bowl_x), 1, 1] for ring in inner]
             b.add(CERAMIC, loft([*self._washstand(half_x), *shrunk]), name="basin")
-            column = ((0.12, 0.1, 0.0), (0.09, 0.085, 0.06), (0.075, 0.075, 0.4))
-            column += ((0.1, 0.1, height - 0.17),)
+            lower = ((0.12, 0.1, 0.0), (0.09, 0.085, 0.06), (0.075, 0.075, 0.4))
+            column = (*lower, (0.1, 0.1, height - 0.17))
             rings = [superellipse(a, c, z, 2.3, 40, y=0.07) for a, c, z in column]
             b.add(CERAMIC, loft(rings), name="pedestal")
         b.add(CHROME, cylinder(0.022, -0.1245, -0.1215, 20).moved(0, -0.03, height), name="drain")
@@ -251,8 +255,8 @@ class Toilet(Spec):
             lid = lid.moved(y=-0.125).turned("x", -96).moved(0, 0.125, seat + 0.02)
         b.add(WHITE_PLASTIC, lid, name="lid")
         for side in (-1, 1):
-            ends = [(side * 0.07 + dx, 0.135, seat + 0.012) for dx in (-0.02, 0.02)]
-            b.add(CHROME, bar(*ends, 0.009, 10), name="hinge")
+            one, other = ((side * 0.07 + dx, 0.135, seat + 0.012) for dx in (-0.02, 0.02))
+            b.add(CHROME, bar(one, other, 0.009, 10), name="hinge")
         tank, y = seat + self.cistern, back - 0.084
         size = (0.37, 0.16, tank - seat + 0.008)
         cover = rounded_box((0.385, 0.168, 0.035), (0, y, tank - 0.005), 0.012)
@@ -277,8 +281,13 @@ class Shower(Spec):
 
     def build(self) -> FurniturePiece:
         b, half = Builder("shower", "shower", "corner", front_clearance=0.6), self.width / 2
-        tray = ((0.0, 0.0, 30), (0.0, 0.045, 30), (0.004, 0.05, 28), (0.05, 0.05, 16))
-        tray += ((0.07, 0.032, 14),)
+        tray = (
+            (0.0, 0.0, 30),
+            (0.0, 0.045, 30),
+            (0.004, 0.05, 28),
+            (0.05, 0.05, 16),
+            (0.07, 0.032, 14),
+        )
         rings = [superellipse(half - dx, half - dx, z, power, 64) for dx, z, power in tray]
         b.add(CERAMIC, loft(rings), name="tray")
         b.add(CHROME, cylinder(0.055, 0.0325, 0.036, 28).moved(-0.1, 0.1), name="drain")
