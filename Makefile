@@ -25,17 +25,20 @@ unexport PYTHONDONTWRITEBYTECODE
 # The slow files come first, so that no worker ends long after the other.
 PYTEST := $(BIN)/python -m pytest -q --numprocesses $(PROCESSES) --dist loadfile --no-loadscope-reorder
 
+FREEZE := build/lock/all/bin/python -m pip freeze --exclude-editable --exclude pip \
+	--exclude setuptools | sed 's/+cpu$$//'
+
 .PHONY: env repro quick test lint check bench records docs site lock clean distclean
 
 env: $(VENV)/.installed
 
-$(VENV)/.installed: pyproject.toml requirements.lock
+$(VENV)/.installed: pyproject.toml requirements.lock torch.lock
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] < (3, 11))' \
 		|| { echo "Python 3.11 or newer is needed: make PYTHON=/path/to/python3.11"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --requirement requirements.lock
-	$(BIN)/python -m pip install --quiet --no-deps --editable .
+	$(BIN)/python -m pip install --quiet --no-deps --require-hashes --requirement requirements.lock
+	$(BIN)/python -m pip install --quiet --no-deps --requirement torch.lock --editable .
 	touch $@
 
 repro: env
@@ -75,19 +78,21 @@ site: $(VENV)/.docs
 	$(BIN)/python -m sphinx -q -W --keep-going -E -d build/doctrees -b html docs build/site
 
 $(VENV)/.docs: $(VENV)/.installed docs/requirements.lock
-	$(BIN)/python -m pip install --quiet --constraint requirements.lock \
-		--requirement docs/requirements.lock
+	$(BIN)/python -m pip install --quiet --no-deps --requirement docs/requirements.lock
 	touch $@
 
 lock:
 	$(PYTHON) -m venv build/lock
-	build/lock/bin/python -m pip install --quiet --upgrade pip
-	build/lock/bin/python -m pip install --quiet --editable '.[dev]'
-	build/lock/bin/python -m pip freeze --exclude-editable --exclude pip --exclude setuptools \
-		| sed 's/+cpu$$//' > requirements.lock
-	build/lock/bin/python -m pip install --quiet --editable '.[dev,docs]'
-	build/lock/bin/python -m pip freeze --exclude-editable --exclude pip --exclude setuptools \
-		| sed 's/+cpu$$//' | grep -vxFf requirements.lock > docs/requirements.lock
+	build/lock/bin/python -m pip install --quiet --upgrade pip uv
+	build/lock/bin/python -m venv build/lock/all
+	build/lock/all/bin/python -m pip install --quiet --editable '.[dev]'
+	$(FREEZE) > build/lock/dev
+	grep -v '^torch==' build/lock/dev > build/lock/hashed
+	build/lock/bin/uv pip compile --quiet --no-deps --no-header --no-annotate --generate-hashes \
+		build/lock/hashed --output-file requirements.lock
+	sed -i "s/^torch==.*/$$(grep '^torch==' build/lock/dev)/" torch.lock
+	build/lock/all/bin/python -m pip install --quiet --editable '.[dev,docs]'
+	$(FREEZE) | grep -vxFf build/lock/dev > docs/requirements.lock
 	rm -rf build/lock
 
 clean:
