@@ -19,6 +19,7 @@ from benchmarks.plain_loop import plain_sensor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, beyond, by_turns, ratio, spread, sums
 from pbrnet.pipeline.cameras import view_sampling
+from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.passes.environment import render_environment
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.passes.illumination import render_illumination
@@ -202,7 +203,9 @@ def _camera_row(bench: Bench, scene: RenderScene) -> Row:
 
 
 def _sampled(bench: Bench, scene: RenderScene) -> CameraFile:
-    return view_sampling.sample_cameras(scene, scene.scene, bench.params, 0)
+    return view_sampling.sample_cameras(
+        scene, scene.scene, ViewParams(bench.params.cameras, bench.params.image), 0
+    )
 
 
 def _looked_at(file: CameraFile) -> int:

@@ -16,6 +16,7 @@ from shapely.geometry import Polygon
 
 from pbrnet.pipeline.cameras.free_floor import FreeFloor, free_floors
 from pbrnet.pipeline.cameras.overlap import choose_overlapping, outlook
+from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.cameras.trajectory_files import Trajectory
 from pbrnet.pipeline.cameras.view_sampling import (
     INSIDE,
@@ -31,7 +32,6 @@ from pbrnet.pipeline.cameras.view_sampling import (
     surroundings,
 )
 from pbrnet.pipeline.cameras.walks import find_walk
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene, cast
 from pbrnet.pipeline.views import CameraFile, View, as_matrix, look, rolled
 from pbrnet.scenes.arrays import Float64Array
@@ -55,7 +55,7 @@ NO_SET = "too few views of the room overlap so much"
 def make_cameras(
     render_scene: RenderScene,
     scene: Scene,
-    params: Params,
+    params: ViewParams,
     seed: int,
     trajectories: Sequence[Trajectory] = (),
 ) -> CameraFile:
@@ -96,7 +96,9 @@ def make_cameras(
     return replace(file, views=tuple(views), stored_left_out=left_out, collisions=collided)
 
 
-def collisions(render_scene: RenderScene, params: Params, poses: Float64Array) -> dict[str, str]:
+def collisions(
+    render_scene: RenderScene, params: ViewParams, poses: Float64Array
+) -> dict[str, str]:
     """Return the frames of a trajectory, poses (F, 4, 4), that have no room, with the reasons.
 
     A frame keeps `clearance` and is not inside an object; between it and the next one lies no
@@ -141,7 +143,7 @@ def _ranges(numbers: list[int]) -> str:
 
 
 def _floors(
-    render_scene: RenderScene, scene: Scene, params: Params
+    render_scene: RenderScene, scene: Scene, params: ViewParams
 ) -> list[tuple[FreeFloor, csr_array]]:
     """Return the storeys with light that have free floor, and their steps."""
     lit = [room for room in scene.rooms if room.has_light]
@@ -152,7 +154,7 @@ def _floors(
 def _walk(
     render_scene: RenderScene,
     scene: Scene,
-    params: Params,
+    params: ViewParams,
     floors: list[tuple[FreeFloor, csr_array]],
     rng: np.random.Generator,
 ) -> tuple[Float64Array, float] | None:
@@ -195,7 +197,7 @@ def _walk(
 def frames_of(
     render_scene: RenderScene,
     scene: Scene,
-    params: Params,
+    params: ViewParams,
     name: str,
     poses: Float64Array,
     half_fov_x: float,
@@ -222,7 +224,7 @@ def frames_of(
 
 
 def _overlapping_sets(
-    render_scene: RenderScene, scene: Scene, params: Params, seed: int, views: list[View]
+    render_scene: RenderScene, scene: Scene, params: ViewParams, seed: int, views: list[View]
 ) -> tuple[list[View], dict[str, str]]:
     """Return the views with the overlapping set of each room, and the sets that overlap too little.
 
@@ -256,7 +258,7 @@ def _overlapping_sets(
 def _overlapping(
     render_scene: RenderScene,
     scene: Scene,
-    params: Params,
+    params: ViewParams,
     room: Room,
     anchor: View,
     rng: np.random.Generator,
@@ -302,7 +304,7 @@ def _overlapping(
 
 
 def stereo_pairs(
-    render_scene: RenderScene, scene: Scene, params: Params, views: list[View]
+    render_scene: RenderScene, scene: Scene, params: ViewParams, views: list[View]
 ) -> tuple[list[View], dict[str, str]]:
     """Return the views with their partners on the right, and the partners that have no room.
 

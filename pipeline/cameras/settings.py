@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from pbrnet.pipeline.views import ImageParams
 from pbrnet.scenes.checked import OPTIONAL, param, within
 
 
@@ -129,3 +130,11 @@ class CameraParams:
             bounds = getattr(self, name)
             if bounds and (len(bounds) != 2 or bounds[0] > bounds[1]):
                 raise ValueError(f"{where}.{name}: {list(bounds)}; a range is [least, most], or []")
+
+
+@dataclass(frozen=True)
+class ViewParams:
+    """The sections that decide which views a scene has."""
+
+    cameras: CameraParams
+    image: ImageParams

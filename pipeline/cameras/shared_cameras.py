@@ -20,6 +20,7 @@ from pbrnet.pipeline.cameras.camera_files import (
     stereo_pairs,
 )
 from pbrnet.pipeline.cameras.overlap import outlook, overlap
+from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.cameras.view_sampling import (
     BLOCKED,
     INSIDE,
@@ -29,14 +30,13 @@ from pbrnet.pipeline.cameras.view_sampling import (
     sights,
     surroundings,
 )
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, View
 from pbrnet.scenes.contract import Scene
 
 
 def take_cameras(
-    render_scene: RenderScene, scene: Scene, params: Params, views: Sequence[View]
+    render_scene: RenderScene, scene: Scene, params: ViewParams, views: Sequence[View]
 ) -> CameraFile:
     """Return the camera file of a scene with the cameras of another one, `views`.
 

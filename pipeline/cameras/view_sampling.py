@@ -35,8 +35,7 @@ import shapely
 from shapely.geometry import Polygon
 
 from pbrnet.pipeline.cameras.framing import THINGS, THIRDS, Framing, framing_of, is_framed
-from pbrnet.pipeline.cameras.settings import CameraParams
-from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.cameras.settings import CameraParams, ViewParams
 from pbrnet.pipeline.render.scene import RenderScene, cast, render_ids
 from pbrnet.pipeline.views import (
     CameraFile,
@@ -123,7 +122,7 @@ class Sight:
 
 
 def sample_cameras(
-    render_scene: RenderScene, scene: Scene, params: Params, seed: int
+    render_scene: RenderScene, scene: Scene, params: ViewParams, seed: int
 ) -> CameraFile:
     """Return the views of a scene and the number of rejected candidates by reason.
 
@@ -204,7 +203,7 @@ def score_ids(
 def _room_candidates(
     render_scene: RenderScene,
     room: Room,
-    params: Params,
+    params: ViewParams,
     rng: np.random.Generator,
     lens: np.random.Generator,
     taken: bool,
@@ -266,7 +265,7 @@ def drawn(bounds: tuple[float, ...], rng: np.random.Generator, otherwise: float)
     return float(rng.uniform(bounds[0], bounds[1])) if bounds else otherwise
 
 
-def drawn_slope(params: Params, rng: np.random.Generator) -> float:
+def drawn_slope(params: ViewParams, rng: np.random.Generator) -> float:
     """Return the tangent of a camera's pitch: drawn, or `tilt`; panoramas are level without."""
     if params.cameras.pitch:
         return math.tan(drawn(params.cameras.pitch, rng, 0.0))
@@ -308,7 +307,7 @@ def sights(
     render_scene: RenderScene,
     scene: Scene,
     cameras: Sequence[tuple[Float64Array, float]],
-    params: Params,
+    params: ViewParams,
 ) -> Iterator[Sight]:
     """Yield the sight of each camera from a small id image; a chunk of cameras per trace.
 
@@ -347,7 +346,7 @@ def _rays(image: ImageParams) -> Float64Array:
     return pixel_directions(intrinsics_of(image), image.width, image.height)
 
 
-def _id_height(params: Params) -> int:
+def _id_height(params: ViewParams) -> int:
     """Return the height of the id images, pixels."""
     return max(1, round(params.cameras.id_width * params.image.height / params.image.width))
 
@@ -422,7 +421,7 @@ def _rejection(
     return ""
 
 
-def _with_structure(sight: Sight, params: Params) -> Sight:
+def _with_structure(sight: Sight, params: ViewParams) -> Sight:
     """Return the sight with everything counted that covers enough pixels, structure too.
 
     To the score it adds how far the view reaches indoors, in logarithms of `near`.
@@ -486,7 +485,7 @@ def _overlap(one: Sight, other: Sight, furniture: dict[str, str | None]) -> floa
 
 
 def _stored_views(
-    render_scene: RenderScene, scene: Scene, params: Params, taken: set[str]
+    render_scene: RenderScene, scene: Scene, params: ViewParams, taken: set[str]
 ) -> tuple[list[View], dict[str, str]]:
     """Return the cameras stored in an imported scene, with the image size of the parameters.
 

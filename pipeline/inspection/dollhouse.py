@@ -19,7 +19,7 @@ import numpy as np
 import shapely
 from shapely.geometry import Polygon
 
-from pbrnet.pipeline.cameras.settings import CameraParams
+from pbrnet.pipeline.cameras.settings import CameraParams, ViewParams
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras
 from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.images import Picture
@@ -95,7 +95,10 @@ def quick_renders(scene: Scene, views: Sequence[View], count: int = 2) -> list[t
         ),
         groundtruth=_QUICK,
     )
-    found = views or sample_cameras(opened, opened.scene, params, 0).views
+    found = (
+        views
+        or sample_cameras(opened, opened.scene, ViewParams(params.cameras, params.image), 0).views
+    )
     pictures = []
     for view in _best_views(found, count):
         channels, _ = render(["color"], opened, _resized(view), params, derive(0, view.view_id))[

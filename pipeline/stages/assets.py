@@ -20,6 +20,7 @@ from typing import Any
 
 from pbrnet.pipeline.farm.cluster import Farm
 from pbrnet.pipeline.farm.scheduling import Item
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.versions import code_version
 from pbrnet.pipeline.farm.workspace import open_workspace
 from pbrnet.pipeline.keys import key
@@ -135,7 +136,7 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
         removed = _remove_orphans(root, jobs)
         kept = {key: index_entry(asset) for key, job in jobs.items() if (asset := _current(job))}
         work = [job for key, job in jobs.items() if key not in kept]
-        made, failures = _convert_all(data, params, scheduler, work, len(kept), refused)
+        made, failures = _convert_all(data, params.farm, scheduler, work, len(kept), refused)
         index = AssetIndex(
             _entries(libraries, {**kept, **made}),
             tuple(sorted({**kept, **made}.values(), key=lambda piece: piece.key)),
@@ -313,7 +314,7 @@ def convert_piece(job: _PieceJob) -> dict[str, Any]:
 
 def _convert_all(
     data: Path,
-    params: Params,
+    params: FarmParams,
     scheduler: str | None,
     jobs: Sequence[_PieceJob],
     kept: int,
@@ -328,13 +329,13 @@ def _convert_all(
     items = [Item(key, key.partition("/")[0], job) for key, job in by_key.items()]
     with (
         Progress(kept + len(items), "assets", "pieces") as progress,
-        open_workspace(data, params.farm.transfer, params.farm.cache_mb) as workspace,
+        open_workspace(data, params.transfer, params.cache_mb) as workspace,
     ):
         progress.advance(kept)
         try:
             setup = partial(use_code, code_version(), workspace)
             needed = workspace.token_path
-            with Farm(params.farm, scheduler, setup, len(items), needed=needed) as farm:
+            with Farm(params, scheduler, setup, len(items), needed=needed) as farm:
                 for outcome in farm.run(convert_piece, items):
                     job = by_key[outcome.key]
                     if outcome.error:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pbrnet.pipeline.cameras.camera_files import described_collisions
+from pbrnet.pipeline.cameras.settings import CameraParams, ViewParams
 from pbrnet.pipeline.cameras.trajectory_files import (
     Trajectory,
     read_trajectory,
@@ -35,7 +36,7 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
     with data_lock(data, "cameras"):
         root = data / "cameras"
         remove_partials(root)
-        renderer = active_renderer(params)
+        renderer = active_renderer(params.farm)
         plan = StagePlan("cameras", "scenes", sample_scene)
         scenes = list_scenes(data, plan)
         for given in params.cameras.trajectories:
@@ -43,7 +44,7 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                 raise InputError(
                     f"cameras.trajectories: there is no scene {given.scene!r} in {data / 'scenes'}"
                 )
-            source = first_scenes(scenes, params).get(given.scene, given.scene)
+            source = first_scenes(scenes, params.cameras).get(given.scene, given.scene)
             if source != given.scene:
                 raise InputError(
                     f"cameras.trajectories: {given.scene} shares the cameras of {source}; name that"
@@ -51,8 +52,9 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
         digests = scene_digests(data, scenes)
         unreadable = {failure.scene_id for failure in plan.failures}
         plan.removed = _remove_old_cameras(root, {*scenes, *unreadable})
-        expected = camera_fingerprints(scenes, params, digests, renderer)
-        first = first_scenes(scenes, params)
+        views = ViewParams(params.cameras, params.image)
+        expected = camera_fingerprints(scenes, views, params.seed, digests, renderer)
+        first = first_scenes(scenes, params.cameras)
         made: dict[Path, bool] = {}
         # Scenes that take the cameras of another scene come after those.
         for taking in (False, True):
@@ -67,7 +69,7 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                         path,
                         data / "scenes" / scene_id,
                         digests[scene_id],
-                        params,
+                        views,
                         params.seed,
                         expected[scene_id],
                     )
@@ -79,37 +81,43 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                             continue
                         job = replace(job, shared=load_cameras(lender).views)
                     else:
-                        job = replace(job, trajectories=_trajectories(scene_id, params))
+                        job = replace(job, trajectories=_trajectories(scene_id, params.cameras))
                     part.add(job, Target(path, "cameras", scene_id))
-            made |= execute(data, params, scheduler, part, renderer)
+            made |= execute(data, params.farm, scheduler, part, renderer)
             plan.kept += part.kept
             plan.failures += part.failures
         return finish(data, plan, made, started, lambda: _notes(root, scenes))
 
 
-def first_scenes(scenes: Mapping[str, Scene], params: Params) -> dict[str, str]:
+def first_scenes(scenes: Mapping[str, Scene], params: CameraParams) -> dict[str, str]:
     """Return for each scene the one whose cameras it has: itself, or the first of its plan."""
     first: dict[str, str] = {}
     plans: dict[str, str] = {}
     for scene_id in sorted(scenes):
-        plan = scenes[scene_id].plan if params.cameras.share_cameras else ""
+        plan = scenes[scene_id].plan if params.share_cameras else ""
         first[scene_id] = plans.setdefault(plan, scene_id) if plan else scene_id
     return first
 
 
 def camera_fingerprints(
-    scenes: Mapping[str, Scene], params: Params, digests: Mapping[str, str], renderer: str
+    scenes: Mapping[str, Scene],
+    params: ViewParams,
+    seed: int,
+    digests: Mapping[str, str],
+    renderer: str,
 ) -> dict[str, str]:
     """Return the fingerprint of each scene's camera file; `digests` are those of the scenes."""
-    first = first_scenes(scenes, params)
-    own = {name: camera_fingerprint(name, params, digests[name], renderer) for name in scenes}
+    first = first_scenes(scenes, params.cameras)
+    own = {name: camera_fingerprint(name, params, seed, digests[name], renderer) for name in scenes}
     return {
         name: own[name] if source == name else fingerprint(own=own[name], shared=own[source])
         for name, source in first.items()
     }
 
 
-def camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str) -> str:
+def camera_fingerprint(
+    scene_id: str, params: ViewParams, seed: int, digest: str, renderer: str
+) -> str:
     """Return the fingerprint of cameras of a scene's own; `digest` is that of the scene."""
     given = trajectory_digests(scene_id, params.cameras)
     return fingerprint(
@@ -120,15 +128,15 @@ def camera_fingerprint(scene_id: str, params: Params, digest: str, renderer: str
         image=params.image,
         scene=digest,
         renderer=renderer,
-        seed=params.seed,
+        seed=seed,
         **({"trajectories": given, "collisions": key("trajectories")} if given else {}),
         **({"walks": key("walks")} if params.cameras.walks else {}),
     )
 
 
-def _trajectories(scene_id: str, params: Params) -> tuple[Trajectory, ...]:
+def _trajectories(scene_id: str, params: CameraParams) -> tuple[Trajectory, ...]:
     """Return the trajectories that the parameters name for a scene, with names of their own."""
-    files = trajectories_of(scene_id, params.cameras)
+    files = trajectories_of(scene_id, params)
     return tuple(read_trajectory(path, f"path-{number:02d}") for number, path in enumerate(files))
 
 

@@ -10,10 +10,12 @@ from __future__ import annotations
 import sys
 import time
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.frames import frame_path, holds, kinds_of
 from pbrnet.pipeline.params import Params
@@ -30,7 +32,6 @@ from pbrnet.pipeline.stages.scene_listing import (
     scene_digests,
 )
 from pbrnet.pipeline.views import View, load_cameras
-from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import remove_partials
 
@@ -51,12 +52,14 @@ def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = N
     for kind in kinds[1:]:  # DVC expects every output folder of a stage, also an empty one
         (data / kind).mkdir(parents=True, exist_ok=True)
     with data_lock(data, stage):
-        renderer = active_renderer(params)
+        renderer = active_renderer(params.farm)
         wanted = [kind for kind in kinds if kind in kinds_of(params)]
         plan = StagePlan(stage, "views" if len(wanted) == 1 else "frames", render_frames)
         scenes = list_scenes(data, plan)
         digests = scene_digests(data, scenes)
-        views = _views(data, params, scenes, digests, renderer, plan)
+        of_cameras = ViewParams(params.cameras, params.image)
+        cameras = camera_fingerprints(scenes, of_cameras, params.seed, digests, renderer)
+        views = _views(data, cameras, plan)
         expected: dict[Path, _ExpectedFrame] = {}
         seen = sorted({view.scene_id for view in views})
         params_of = split_sampling([scenes[name] for name in seen], params)
@@ -83,7 +86,7 @@ def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = N
                 trace_seed(first, view, params.seed),
             )
             plan.add(job, *(expected[path].target(path) for path in paths))
-        made = execute(data, params, scheduler, plan, renderer)
+        made = execute(data, params.farm, scheduler, plan, renderer)
         # A worker of an earlier run may still have been alive and have overwritten a frame.
         written = {path: expected[path] for path in stale if made[path]}
         for path in _stale(written, verify=False):
@@ -120,19 +123,14 @@ def _by_trace(frames: dict[Path, _ExpectedFrame], params: Params) -> list[list[P
     return [groups[key] for key in sorted(groups)]
 
 
-def _views(
-    data: Path,
-    params: Params,
-    scenes: dict[str, Scene],
-    digests: dict[str, str],
-    renderer: str,
-    plan: StagePlan,
-) -> list[View]:
-    """Return the views of all scenes, sorted; add broken camera files to the plan's failures."""
+def _views(data: Path, expected: Mapping[str, str], plan: StagePlan) -> list[View]:
+    """Return the views of all scenes, sorted; add broken camera files to the plan's failures.
+
+    `expected`: the fingerprint of each scene's camera file.
+    """
     views: list[View] = []
     stale = []
-    expected = camera_fingerprints(scenes, params, digests, renderer)
-    for scene_id in scenes:
+    for scene_id in expected:
         path = data / "cameras" / f"{scene_id}.json"
         try:
             if not path.is_file():

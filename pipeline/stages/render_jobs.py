@@ -16,6 +16,7 @@ from typing import Any, cast
 import drjit as dr
 
 from pbrnet.pipeline.cameras.camera_files import make_cameras
+from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.cameras.shared_cameras import take_cameras
 from pbrnet.pipeline.cameras.trajectory_files import Trajectory
 from pbrnet.pipeline.channels import Kind
@@ -31,7 +32,6 @@ from pbrnet.pipeline.farm.workspace import (
     writing,
 )
 from pbrnet.pipeline.frames import Channels, Result, frame_path, write_frame
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import SURFACES, TRACE_OF, camera_of
 from pbrnet.pipeline.render.scene import (
     RenderScene,
@@ -57,7 +57,7 @@ class CameraJob:
     path: Path
     scene_folder: Path
     scene_digest: str
-    params: Params
+    params: ViewParams
     seed: int
     fingerprint: str
     trajectories: tuple[Trajectory, ...] = ()

@@ -19,11 +19,11 @@ from pbrnet.pipeline.costs.estimates import estimator
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.cluster import Farm
 from pbrnet.pipeline.farm.scheduling import Item
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.transfer import TransferService
 from pbrnet.pipeline.farm.versions import code_version
 from pbrnet.pipeline.farm.worker import Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import Failure, save_failures
 from pbrnet.pipeline.render.scene import set_variant
@@ -91,7 +91,7 @@ class StagePlan:
 
 
 def execute(
-    data: Path, params: Params, scheduler: str | None, plan: StagePlan, renderer: str = ""
+    data: Path, params: FarmParams, scheduler: str | None, plan: StagePlan, renderer: str = ""
 ) -> dict[Path, bool]:
     """Run the plan's items on the farm; return for each target whether it was made.
 
@@ -101,21 +101,20 @@ def execute(
     if not plan.items:
         return made
     ledger = Ledger(data)
-    farm_params = params.farm
     with (
         Progress(plan.kept + len(made), plan.stage, plan.unit) as progress,
-        open_workspace(data, farm_params.transfer, farm_params.cache_mb) as workspace,
+        open_workspace(data, params.transfer, params.cache_mb) as workspace,
     ):
         progress.advance(plan.kept)
         setup: Callable[[int], None] = partial(use_code, code_version(), workspace)
         service: TransferService | None = None
         needed: Path | None = workspace.token_path
         if plan.renders:
-            variant = set_variant(farm_params.variant)
+            variant = set_variant(params.variant)
             setup = partial(use_renderer, variant, renderer, code_version(), workspace)
             service, needed = scene_service(workspace), None
         try:
-            with Farm(farm_params, scheduler, setup, len(plan.items), service, needed) as farm:
+            with Farm(params, scheduler, setup, len(plan.items), service, needed) as farm:
                 for outcome in farm.run(plan.work, _weighted(data, plan)):
                     made.update(_record(outcome, plan, renderer, ledger, progress))
         finally:

@@ -14,7 +14,6 @@ from pbrnet.pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.limits import Limits
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import Failure
 from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant
 from pbrnet.scenes.assets.index import INDEX, load_index
@@ -22,6 +21,7 @@ from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_file, exists, resolved
 from pbrnet.scenes.opened_files import unchanged
+from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.registry import ImportEntry
 from pbrnet.scenes.seeds import derive
 
@@ -29,27 +29,31 @@ _LONGEST_NAME = 100  # characters; `-v12` and the like follow
 _GENERAL_NAMES = ("scene", "main", "main_template_color", "index")  # the third: of a PBRS house
 
 
-def home_jobs(root: Path, params: Params) -> Iterable[HomeJob]:
+def home_jobs(root: Path, wanted: SceneParams, seed: int) -> Iterable[HomeJob]:
     """Yield a job for each procedural home and variant, with its fingerprint.
 
     The fingerprint covers the seed, the parameters, the furniture index and the key
     of the generator. Raises `InputError` if catalogue furniture is asked for and there is none.
     """
-    wanted = params.scenes
-    yield from _homes(root, params, "home", wanted.homes, wanted.catalogue_share)
-    yield from _homes(root, params, "furnished", wanted.furnished_homes, wanted.furnished_share)
+    furnished = replace(wanted, catalogue_share=wanted.furnished_share)
+    yield from _homes(root, wanted, seed, "home", wanted.homes)
+    yield from _homes(root, furnished, seed, "furnished", wanted.furnished_homes)
 
 
-def _homes(root: Path, params: Params, name: str, count: int, share: float) -> Iterable[HomeJob]:
-    """Yield homes `name`-0000 and so on, with a share of their furniture from the catalogues."""
-    wanted = replace(params.scenes, catalogue_share=share)
+def _homes(
+    root: Path, wanted: SceneParams, root_seed: int, name: str, count: int
+) -> Iterable[HomeJob]:
+    """Yield homes `name`-0000 and so on."""
+    share = wanted.catalogue_share
     assets = root.parent / "assets"
     catalogue: dict[str, Any] = {}
     if share > 0 and count:
         if not load_index(assets).pieces:
-            option = "catalogue_share" if name == "home" else f"{name}_homes"
+            option, asked = (
+                ("catalogue_share", share) if name == "home" else (f"{name}_homes", count)
+            )
             raise InputError(
-                f"scenes.{option}: {getattr(params.scenes, option):g}, but {assets} holds no "
+                f"scenes.{option}: {asked:g}, but {assets} holds no "
                 "furniture; set assets.enabled to true and run first: pbrnet assets"
             )
         catalogue = {
@@ -61,7 +65,7 @@ def _homes(root: Path, params: Params, name: str, count: int, share: float) -> I
         scene_id = f"{name}-{index:04d}" + (f"-v{variant}" if variant else "")
         setting = index + (variant if "light" in wanted.vary else 0)
         lighting = wanted.lighting[setting % len(wanted.lighting)]
-        seed = derive(params.seed, name, index)
+        seed = derive(root_seed, name, index)
         expected = fingerprint(
             kind="home",
             revision=key("scenes.homes"),
@@ -77,9 +81,10 @@ def _homes(root: Path, params: Params, name: str, count: int, share: float) -> I
         yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, expected, assets)
 
 
-def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable[ImportJob]:
+def import_jobs(
+    root: Path, wanted: SceneParams, root_seed: int, failures: list[Failure]
+) -> Iterable[ImportJob]:
     """Yield a job for each import and variant; a missing file is added to `failures`."""
-    wanted = params.scenes
     limits = Limits(
         wanted.import_seconds,
         wanted.import_memory,
@@ -104,7 +109,7 @@ def import_jobs(root: Path, params: Params, failures: list[Failure]) -> Iterable
             content["options"] = entry.given()
         expected = fingerprint(kind="import", scene_id=scene_id, **content)
         yield ImportJob(root / scene_id, scene_id, path, expected, limits, options)
-        seed = derive(params.seed, "import", scene_id)
+        seed = derive(root_seed, "import", scene_id)
         for variant in range(1, wanted.variants):
             own_id = f"{scene_id}-v{variant}"
             expected = fingerprint(

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from pbrnet.pipeline.farm.scene_digest import scene_digest
-from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.records import Failure
 from pbrnet.pipeline.render.scene import renderer_version, set_variant
 from pbrnet.pipeline.stages.runner import StagePlan, threaded
@@ -17,9 +17,9 @@ from pbrnet.scenes.errors import InputError
 SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
 
 
-def active_renderer(params: Params) -> str:
+def active_renderer(params: FarmParams) -> str:
     """Set the Mitsuba variant that the parameters choose; return renderer and variant version."""
-    set_variant(params.farm.variant)
+    set_variant(params.variant)
     return renderer_version()
 
 

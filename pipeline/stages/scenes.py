@@ -34,8 +34,8 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
         remove_partials(root)
         plan = StagePlan("scenes", "scenes", make_scene, renders=False)
         wanted: dict[str, HomeJob | ImportJob] = {}
-        jobs: list[HomeJob | ImportJob] = [*home_jobs(root, params)]
-        jobs += import_jobs(root, params, plan.failures)
+        jobs: list[HomeJob | ImportJob] = [*home_jobs(root, params.scenes, params.seed)]
+        jobs += import_jobs(root, params.scenes, params.seed, plan.failures)
         for job in jobs:
             if job.scene_id in wanted:
                 raise InputError(
@@ -58,5 +58,5 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
                 plan.failures.append(Failure("scenes", scene_id, "", error))
             else:
                 plan.add(job, Target(job.folder, "scenes", scene_id))
-        made = execute(data, params, scheduler, plan)
+        made = execute(data, params.farm, scheduler, plan)
         return finish(data, plan, made, started)

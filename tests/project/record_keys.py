@@ -36,7 +36,7 @@ from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.procedural.home import make_home
 from pbrnet.scenes.registry import SOURCES
 from tests.fixtures import recorded
-from tests.fixtures.params import pbrs_cameras
+from tests.fixtures.params import pbrs_cameras, view_params
 from tests.fixtures.paths import ROOT
 from tests.project.imports import import_closure
 
@@ -180,7 +180,7 @@ def cameras() -> str:
     with tempfile.TemporaryDirectory() as folder:
         opened, _ = recorded.recorded_room(Path(folder) / "living")
         params = replace(recorded.PARAMS, cameras=pbrs_cameras(min_objects=1, grid=0.5))
-        found = make_cameras(opened, opened.scene, params, 7)
+        found = make_cameras(opened, opened.scene, view_params(params), 7)
     return digest_bytes(json.dumps(plain(found), sort_keys=True).encode())[:16]
 
 

@@ -16,7 +16,7 @@ from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import ImageParams, View, look
 from pbrnet.scenes.contract import load_scene
-from tests.fixtures.params import pbrs_cameras, pbrs_params
+from tests.fixtures.params import pbrs_cameras, pbrs_params, view_params
 from tests.fixtures.render import diffuse, quad, write_scene
 from tests.fixtures.stages import write_room
 
@@ -63,7 +63,7 @@ def visible_share(rs: RenderScene, one: View, other: View) -> float:
 
 def test_a_set_overlaps_by_its_median(room: RenderScene) -> None:
     params = pbrs_params(cameras=OPTIONS, image=ImageParams(96, 72))
-    file = make_cameras(room, room.scene, params, 0)
+    file = make_cameras(room, room.scene, view_params(params), 0)
     members = [view for view in file.views if view.view_set]
     assert len(members) == 4 and {view.view_set for view in members} == {"set-living"}
     assert {view.room for view in members} == {"living"}
@@ -82,11 +82,11 @@ def test_a_set_overlaps_by_its_median(room: RenderScene) -> None:
 
 
 def test_sets_change_no_sampled_view_and_are_left_out_if_impossible(room: RenderScene) -> None:
-    plain = make_cameras(room, room.scene, pbrs_params(), 0)
-    file = make_cameras(room, room.scene, pbrs_params(cameras=OPTIONS), 0)
+    plain = make_cameras(room, room.scene, view_params(pbrs_params()), 0)
+    file = make_cameras(room, room.scene, view_params(pbrs_params(cameras=OPTIONS)), 0)
     kept = [view for view in file.views if not view.view_id.startswith("set-")]
     assert [replace(view, view_set="", set_overlap=0.0) for view in kept] == list(plain.views)
     assert sum(bool(view.view_set) for view in kept) == 1
     impossible = replace(OPTIONS, overlap=0.95, overlap_views=16)
-    file = make_cameras(room, room.scene, pbrs_params(cameras=impossible), 0)
+    file = make_cameras(room, room.scene, view_params(pbrs_params(cameras=impossible)), 0)
     assert file.views == plain.views and file.stored_left_out == {"set-living": NO_SET}

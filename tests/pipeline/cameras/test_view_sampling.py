@@ -18,7 +18,7 @@ from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import CameraFile, ImageParams, look
 from pbrnet.scenes.contract import Room, load_scene
-from tests.fixtures.params import pbrs_cameras, pbrs_params
+from tests.fixtures.params import pbrs_cameras, pbrs_params, view_params
 from tests.fixtures.stages import LIVING, Block, write_room
 
 PARAMS = pbrs_params(cameras=pbrs_cameras(views_per_room=6))
@@ -36,7 +36,7 @@ def _opened(folder: Path, **options: object) -> RenderScene:
 
 
 def _sample(rs: RenderScene, params: Params = PARAMS, seed: int = 0) -> CameraFile:
-    return sample_cameras(rs, rs.scene, params, seed)
+    return sample_cameras(rs, rs.scene, view_params(params), seed)
 
 
 def _with_rooms(rs: RenderScene, *rooms: Room) -> RenderScene:
@@ -68,7 +68,7 @@ def test_an_empty_room_is_seen_by_its_building(living: RenderScene, tmp_path: Pa
     """Structure counts only where no candidate sees three pieces of furniture."""
     bare = replace(living.scene, objects=living.scene.objects[:6])
     assert all(part.is_structure for part in bare.objects)
-    empty = sample_cameras(_opened(tmp_path / "bare", blocks=[]), bare, PARAMS, 0)
+    empty = sample_cameras(_opened(tmp_path / "bare", blocks=[]), bare, view_params(PARAMS), 0)
     assert empty.unfurnished and len(empty.views) >= 3
     assert len(empty.views) + sum(empty.rejected.values()) == empty.candidates
     for view in empty.views:

@@ -17,7 +17,7 @@ from pbrnet.pipeline.cameras.view_sampling import sample_cameras
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.contract import load_scene
-from tests.fixtures.params import pbrs_cameras, pbrs_params
+from tests.fixtures.params import pbrs_cameras, pbrs_params, view_params
 from tests.fixtures.stages import Block, write_room
 
 DESK = Block("desk", (0.6, 0.9, 0.0), (1.3, 1.9, 0.75))
@@ -50,7 +50,7 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> RenderScene:
 
 def walks(rs: RenderScene, options: CameraParams, seed: int = 0) -> list[list[View]]:
     """The frames of each walk, in order."""
-    views = make_cameras(rs, rs.scene, pbrs_params(cameras=options), seed).views
+    views = make_cameras(rs, rs.scene, view_params(pbrs_params(cameras=options)), seed).views
     names = sorted({view.trajectory for view in views} - {""})
     return [[view for view in views if view.trajectory == name] for name in names]
 
@@ -99,11 +99,11 @@ def test_walks_pass_an_open_door_and_no_shut_one(flat: RenderScene, tmp_path: Pa
 
 def test_walks_change_no_sampled_view(flat: RenderScene) -> None:
     params = pbrs_params(cameras=OPTIONS)
-    plain = sample_cameras(flat, flat.scene, pbrs_params(), 0)
-    file = make_cameras(flat, flat.scene, params, 0)
+    plain = sample_cameras(flat, flat.scene, view_params(pbrs_params()), 0)
+    file = make_cameras(flat, flat.scene, view_params(params), 0)
     assert tuple(view for view in file.views if not view.trajectory) == plain.views
-    assert make_cameras(flat, flat.scene, pbrs_params(), 0) == plain
-    assert make_cameras(flat, flat.scene, params, 0) == file
+    assert make_cameras(flat, flat.scene, view_params(pbrs_params()), 0) == plain
+    assert make_cameras(flat, flat.scene, view_params(params), 0) == file
     first = walks(flat, replace(OPTIONS, walks=1))
     assert first[0] == walks(flat, OPTIONS)[0], "a further walk changes no other"
     assert first != walks(flat, replace(OPTIONS, walks=1), seed=1)
@@ -111,6 +111,6 @@ def test_walks_change_no_sampled_view(flat: RenderScene) -> None:
 
 def test_a_scene_without_free_floor_has_no_walk(tmp_path: Path) -> None:
     full = two_rooms(tmp_path / "full", Block("heap", (0.0, 0.0, 0.0), (6.0, 3.0, 0.4)))
-    file = make_cameras(full, full.scene, pbrs_params(cameras=OPTIONS), 0)
+    file = make_cameras(full, full.scene, view_params(pbrs_params(cameras=OPTIONS)), 0)
     assert file.stored_left_out == {"walk-00": NO_WALK, "walk-01": NO_WALK}
     assert not any(view.trajectory for view in file.views)

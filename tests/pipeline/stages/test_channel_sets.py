@@ -17,7 +17,7 @@ from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.params import SceneParams
-from tests.fixtures.params import pbrs_cameras, pbrs_params
+from tests.fixtures.params import pbrs_cameras, pbrs_params, view_params
 from tests.fixtures.stages import write_room
 
 pytestmark = pytest.mark.slow
@@ -99,12 +99,12 @@ def test_trajectories_are_frames_like_others(tmp_path: Path) -> None:
         )
         assert (one != other) == changes, kind
 
-    was = camera_fingerprint("alpha", film, "scene", "r")
-    assert camera_fingerprint("beta", film, "scene", "r") == camera_fingerprint(
-        "beta", PAPER, "scene", "r"
-    )
+    was = camera_fingerprint("alpha", view_params(film), film.seed, "scene", "r")
+    assert camera_fingerprint(
+        "beta", view_params(film), film.seed, "scene", "r"
+    ) == camera_fingerprint("beta", view_params(PAPER), PAPER.seed, "scene", "r")
     path.write_text(path.read_text().replace("3 1.15", "3 1.14"))
-    assert camera_fingerprint("alpha", film, "scene", "r") != was
+    assert camera_fingerprint("alpha", view_params(film), film.seed, "scene", "r") != was
     unknown = replace(cameras, trajectories=(TrajectoryFile("beta", str(path)),))
     with pytest.raises(InputError, match="no scene 'beta'"):
         run_cameras(data, replace(film, cameras=unknown))

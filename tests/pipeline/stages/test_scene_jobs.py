@@ -36,6 +36,6 @@ def test_a_furnished_home_depends_on_the_content_of_its_catalogue(tmp_path: Path
         save_index(
             tmp_path / "assets", AssetIndex((), (replace(piece, fingerprint=fingerprint),), ())
         )
-        (job,) = scene_jobs.home_jobs(tmp_path / "scenes", params)
+        (job,) = scene_jobs.home_jobs(tmp_path / "scenes", params.scenes, params.seed)
         found.append(job.fingerprint)
     assert found[0] != found[1]
