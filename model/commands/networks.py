@@ -275,10 +275,10 @@ def reference(
     """Write the figures of all methods to one flat file, and draw a contact sheet."""
     folders = Folders.beside(data, models, models)
     target = out or folders.metrics / "reference.json"
-    write_json(target, kept.summary(params, folders))
+    write_json(target, kept.summary(folders, params.seed))
     click.echo(f"{target}: written")
     if sheet is not None:
-        picture = kept.sheet(params, folders, methods, views)
+        picture = kept.sheet(params.evaluate.split, params.tone, folders, methods, views)
         with atomic_file(sheet) as partial:
             partial.write_bytes(picture)
         click.echo(f"{sheet}: written")

@@ -103,9 +103,9 @@ def stopwatch(
 
     def draw(effort: Effort) -> None:
         if effort.method == RADIOSITY:
-            radiosity(scene, view, params, effort.spp, effort.quality)
+            radiosity(scene, view, params.transport, params.seed, effort.spp, effort.quality)
         elif effort.method == DENOISED:
-            denoised(scene, view, params, effort.spp, effort.quality)
+            denoised(scene, view, params.groundtruth, params.seed, effort.spp, effort.quality)
         else:
             assert networks is not None
             given = rendered_for(scene, view, params, [networks.card], effort.spp)

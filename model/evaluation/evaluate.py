@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from pbrnet.model.data.encoding import color_exposure, input_named
-from pbrnet.model.data.reader import NOISY_SPP, Dataset, Example, image_columns
+from pbrnet.model.data.reader import NOISY_SPP, Dataset, Example, Split, image_columns
 from pbrnet.model.evaluation.inference import (
     PREDICTABLE,
     PRODUCTS,
@@ -34,7 +34,7 @@ from pbrnet.pipeline.images import error_picture, png_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.splits import kept_back
-from pbrnet.pipeline.tonemap import to_bytes, tonemap
+from pbrnet.pipeline.tonemap import ToneParams, to_bytes, tonemap
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
@@ -88,8 +88,10 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     on another scene of its floor plan.
     """
     torch.set_num_threads(len(os.sched_getaffinity(0)))
-    methods, left_out = _measurable(_methods_in(params, folders.models), params, folders)
-    networks, dataset = open_split(params, folders, methods)
+    methods, left_out = _measurable(
+        _methods_in(params.train.baselines, folders.models), params.evaluate.split, folders
+    )
+    networks, dataset = open_split(params.evaluate.split, params.tone, folders, methods)
     lpips = find_lpips()
     scores: list[Score] = []
     with Progress(len(dataset), "evaluate") as progress:
@@ -120,7 +122,9 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
         "exposure": networks.card.exposure,
         **({"left_out": left_out} if left_out else {}),
         "methods": _methods(scores, seconds, params.seed),
-        "kept_back": _kept_back(dataset, scores, seconds, params),
+        "kept_back": _kept_back(
+            dataset, scores, seconds, params.dataset.splits.test_only, params.seed
+        ),
         "timing": {**seconds, **renderer_seconds(folders.data, scores)},
         "examples": {
             "best": [[score.scene_id, score.view_id] for score in best],
@@ -146,7 +150,11 @@ def _methods(scores: Sequence[Score], seconds: dict[str, float], seed: int) -> d
 
 
 def _kept_back(
-    dataset: Dataset, scores: Sequence[Score], seconds: dict[str, float], params: Params
+    dataset: Dataset,
+    scores: Sequence[Score],
+    seconds: dict[str, float],
+    test_only: Sequence[str],
+    seed: int,
 ) -> dict[str, Any] | None:
     """Figures on the scenes of `dataset.splits.test_only`, whose sources training never uses.
 
@@ -154,41 +162,41 @@ def _kept_back(
     """
     known = dataset.plans()
     plans = {score.scene_id: known.get(score.scene_id, score.scene_id) for score in scores}
-    held_out = kept_back(params.dataset.splits.test_only, plans)
+    held_out = kept_back(test_only, plans)
     selected = [score for score in scores if plans[score.scene_id] in held_out]
     if not selected:
         return None
     return {
         "views": len({(score.scene_id, score.view_id) for score in selected}),
         "scenes": len({score.scene_id for score in selected}),
-        "methods": _methods(selected, seconds, params.seed),
+        "methods": _methods(selected, seconds, seed),
     }
 
 
 def open_split(
-    params: Params, folders: Folders, methods: Sequence[str]
+    split: Split, tone: ToneParams, folders: Folders, methods: Sequence[str]
 ) -> tuple[Networks, Dataset]:
     """Return the networks of these methods and the split they are measured on.
 
     Raises `LeakError` as `refuse_leaks` does, and `InputError` if a network is missing or its tone
-    mapping differs from that of the parameters.
+    mapping differs from `tone`.
     """
     networks = load_networks(folders.models, methods)
     columns = columns_of(networks.baselines)
-    dataset = Dataset(folders.data / "dataset", params.evaluate.split, columns)
+    dataset = Dataset(folders.data / "dataset", split, columns)
     refuse_leaks(dataset, networks.cards)
-    if networks.card.tone != plain(params.tone):
+    if networks.card.tone != plain(tone):
         raise InputError(
             f"{folders.models}: trained with the tone mapping {networks.card.tone}, but the "
-            f"parameters give {plain(params.tone)}; train the networks again"
+            f"parameters give {plain(tone)}; train the networks again"
         )
     return networks, dataset
 
 
-def _methods_in(params: Params, models: Path) -> list[str]:
+def _methods_in(baselines: Sequence[str], models: Path) -> list[str]:
     """Methods to measure: those whose networks are in the folder, in the order of `PREDICTABLE`.
 
-    If `pbrnet` is among them, the methods of `train.baselines` are included even if missing, so
+    If `pbrnet` is among them, `baselines` are included even if missing, so
     that loading them fails. Raises `InputError` if the folder holds no networks.
     """
     present = available(models)
@@ -197,18 +205,18 @@ def _methods_in(params: Params, models: Path) -> list[str]:
             f"{models}: no trained networks in this folder; train them (pbrnet train shading, "
             "pbrnet train composition), or give another folder with --models"
         )
-    expected = params.train.baselines if "pbrnet" in present else ()
+    expected = baselines if "pbrnet" in present else ()
     return [name for name in PREDICTABLE if name in present or name in expected]
 
 
 def _measurable(
-    methods: Sequence[str], params: Params, folders: Folders
+    methods: Sequence[str], split: Split, folders: Folders
 ) -> tuple[list[str], dict[str, str]]:
     """Methods whose inputs the dataset has, and the reason for each of the others.
 
     Raises `InputError` if the dataset lacks an input of every method.
     """
-    columns = image_columns(folders.data / "dataset", params.evaluate.split)
+    columns = image_columns(folders.data / "dataset", split)
     left_out = {}
     for method in methods:
         card = folders.models / f"{method}.json"

@@ -37,12 +37,13 @@ from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import inputs_of, visible_surfaces
 from pbrnet.pipeline.passes.materials import materials_of
 from pbrnet.pipeline.passes.registry import TRUTHS, render
-from pbrnet.pipeline.passes.settings import NoisyParams
+from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import render_transport
 from pbrnet.pipeline.passes.truth import Preparation, noisy_trace, prepare, render_samples
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
+from pbrnet.pipeline.transport.settings import TransportParams
 from pbrnet.pipeline.views import View, as_matrix, load_cameras, look
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import plain
@@ -343,12 +344,12 @@ def rendered_for(
         rendered = rendered.having("illumination", panorama)
     trained_with = max((card.training.get("noisy_spp", 0) for card in cards), default=0)
     spp = trained_with and (samples or trained_with)
-    prepared = prepared_for(scene, view, params) if "transport" in taken or spp else None
+    prepared = prepared_for(scene, view, params.seed) if "transport" in taken or spp else None
     if "transport" in taken:
-        light = compute_transport(scene, view, params, prepared)
+        light = compute_transport(scene, view, params.transport, params.seed, prepared)
         rendered = rendered.having("transport", light)
     if spp:
-        noisy = trace_samples(scene, view, params, spp, prepared)
+        noisy = trace_samples(scene, view, params.groundtruth, params.seed, spp, prepared)
         rendered = rendered.having("noisy", noisy, spp)
     return rendered
 
@@ -362,25 +363,34 @@ def surfaces_seen(scene: RenderScene, view: View, materials: Collection[str] = (
     return rendered
 
 
-def prepared_for(scene: RenderScene, view: View, params: Params) -> Preparation:
+def prepared_for(scene: RenderScene, view: View, seed: int) -> Preparation:
     """Preparation of a view for its light transport and its samples."""
-    return prepare(scene, view, _seed_of(view, params, "transport"))
+    return prepare(scene, view, _seed_of(view, seed, "transport"))
 
 
 def compute_transport(
-    scene: RenderScene, view: View, params: Params, prepared: Preparation | None = None
+    scene: RenderScene,
+    view: View,
+    params: TransportParams,
+    root_seed: int,
+    prepared: Preparation | None = None,
 ) -> Channels:
     """Light transport of a view."""
-    seed = _seed_of(view, params, "transport")
-    return render_transport(scene, view, params.transport, seed, prepared)[0]
+    seed = _seed_of(view, root_seed, "transport")
+    return render_transport(scene, view, params, seed, prepared)[0]
 
 
 def trace_samples(
-    scene: RenderScene, view: View, params: Params, spp: int, prepared: Preparation | None = None
+    scene: RenderScene,
+    view: View,
+    params: GroundTruthParams,
+    root_seed: int,
+    spp: int,
+    prepared: Preparation | None = None,
 ) -> Channels:
     """Noisy samples of a view, raw and denoised; colour only."""
-    seed = _seed_of(view, params, "noisy")
-    trace = noisy_trace(replace(params, noisy=NoisyParams(spp)))
+    seed = _seed_of(view, root_seed, "noisy")
+    trace = noisy_trace(params, spp)
     return render_samples(scene, view, trace, seed, prepared)
 
 
@@ -427,8 +437,8 @@ def example_of(
     )
 
 
-def _seed_of(view: View, params: Params, what: str) -> int:
-    return derive(params.seed, "predict", view.scene_id, view.view_id, what)
+def _seed_of(view: View, seed: int, what: str) -> int:
+    return derive(seed, "predict", view.scene_id, view.view_id, what)
 
 
 def _samples_of(frame: Frame) -> int:

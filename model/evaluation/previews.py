@@ -15,12 +15,13 @@ from pbrnet.pipeline.frames import Channels, write_pixels
 from pbrnet.pipeline.images import Picture, contact_sheet, error_picture
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality
+from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import Transport, transport_of
 from pbrnet.pipeline.passes.truth import trace_denoised
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.tonemap import exposure_of, tonemap
-from pbrnet.pipeline.transport.settings import TRANSPORT_SAMPLES
+from pbrnet.pipeline.transport.settings import TRANSPORT_SAMPLES, TransportParams
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.contract import load_scene
@@ -63,9 +64,11 @@ class Preview:
 
     def render(self, view: View) -> Rendering:
         """Render a view. Raises `InputError` for light transport in a scalar variant."""
+        given = self.params
         if self.method == RADIOSITY:
-            return radiosity(self.scene, view, self.params, self.spp, self.quality)
-        return denoised(self.scene, view, self.params, self.spp or DENOISED_SPP, self.quality)
+            return radiosity(self.scene, view, given.transport, given.seed, self.spp, self.quality)
+        spp = self.spp or DENOISED_SPP
+        return denoised(self.scene, view, given.groundtruth, given.seed, spp, self.quality)
 
     def truth(self, view: View) -> Float32Array:
         """Return the true colour of a view, (H, W, 3): that in `data`, or path traced now."""
@@ -117,21 +120,31 @@ def check_samples(method: str, spp: int) -> None:
 
 
 def radiosity(
-    scene: RenderScene, view: View, params: Params, spp: int = 0, quality: Quality = "high"
+    scene: RenderScene,
+    view: View,
+    params: TransportParams,
+    root_seed: int,
+    spp: int = 0,
+    quality: Quality = "high",
 ) -> Rendering:
     """Compute the picture of light transport; with `spp`, few samples take few surfels too."""
-    seed = derive(params.seed, "predict", view.scene_id, view.view_id, RADIOSITY)
-    settings = params.transport.reduced(spp) if spp else params.transport
+    seed = derive(root_seed, "predict", view.scene_id, view.view_id, RADIOSITY)
+    settings = params.reduced(spp) if spp else params
     found = transport_of(scene, view, settings, seed, quality=quality)
     return Rendering(found.color, found)
 
 
 def denoised(
-    scene: RenderScene, view: View, params: Params, spp: int, quality: Quality = "high"
+    scene: RenderScene,
+    view: View,
+    params: GroundTruthParams,
+    root_seed: int,
+    spp: int,
+    quality: Quality = "high",
 ) -> Rendering:
     """Path-trace a view with `spp` samples per pixel and denoise it; colour alone."""
-    seed = derive(params.seed, "predict", view.scene_id, view.view_id, "noisy")
-    settings = params.groundtruth.sampled(spp)
+    seed = derive(root_seed, "predict", view.scene_id, view.view_id, "noisy")
+    settings = params.sampled(spp)
     _, _, clean = trace_denoised(scene, view, settings, seed, quality=quality)
     return Rendering(_stacked(clean))
 

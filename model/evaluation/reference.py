@@ -12,15 +12,14 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.data.reader import Dataset, Example, Split
 from pbrnet.model.evaluation.evaluate import EVALUATED_METHODS, image_of, open_split, true_color
 from pbrnet.model.evaluation.inference import PREDICTABLE, available, load_networks
 from pbrnet.model.evaluation.metrics import NAMES, bootstrap
 from pbrnet.model.methods import METHODS
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.images import contact_sheet, enlarge, png_bytes
-from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.tonemap import to_bytes
+from pbrnet.pipeline.tonemap import ToneParams, to_bytes
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_json
@@ -37,7 +36,7 @@ PAIRS = (
 SHOWN = 320  # width of an image on the sheet in pixels, by integer enlargement
 
 
-def summary(params: Params, folders: Folders) -> dict[str, Any]:
+def summary(folders: Folders, seed: int) -> dict[str, Any]:
     """Contents of `reference.json`: figures of each method, and facts on data and networks.
 
     `differences` compares the methods of `PAIRS` view by view, so the difficulty of the scenes
@@ -54,7 +53,7 @@ def summary(params: Params, folders: Folders) -> dict[str, Any]:
     return {
         "methods": _flat(found["methods"]),
         "intervals": _intervals(found["methods"]),
-        "differences": _differences(folders.metrics / "evaluation.csv", params.seed),
+        "differences": _differences(folders.metrics / "evaluation.csv", seed),
         **{name: found[name] for name in ("split", "views", "scenes", "exposure", "backbone")},
         "kept_back": (held_out := found.get("kept_back"))
         and {
@@ -82,7 +81,9 @@ def summary(params: Params, folders: Folders) -> dict[str, Any]:
     }
 
 
-def sheet(params: Params, folders: Folders, methods: Sequence[str], count: int) -> bytes:
+def sheet(
+    split: Split, tone: ToneParams, folders: Folders, methods: Sequence[str], count: int
+) -> bytes:
     """Contact sheet as PNG: a row for each view, from the best to the worst of the first method.
 
     Columns: the truth, then the methods. The `count` rows are spread evenly over the ranking by
@@ -91,7 +92,7 @@ def sheet(params: Params, folders: Folders, methods: Sequence[str], count: int) 
     ranked = _ranked(folders.metrics / "evaluation.csv", methods[0])
     steps = max(1, min(count, len(ranked)) - 1)
     chosen = [ranked[k * (len(ranked) - 1) // steps] for k in range(min(count, len(ranked)))]
-    networks, dataset = open_split(params, folders, _shown(folders.models, methods))
+    networks, dataset = open_split(split, tone, folders, _shown(folders.models, methods))
     rows = {(row.scene_id, row.view_id): row for row in _examples(dataset, chosen)}
     pictures, labels = [], []
     for scene, view, flip in chosen:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import click
 
-from pbrnet.model.data.reader import Dataset
+from pbrnet.model.data.reader import Dataset, Split
 from pbrnet.model.evaluation.inference import available
 from pbrnet.model.options import FOLDER
 from pbrnet.pipeline.commands.options import common_options
@@ -115,7 +115,7 @@ def command(
     params: Params, data: Path, only: tuple[str, ...], dry_run: bool, docs: Path | None
 ) -> int:
     """Make every figure and plot of the results from one dataset."""
-    parts = _chosen((*PARTS, *flicker_parts(params, data)), only)
+    parts = _chosen((*PARTS, *flicker_parts(params.evaluate.split, data)), only)
     known = _recorded()
     state = fingerprints(params, data)
     failed = []
@@ -128,7 +128,7 @@ def command(
             continue
         else:
             click.echo(f"{part.name}: {part.command}")
-            if not _run(part, params, data):
+            if not _run(part, params.seed, data):
                 failed.append(part.name)
                 continue
             # Read anew: another process may have made other parts meanwhile.
@@ -140,9 +140,9 @@ def command(
     return 1 if failed else 0
 
 
-def flicker_parts(params: Params, data: Path) -> list[Part]:
+def flicker_parts(split: Split, data: Path) -> list[Part]:
     """Return the flicker study of scenes spread over the test split, of each its first view."""
-    dataset = Dataset(data / "dataset", params.evaluate.split)
+    dataset = Dataset(data / "dataset", split)
     first: dict[str, str] = {}
     for scene, view in zip(dataset.column("scene_id"), dataset.column("view_id"), strict=True):
         first.setdefault(scene, view)
@@ -192,11 +192,11 @@ def _chosen(parts: Sequence[Part], only: Sequence[str]) -> list[Part]:
     return [part for part in parts if not only or part.name in only]
 
 
-def _run(part: Part, params: Params, data: Path) -> bool:
+def _run(part: Part, seed: int, data: Path) -> bool:
     """Run the command of a part; keep its files under the part's own name. True if it succeeded."""
     context = click.get_current_context(silent=True)
     given = context.params if context else {}
-    words = [*part.arguments, "--data", str(data), "--seed", str(params.seed)]
+    words = [*part.arguments, "--data", str(data), "--seed", str(seed)]
     if given.get("params_file"):
         words += ["--params", str(given["params_file"])]
     done = subprocess.run([sys.executable, "-c", _RUN, *words])

@@ -9,18 +9,17 @@ import click
 
 from pbrnet.model.baselines.end_to_end import composition_of
 from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.model.settings import StageTrainParams
 from pbrnet.model.studies.trials.command import TrialRequest, methods_option, trial_command
 from pbrnet.model.studies.trials.plan import STAGES, TrialStudy, Variant
-from pbrnet.pipeline.params import Params
 
 
-def decomposition_study(params: Params, methods: Sequence[str] = ()) -> TrialStudy:
+def decomposition_study(first: StageTrainParams, methods: Sequence[str] = ()) -> TrialStudy:
     """Return the study: the same layers with and without supervised shading, and one U-Net.
 
     The number of training views varies. All three have the width and depth of the parameters'
     shading network; `methods`, further methods of the registry, have their own.
     """
-    first = params.train.shading
     second = composition_of(Architecture("shading", first.width, first.levels))
     changes: dict[str, Any] = {}
     for name, size in (("composition", second), ("end_to_end", first), ("unet", first)):
@@ -63,4 +62,4 @@ def command(request: TrialRequest, methods: tuple[str, ...]) -> None:
     Supervised shading, the same layers trained on colour only, and one U-Net, by the number of
     training views; with an extrapolation to ten times as many views.
     """
-    request.run(decomposition_study(request.params, methods))
+    request.run(decomposition_study(request.params.train.shading, methods))

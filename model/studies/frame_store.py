@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.data.reader import Dataset, Example, Split
 from pbrnet.model.evaluation.evaluate import open_split
 from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.training.train import Folders
@@ -18,13 +18,14 @@ from pbrnet.pipeline.frames import Channels, Frame, frame_path, holds, read_fram
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.registry import TRUTHS, camera_of, frame_fingerprint, render, trace_seed
+from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
 from pbrnet.pipeline.render.scene import (
     RenderScene,
     free_memory,
     open_scene,
     renderer_version,
-    set_variant,
 )
+from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.contract import Scene, load_scene
@@ -79,10 +80,9 @@ class FrameStore:
         return frame_fingerprint(kind, view, self.params, digest, renderer_version())
 
 
-def with_samples(params: Params, spp: int, denoise: bool) -> Params:
-    """Return parameters whose ground truth has `spp` samples a pixel, denoised or not."""
-    truth = params.groundtruth.sampled(spp, "oidn" if denoise else "none")
-    return replace(params, groundtruth=truth)
+def with_samples(truth: GroundTruthParams, spp: int, denoise: bool) -> GroundTruthParams:
+    """Return the parameters of ground truth with `spp` samples a pixel, denoised or not."""
+    return truth.sampled(spp, "oidn" if denoise else "none")
 
 
 @dataclass(frozen=True)
@@ -96,18 +96,19 @@ class StudyViews:
     scenes: dict[str, Scene]
 
 
-def open_views(params: Params, folders: Folders, methods: Sequence[str], count: int) -> StudyViews:
+def open_views(
+    split: Split, tone: ToneParams, folders: Folders, methods: Sequence[str], count: int
+) -> StudyViews:
     """Open at most `count` views at even distances in the split, and the networks of `methods`.
 
     Raises as `open_split`, and `InputError` for missing scenes or cameras.
     """
-    networks, dataset = open_split(params, folders, methods)
+    networks, dataset = open_split(split, tone, folders, methods)
     examples = evenly_spread_views(dataset, count)
     scenes = {
         name: load_dataset_scene(folders.data, name) for name in {e.scene_id for e in examples}
     }
     views = cameras_of(folders.data, examples)
-    set_variant(params.farm.variant)
     return StudyViews(networks, dataset.split, examples, views, scenes)
 
 
@@ -138,17 +139,17 @@ def opened_scene(scene: Scene) -> Iterator[RenderScene]:
 
 
 def check_same_scene(
-    scene: RenderScene, folder: Path, view: View, packed: AnyArray, params: Params
+    scene: RenderScene, folder: Path, view: View, packed: AnyArray, params: IlluminationParams
 ) -> None:
     """Raise `InputError` unless the opened scene has the panorama that the dataset has.
 
     `folder`: folder of the scene, for the message; `packed`: panorama intensity of the view in the
     dataset, float32 (h, w).
     """
-    made = render_illumination(scene, view, params.illumination)["intensity.Y"]
+    made = render_illumination(scene, view, params)["intensity.Y"]
     if made.shape != packed.shape:
         raise InputError(
-            f"illumination.width: {params.illumination.width}, but the dataset's panoramas are "
+            f"illumination.width: {params.width}, but the dataset's panoramas are "
             f"{packed.shape[1]} pixels wide; use the parameters that the dataset was made with"
         )
     if np.abs(made - packed).sum() > _TOLERANCE * max(packed.sum(), 1e-12):

@@ -22,6 +22,7 @@ import click
 
 from pbrnet.model.data.reader import Dataset, Split
 from pbrnet.model.options import FOLDER
+from pbrnet.model.settings import TrainParams
 from pbrnet.model.studies.trials.command import TrialRequest, trial_command
 from pbrnet.model.studies.trials.derived_splits import write_derived_split
 from pbrnet.model.studies.trials.plan import (
@@ -35,7 +36,6 @@ from pbrnet.model.studies.trials.plan import (
     seed_of,
 )
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.splits import kept_back
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes
@@ -172,12 +172,16 @@ def prepare(
     given = (division.tuning, division.tuning_views)
     trials = []
     for repeat in range(config.seeds):
-        seeded = replace(params, seed=seed_of(params, repeat))
-        first = scheduled(seeded, before, config.steps, len(home))
+        seeded = replace(params, seed=seed_of(params.seed, repeat))
+        own_train = scheduled(seeded.train, before, config.steps, len(home))
+        first = replace(seeded, train=own_train)
         start = Trial(before, repeat, first, tuple(sorted(scenes)), trained, source=own)
         more = {name: tuning_steps or max(1, count // 4) for name, count in start.steps.items()}
         all_steps = {name: start.steps[name] + more[name] for name in more}
-        second, third = _with_steps(first, tuned, more), _with_steps(first, alone, all_steps)
+        second, third = (
+            replace(first, train=_with_steps(own_train, variant, counts))
+            for variant, counts in ((tuned, more), (alone, all_steps))
+        )
         trials += [
             start,
             Trial(tuned, repeat, second, *given, source=tuning, start=start),
@@ -243,13 +247,12 @@ def _source(
     return TrainingSource(data, own, lambda: write_derived_split(data, own, selected, split))
 
 
-def _with_steps(params: Params, variant: Variant, counts: Mapping[str, int]) -> Params:
+def _with_steps(train: TrainParams, variant: Variant, counts: Mapping[str, int]) -> TrainParams:
     """Return the parameters with this number of steps for each network."""
     stages = {
-        name: getattr(scheduled(params, variant, count, 1).train, name)
-        for name, count in counts.items()
+        name: getattr(scheduled(train, variant, count, 1), name) for name, count in counts.items()
     }
-    return replace(params, train=replace(params.train, **stages))
+    return replace(train, **stages)
 
 
 @trial_command(

@@ -172,7 +172,11 @@ class NoisyTruthStore:
                 with opened_scene(scene) as opened:
                     first, packed = self.panoramas[name]
                     check_same_scene(
-                        opened, scene.folder, self.views[name, first], packed, self.params
+                        opened,
+                        scene.folder,
+                        self.views[name, first],
+                        packed,
+                        self.params.illumination,
                     )
                     for view in (view for view in due if view.scene_id == name):
                         smoothed = truth_settings(denoised.params)
@@ -184,7 +188,8 @@ class NoisyTruthStore:
                         progress.advance()
 
     def _store(self, truth: NoisyTruth) -> FrameStore:
-        params = with_samples(self.params, truth.spp, truth.denoised)
+        own = with_samples(self.params.groundtruth, truth.spp, truth.denoised)
+        params = replace(self.params, groundtruth=own)
         return FrameStore(self.renders / truth.name, params)
 
     def _fingerprint(self, store: FrameStore, view: View) -> str:

@@ -14,8 +14,8 @@ from pbrnet.model.data.encoding import encode, radiances, targets
 from pbrnet.model.data.reader import Dataset, Example, coin_flips, mirrored
 from pbrnet.model.methods import Method
 from pbrnet.model.networks.objective import Batch, Objective
+from pbrnet.model.settings import TrainParams
 from pbrnet.model.training.checkpoint import Checkpoint, CurvePoint, Optimisers, State
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.scenes.errors import InputError, PbrnetError
 from pbrnet.scenes.seeds import derive, derive32
@@ -32,19 +32,21 @@ class Run:
         self,
         name: str,
         method: Method,
-        params: Params,
+        params: TrainParams,
+        seed: int,
         objective: Objective,
         device: torch.device,
         steps: int,
         steps_per_epoch: int,
     ) -> None:
         self.name, self.method, self.params = name, method, params
+        self.seed = seed
         self.objective, self.device = objective, device
         self.steps, self.steps_per_epoch = steps, steps_per_epoch
         self.optimisers: Optimisers = {
             name: torch.optim.Adam(
                 module.parameters(),
-                lr=params.train.learning_rate,
+                lr=params.learning_rate,
                 betas=method.adam.betas if method.adam else (0.9, 0.999),
                 fused=True,
             )
@@ -55,22 +57,22 @@ class Run:
         """Inputs and targets of views as tensors on the device."""
         truth = {
             name: self._put(value)
-            for name, value in targets(examples, self.params.train.exposure).items()
+            for name, value in targets(examples, self.params.exposure).items()
         }
         encoded = encode(examples, self.method.inputs)
         inputs = {name: self._put(value) for name, value in encoded.items()}
         radiance = None
         if self.method.predicts_radiance:
-            linear = radiances(examples, self.params.train.exposure)
+            linear = radiances(examples, self.params.exposure)
             radiance = {name: self._put(value) for name, value in linear.items()}
         return Batch(inputs, truth[self.method.target], radiance)
 
     def begin_step(self, step: int) -> None:
         """Set the learning rates and seed torch's random state (dropout, image buffers)."""
-        torch.manual_seed(derive32(self.params.seed, "step", self.name, step))
+        torch.manual_seed(derive32(self.seed, "step", self.name, step))
         for optimiser in self.optimisers.values():
             for group in optimiser.param_groups:
-                group["lr"] = self.method.rate(self.params.train, step, self.steps)
+                group["lr"] = self.method.rate(self.params, step, self.steps)
 
     def backward(self, module: str, loss: torch.Tensor) -> None:
         """Compute the gradients of a module's loss."""
@@ -108,8 +110,8 @@ def train_steps(
     `train.checkpoint_steps` steps, and on Ctrl-C between two steps. Raises `TrainingError` if a
     loss is not finite.
     """
-    batches = batches_from(dataset, run.params, state.step)
-    every = run.params.train.checkpoint_steps
+    batches = batches_from(dataset, run.params, run.seed, state.step)
+    every = run.params.checkpoint_steps
     whole = True  # False within a step, when only some modules have been updated
     with torch.random.fork_rng(), Progress(run.steps, f"train {run.name}", "steps") as progress:
         progress.advance(state.step)
@@ -137,18 +139,20 @@ def train_steps(
             raise
 
 
-def batches_from(dataset: Dataset, params: Params, step: int) -> Iterator[list[Example]]:
+def batches_from(
+    dataset: Dataset, params: TrainParams, root_seed: int, step: int
+) -> Iterator[list[Example]]:
     """Endless batches from `step` on, the same in a resumed and in an uninterrupted run.
 
     Raises `InputError` if the views of a batch differ in size.
     """
-    batch, seed = params.train.batch, derive(params.seed, "train")
+    batch, seed = params.batch, derive(root_seed, "train")
     position = step * batch
     views = dataset.shuffled(seed, start=position)
     flips = coin_flips(seed, position, len(dataset))
     while True:
         examples = [
-            mirrored(example) if params.train.flips and flip else example
+            mirrored(example) if params.flips and flip else example
             for _, example, flip in zip(range(batch), views, flips, strict=False)
         ]
         _same_size(examples)

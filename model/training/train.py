@@ -34,6 +34,7 @@ from pbrnet.model.training.loop import Run, train_steps
 from pbrnet.model.training.loss import PerceptualLoss
 from pbrnet.model.training.store import ModelCard, TrainingData, load_model, save_model
 from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file, write_json, write_text
@@ -81,7 +82,7 @@ def train_network(
     dataset = Dataset(folders.data / "dataset", "train", method.columns, only)
     backbone = load_backbone(folders.backbone)
     channels_last(backbone)
-    shading, needs = _fixed_shading(method, params, folders)
+    shading, needs = _fixed_shading(method, params.tone, folders)
     device = choose_device(params.train)
     precision = choose_precision(params.train, device)
     architecture = _architecture(method, stage, params.train)
@@ -105,13 +106,16 @@ def train_network(
     )
     seed = derive32(params.seed, "initial", name, "opponents")
     objective = _objective(method, setting, seed, device)
-    run = Run(name, method, params, objective, device, steps, steps_per_epoch)
+    run = Run(name, method, params.train, params.seed, objective, device, steps, steps_per_epoch)
     checkpoint = Checkpoint(folders.models / "checkpoints" / f"{name}.pt", identity)
     validation = _validation_views(folders.data / "dataset", method.columns)
     curve, seconds = _train(run, checkpoint, dataset, validation)
 
     facts = {
-        **_facts(name, params, dataset, backbone, data),
+        **_facts(name, dataset, backbone, data),
+        "exposure": params.train.exposure,
+        "tone": plain(params.tone),
+        "albedo": params.shading.albedo,
         "architecture": architecture,
         "training": {
             **settings,
@@ -225,7 +229,7 @@ def _autocast(device: torch.device, precision: str) -> Callable[[], torch.autoca
 
 
 def _fixed_shading(
-    method: Method, params: Params, folders: Folders
+    method: Method, tone: ToneParams, folders: Folders
 ) -> tuple[nn.Module | None, dict[str, str]]:
     """Fixed shading network that the method takes as input, and its digest by name; or None.
 
@@ -234,10 +238,10 @@ def _fixed_shading(
     if not method.uses_shading_net:
         return None, {}
     network, card = load_model(folders.models / "shading.safetensors")
-    if card.tone != plain(params.tone):
+    if card.tone != plain(tone):
         raise InputError(
             f"{folders.models}/shading.json: trained with the tone mapping {card.tone}, but the "
-            f"parameters give {plain(params.tone)}; train the shading network again"
+            f"parameters give {plain(tone)}; train the shading network again"
         )
     return network, {"shading": card.sha256}
 
@@ -285,17 +289,12 @@ def _settings(params: TrainParams, method: Method) -> dict[str, Any]:
     return settings
 
 
-def _facts(
-    name: str, params: Params, dataset: Dataset, backbone: Backbone, data: TrainingData
-) -> dict[str, Any]:
+def _facts(name: str, dataset: Dataset, backbone: Backbone, data: TrainingData) -> dict[str, Any]:
     """Fields of the model card that are known before training."""
     loss = backbone.card
     return {
         "name": name,
-        "exposure": params.train.exposure,
         "white": float(median(float(white) for white in dataset.column("white_shading"))),
-        "tone": plain(params.tone),
-        "albedo": params.shading.albedo,
         "data": data,
         "backbone": {"network": loss.network, "source": loss.source, "sha256": loss.sha256},
         "versions": {"pbrnet": version("pbrnet"), "torch": torch.__version__},

@@ -110,11 +110,10 @@ def truth_settings(params: Params) -> dict[Kind, TruthSettings]:
     return {"shading": shading, "color": color, "light": replace(color, groups=params.light.groups)}
 
 
-def noisy_trace(params: Params) -> GroundTruthParams:
-    """Return the parameters of a trace with `noisy.spp` samples; what it does not read is fixed."""
-    spp = params.noisy.spp
+def noisy_trace(params: GroundTruthParams, spp: int) -> GroundTruthParams:
+    """Return the parameters of a trace with `spp` samples; what it does not read is fixed."""
     return replace(
-        params.groundtruth,
+        params,
         spp=spp,
         block_spp=spp,
         noise=0.0,
@@ -126,7 +125,8 @@ def noisy_trace(params: Params) -> GroundTruthParams:
 
 def noisy_settings(params: Params) -> dict[Kind, NoisySettings]:
     """Return the settings of a `noisy` frame."""
-    settings = NoisySettings(noisy_trace(params), params.shading.albedo, denoiser_version())
+    trace = noisy_trace(params.groundtruth, params.noisy.spp)
+    settings = NoisySettings(trace, params.shading.albedo, denoiser_version())
     return {"noisy": settings}
 
 

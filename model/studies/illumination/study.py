@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import click
@@ -44,9 +45,10 @@ from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import denoiser_version
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.registry import render, trace_seed
+from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.progress import Progress
-from pbrnet.pipeline.render.scene import RenderScene, renderer_version
+from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.contract import Scene
@@ -99,6 +101,9 @@ class LightCase:
     change: LightChange
 
 
+Stores = Callable[[LightCase], FrameStore]  # where the frames of a case are kept
+
+
 @dataclass
 class CasePlan:
     """All cases; and for every kind of change the reasons against it, with numbers of views."""
@@ -121,17 +126,21 @@ def study_illumination(
     for place in (target.parent, renders):
         sweep(place)
     baselines = [name for name in trained_baselines(folders.models) if name == "plus"]
-    found = open_views(params, folders, ("pbrnet", *PRODUCTS, *baselines), config.views)
+    set_variant(params.farm.variant)
+    methods = ("pbrnet", *PRODUCTS, *baselines)
+    found = open_views(params.evaluate.split, params.tone, folders, methods, config.views)
     networks, scenes, views = found.networks, found.scenes, found.views
     digests = {name: scene_digest(scene.folder) for name, scene in scenes.items()}
     views_of_study = [
         StudyView(example, view, scenes[view.scene_id], digests[view.scene_id])
         for example, view in zip(found.examples, views, strict=True)
     ]
-    plan = _planned(views_of_study, params, config, networks)
-    settings = with_samples(params, config.spp, denoise=True)
-    _render_all(plan.cases, settings, renders, _further_kinds(networks))
-    tally = _compared(plan, views_of_study, networks, settings, renders)
+    plan = _planned(views_of_study, params.illumination, config, networks)
+    truth = with_samples(params.groundtruth, config.spp, denoise=True)
+    settings = replace(params, groundtruth=truth)
+    stores = partial(_store, settings, renders)
+    _render_all(plan.cases, stores, _further_kinds(networks))
+    tally = _compared(plan, views_of_study, networks, stores)
     result = IlluminationResult(
         seed=params.seed,
         split=found.split,
@@ -154,7 +163,10 @@ def study_illumination(
 
 
 def _planned(
-    views_of_study: list[StudyView], params: Params, config: IlluminationConfig, networks: Networks
+    views_of_study: list[StudyView],
+    params: IlluminationParams,
+    config: IlluminationConfig,
+    networks: Networks,
 ) -> CasePlan:
     """Find the possible changes of every view; check that the scenes match the dataset."""
     plan = CasePlan()
@@ -172,7 +184,7 @@ def _planned(
                     average = key / study_view.example.exposure_shading.scale
                     radiance = lamp_radiance(average, albedo, config.strength)
                     found = possible_changes(
-                        opened, study_view.view, params.illumination, config.factor, radiance
+                        opened, study_view.view, params, config.factor, radiance
                     )
                     plan.cases.append(LightCase(study_view, UNCHANGED, _NO_CHANGE))
                     plan.cases += [LightCase(study_view, *item) for item in found.changes.items()]
@@ -187,9 +199,7 @@ def _further_kinds(networks: Networks) -> tuple[Kind, ...]:
     return ("transport",) if "transport_color" in columns_of(networks.baselines) else ()
 
 
-def _render_all(
-    cases: list[LightCase], params: Params, renders: Path, further: Sequence[Kind]
-) -> None:
+def _render_all(cases: list[LightCase], stores: Stores, further: Sequence[Kind]) -> None:
     """Render missing frames; a scene is opened once for each light."""
     groups: dict[tuple[str, LightChange], list[LightCase]] = defaultdict(list)
     for case in cases:
@@ -197,14 +207,14 @@ def _render_all(
     kept = 0
     with Progress(len(cases), "study illumination: rendering", "views") as progress:
         for (_, change), group in groups.items():
-            due = [case for case in group if _missing(case, _store(case, params, renders), further)]
+            due = [case for case in group if _missing(case, stores(case), further)]
             kept += len(group) - len(due)
             progress.advance(len(group) - len(due))
             if not due:
                 continue
             with open_relit(due[0].study_view.scene, change) as opened:
                 for case in due:
-                    _render(opened, case, _store(case, params, renders), further)
+                    _render(opened, case, stores(case), further)
                     progress.advance()
         if kept:
             progress.write(f"study illumination: {kept} of {len(cases)} cases are already rendered")
@@ -235,7 +245,7 @@ def _missing(case: LightCase, store: FrameStore, further: Sequence[Kind]) -> boo
     return bool(store.missing(*_frame(case), [*made, *further]))
 
 
-def _store(case: LightCase, params: Params, renders: Path) -> FrameStore:
+def _store(params: Params, renders: Path, case: LightCase) -> FrameStore:
     return FrameStore(renders / (case.name or "as-it-is"), params)
 
 
@@ -249,15 +259,14 @@ def _compared(
     plan: CasePlan,
     views_of_study: list[StudyView],
     networks: Networks,
-    params: Params,
-    renders: Path,
+    stores: Stores,
 ) -> AgreementTally:
     """Predict every case and compare it with the rendering; exchange panoramas between views."""
     tally = AgreementTally()
     with Progress(len(views_of_study), "study illumination: comparing", "views") as progress:
         for study_view in views_of_study:
             lit = {
-                case.name: _lit(case, params, renders, _further_kinds(networks))
+                case.name: _lit(case, stores, _further_kinds(networks))
                 for case in plan.cases
                 if case.study_view is study_view
             }
@@ -279,8 +288,8 @@ def _compared(
     return tally
 
 
-def _lit(case: LightCase, params: Params, renders: Path, further: Sequence[Kind]) -> LitView:
-    store, view = _store(case, params, renders), case.study_view.view
+def _lit(case: LightCase, stores: Stores, further: Sequence[Kind]) -> LitView:
+    store, view = stores(case), case.study_view.view
     panorama = store.read("illumination", view)
     return LitView(
         case.study_view.example,

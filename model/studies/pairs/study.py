@@ -152,7 +152,8 @@ def write_pairs_page(
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     methods = config.methods or ("pbrnet", "product", *trained_baselines(folders.models))
     trained = [name for name in methods if name in BASELINES]
-    networks, dataset = open_split(params, folders, ("pbrnet", *trained))
+    split, measured = params.evaluate.split, ("pbrnet", *trained)
+    networks, dataset = open_split(split, params.tone, folders, measured)
     weights = {name: card.sha256 for name, card in sorted(networks.cards.items())}
     # The seed is on the page; the secret is not, so that nobody who has only the page and this
     # program can reconstruct the sides.

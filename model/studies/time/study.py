@@ -71,10 +71,11 @@ from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.registry import TRUTHS, render
+from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import samples_for
 from pbrnet.pipeline.passes.truth import sample_guides, truth_settings
 from pbrnet.pipeline.progress import Progress
-from pbrnet.pipeline.render.scene import RenderScene, renderer_version
+from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pbrnet.pipeline.tonemap import tonemap
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray
@@ -160,15 +161,17 @@ def study_time(
         raise ParameterError(
             f"--size: {config.size} is not allowed; at least {_MIN_SIZE} pixels a side"
         )
-    reference = with_samples(params, config.reference, denoise=not config.raw_reference)
-    reference = replace(reference, seed=derive(params.seed, "study", "time", "reference"))
+    truth = with_samples(params.groundtruth, config.reference, denoise=not config.raw_reference)
+    seed = derive(params.seed, "study", "time", "reference")
+    reference = replace(params, groundtruth=truth, seed=seed)
     # Waiting threads spin, which processor time would count as work.
     torch.set_num_threads(1 if config.clock == "cpu" else len(os.sched_getaffinity(0)))
     target = result_path(folders.metrics, "time")
     for place in (target.parent, renders):
         sweep(place)
     methods = ("pbrnet", *PRODUCTS, *trained_baselines(folders.models))
-    opened = open_views(params, folders, methods, config.views)
+    set_variant(params.farm.variant)
+    opened = open_views(params.evaluate.split, params.tone, folders, methods, config.views)
     networks, scenes, views = opened.networks, opened.scenes, opened.views
     views = [resized(view, config.size) for view in views] if config.size else views
     machine = _machine()
@@ -273,9 +276,9 @@ class ViewBenchmark:
         own = transport.samples or samples_for(self.view.width * self.view.height)
         exposure = color_exposure(self.example, self.networks.card.exposure)
         for spp in (number for number in TRANSPORT_SAMPLES if number < own):
-            settings = replace(self.params, transport=transport.reduced(spp))
+            few, root = transport.reduced(spp), self.params.seed
             light = self._timed(
-                f"transport_{spp}", partial(compute_transport, self.scene, self.view, settings)
+                f"transport_{spp}", partial(compute_transport, self.scene, self.view, few, root)
             )
             given = self.example.having(**images_of("transport", light))
             self._measure("radiosity", spp, tonemap(given["transport_color"], exposure))
@@ -288,9 +291,10 @@ class ViewBenchmark:
 
         Light transport has made their guides and light plan.
         """
-        prepared = prepared_for(self.scene, self.view, self.params)
+        truth, root = self.params.groundtruth, self.params.seed
+        prepared = prepared_for(self.scene, self.view, root)
         for spp in HYBRID_SAMPLES:
-            trace = partial(trace_samples, self.scene, self.view, self.params, spp, prepared)
+            trace = partial(trace_samples, self.scene, self.view, truth, root, spp, prepared)
             noisy = self._timed(f"samples_{spp}", trace)
             given = self.example.having(
                 **images_of("noisy", noisy), noisy_spp=np.array(spp, np.float32)
@@ -301,11 +305,11 @@ class ViewBenchmark:
     def _renderer_turn(self, samples: list[int]) -> None:
         scene, view, params = self.scene, self.view, self.params
         albedo, normal = self._timed("guides", lambda: sample_guides(scene, view))
-        renderers: dict[str, Callable[[Params], Channels]] = {"mitsuba": self._plain}
+        renderers: dict[str, Callable[[GroundTruthParams], Channels]] = {"mitsuba": self._plain}
         if truth_settings(params)["color"].joint:
             renderers["planned"] = self._planned
         for spp in samples:
-            settings = with_samples(params, spp, denoise=False)
+            settings = with_samples(params.groundtruth, spp, denoise=False)
             for name, draw in renderers.items():
                 image = self._timed(f"{name}_{spp}", partial(draw, settings))
                 clean = self._timed("denoiser", partial(denoise, image, albedo, normal))
@@ -319,7 +323,7 @@ class ViewBenchmark:
         return render_illumination(self.scene, self.view, self.params.illumination)
 
     def _transport(self) -> Channels:
-        return compute_transport(self.scene, self.view, self.params)
+        return compute_transport(self.scene, self.view, self.params.transport, self.params.seed)
 
     def _materials_taken(self) -> bool:
         return any(card.training.get("materials") for card in self.networks.cards.values())
@@ -329,13 +333,13 @@ class ViewBenchmark:
         materials = INPUTS["materials"].columns if self._materials_taken() else ()
         return surfaces_seen(self.scene, self.view, materials)
 
-    def _plain(self, settings: Params) -> Channels:
+    def _plain(self, truth: GroundTruthParams) -> Channels:
         """Render colour with Mitsuba's path integrator."""
-        return render_truth(self.scene.neutral(None), self.view, settings.groundtruth, self.seed)[0]
+        return render_truth(self.scene.neutral(None), self.view, truth, self.seed)[0]
 
-    def _planned(self, settings: Params) -> Channels:
+    def _planned(self, truth: GroundTruthParams) -> Channels:
         """Render colour alone with the dataset's emitter sampling and path guiding."""
-        return render_color(self.scene, self.view, settings.groundtruth, self.seed)[0]
+        return render_color(self.scene, self.view, truth, self.seed)[0]
 
     def _displayed(self, image: Channels) -> AnyArray:
         """Return display values under the exposure of the ground truth."""

@@ -57,7 +57,8 @@ class TrialRequest:
         def log(line: str) -> None:
             click.echo(line, err=True)
 
-        result, target = run_and_summarise(study, self.params, self.folders, trials, log, notes)
+        seed = self.params.seed
+        result, target = run_and_summarise(study, seed, self.folders, trials, log, notes)
         for line in result_lines(result):
             click.echo(line)
         click.echo(f"{target}, {target.with_suffix('.png')}: shown by pbrnet report")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pbrnet.model.data.reader import Dataset
-from pbrnet.model.settings import StageTrainParams
+from pbrnet.model.settings import StageTrainParams, TrainParams
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import build, plain
@@ -109,7 +109,7 @@ def plan(study: TrialStudy, params: Params, folders: Folders, config: TrialConfi
     plans = dataset.plans()
     trials = []
     for repeat in range(config.seeds):
-        seed = seed_of(params, repeat)
+        seed = seed_of(params.seed, repeat)
         seen: set[tuple[str, ...]] = set()
         for requested in _sizes(study, config, total):
             scenes = subset(counts, plans, total if requested is None else requested, seed)
@@ -119,14 +119,15 @@ def plan(study: TrialStudy, params: Params, folders: Folders, config: TrialConfi
             views = sum(counts[scene] for scene in scenes)
             for variant in study.variants:
                 own = changed(replace(params, seed=seed), variant.changes)
-                own = scheduled(own, variant, config.steps, total)
+                train = scheduled(own.train, variant, config.steps, total)
+                own = replace(own, train=train)
                 trials.append(Trial(variant, repeat, own, scenes, views, requested))
     return trials
 
 
-def seed_of(params: Params, repeat: int) -> int:
+def seed_of(seed: int, repeat: int) -> int:
     """Return the seed of a repeat: the parameters' own for 0, derived from it for others."""
-    return params.seed if repeat == 0 else derive32(params.seed, "study", "repeat", repeat)
+    return seed if repeat == 0 else derive32(seed, "study", "repeat", repeat)
 
 
 def subset(
@@ -187,13 +188,12 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
     return build(Params, content)
 
 
-def scheduled(params: Params, variant: Variant, steps: int | None, total: int) -> Params:
+def scheduled(train: TrainParams, variant: Variant, steps: int | None, total: int) -> TrainParams:
     """Return the parameters with the steps of a trial, independent of its number of views.
 
     Each stage gets the steps of the parameters for `total` views, or `steps`; a network that
     replaces both stages gets as many as both together.
     """
-    train = params.train
     per_pass = math.ceil(total / train.batch)
     both = {
         name: steps or stage.epochs * (stage.steps_per_epoch or per_pass)
@@ -205,4 +205,4 @@ def scheduled(params: Params, variant: Variant, steps: int | None, total: int) -
         epochs = max(number for number in range(1, EPOCHS + 1) if count % number == 0)
         stage = getattr(train, name)
         changes[name] = replace(stage, epochs=epochs, steps_per_epoch=count // epochs)
-    return replace(params, train=replace(train, **changes))
+    return replace(train, **changes)

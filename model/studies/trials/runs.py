@@ -19,7 +19,7 @@ from pbrnet.model.data.reader import Dataset, subset_fingerprint
 from pbrnet.model.evaluation.evaluate import refuse_leaks
 from pbrnet.model.evaluation.metrics import find_lpips
 from pbrnet.model.methods import METHODS, columns_of
-from pbrnet.model.settings import StageTrainParams
+from pbrnet.model.settings import StageTrainParams, TrainParams
 from pbrnet.model.studies.trials.plan import Trial, TrialStudy
 from pbrnet.model.studies.trials.scores import (
     ViewScores,
@@ -30,7 +30,6 @@ from pbrnet.model.studies.trials.scores import (
 from pbrnet.model.training.backbone import BackboneCard
 from pbrnet.model.training.store import ModelCard, load_model
 from pbrnet.model.training.train import Folders, train_network
-from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, read_json, sweep, write_json
@@ -135,7 +134,7 @@ class _Fingerprints:
         shared = {
             name: value
             for name, value in plain(params.train).items()
-            if name not in unused and not _is_stage(params, name)
+            if name not in unused and not _is_stage(params.train, name)
         }
         stages = {name: plain(getattr(params.train, name)) for name in trial.variant.networks}
         # Networks of their first form have none: trials made before revisions counted stay valid.
@@ -223,8 +222,8 @@ def _cards(trial: Trial, folder: Path) -> dict[str, ModelCard]:
     return {name: load_model(folder / f"{name}.safetensors")[1] for name in trial.variant.networks}
 
 
-def _is_stage(params: Params, name: str) -> bool:
-    return isinstance(getattr(params.train, name), StageTrainParams)
+def _is_stage(params: TrainParams, name: str) -> bool:
+    return isinstance(getattr(params, name), StageTrainParams)
 
 
 def _pace(network: str, study: TrialStudy, folders: Folders) -> float | None:

@@ -15,7 +15,6 @@ from pbrnet.model.studies.trials.results import TrialsResult, TrialsRow
 from pbrnet.model.studies.trials.runs import SHEET_VIEWS, Log, TrialRecord, folder_of, run
 from pbrnet.model.studies.trials.scores import ViewScores, figures, picture_views, sheet
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.params import Params
 from pbrnet.scenes.files import read_json
 
 UNTRAINED = ("truth", "ceiling", "denoised")  # methods without a network
@@ -34,7 +33,7 @@ class _Measured:
 
 def run_and_summarise(
     study: TrialStudy,
-    params: Params,
+    seed: int,
     folders: Folders,
     trials: Sequence[Trial],
     log: Log,
@@ -46,7 +45,7 @@ def run_and_summarise(
     is written.
     """
     records = run(study, trials, folders, log)
-    result = summarise(study, params, folders, trials, records, notes)
+    result = summarise(study, seed, folders, trials, records, notes)
     target = result_path(folders.metrics, study.name)
     write_result(target, result, _sheet(study, folders, trials))
     return result, target
@@ -54,7 +53,7 @@ def run_and_summarise(
 
 def summarise(
     study: TrialStudy,
-    params: Params,
+    seed: int,
     folders: Folders,
     trials: Sequence[Trial],
     records: Sequence[TrialRecord],
@@ -73,13 +72,13 @@ def summarise(
                 group=one.group,
                 views=mean(trial.views for trial in one.trials) if trained else None,
                 steps=_steps(one.trials[0], one.method) if trained else None,
-                metrics=figures(one.scores, other, params.seed, study.name),
+                metrics=figures(one.scores, other, seed, study.name),
             )
         )
     views = {(row.scene_id, row.view_id) for row in measured[0].scores[0]}
     return TrialsResult(
         study=study.name,
-        seed=params.seed,
+        seed=seed,
         repeats=len({trial.repeat for trial in trials}),
         split=trials[0].params.evaluate.split,
         views=len(views),

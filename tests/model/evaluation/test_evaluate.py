@@ -150,8 +150,8 @@ def test_packed_networks_are_measured_without_the_first_stages(tmp_path: Path) -
     assert set(result["timing"]) == {"plus", "hybrid"}
     drawn = {path.stem.split("--")[-1] for path in (folders.metrics / "examples").iterdir()}
     assert drawn == {"prediction", "hybrid", "error"}
-    assert summary(Params(), folders)["networks"].keys() == {"plus", "hybrid"}
-    assert sheet(Params(), folders, ["plus", "denoised"], 2)[:4] == b"\x89PNG"
+    assert summary(folders, 0)["networks"].keys() == {"plus", "hybrid"}
+    assert sheet("test", ToneParams(), folders, ["plus", "denoised"], 2)[:4] == b"\x89PNG"
 
 
 def test_networks_whose_inputs_a_dataset_lacks_are_left_out_by_name(tmp_path: Path) -> None:

@@ -219,7 +219,7 @@ def test_medians_of_turns_and_means_of_views() -> None:
 
 def test_samples_of_a_rung_fit_into_blocks() -> None:
     for spp in (1, 2, 3, 7, 16, 24, 1024):
-        truth = with_samples(PARAMS, spp, denoise=False).groundtruth
+        truth = with_samples(PARAMS.groundtruth, spp, denoise=False)
         assert truth.spp == spp and spp % truth.block_spp == 0 and truth.noise == 0
 
 

@@ -84,7 +84,7 @@ def run_all(
     study: TrialStudy, params: Params, folders: Folders, config: TrialConfig, log: Log = silent
 ) -> None:
     """Plan and run a study."""
-    run_and_summarise(study, params, folders, plan(study, params, folders, config), log)
+    run_and_summarise(study, params.seed, folders, plan(study, params, folders, config), log)
 
 
 # Training scenes
@@ -155,7 +155,7 @@ def test_trials_differ_in_what_is_compared_and_in_nothing_else(folders: Folders)
 
 
 def test_one_network_gets_the_steps_of_both_whatever_the_views(folders: Folders) -> None:
-    study = decomposition_study(PARAMS)
+    study = decomposition_study(PARAMS.train.shading)
     trials = plan(study, PARAMS, folders, TrialConfig(views=(2, 12)))
     assert {trial.requested_views for trial in trials} == {2, 12}
     for trial in trials:
@@ -170,7 +170,7 @@ def test_one_network_gets_the_steps_of_both_whatever_the_views(folders: Folders)
 def test_the_decomposition_compares_the_same_layers() -> None:
     wide = replace(PARAMS.train.composition, width=9, levels=2)
     params = replace(PARAMS, train=replace(PARAMS.train, composition=wide))
-    changes = decomposition_study(params).variants[0].changes
+    changes = decomposition_study(params.train.shading).variants[0].changes
     sizes = {
         name: (changes[f"train.{name}.width"], changes[f"train.{name}.levels"])
         for name in ("composition", "end_to_end", "unet")
@@ -187,14 +187,16 @@ def test_the_decomposition_compares_the_same_layers() -> None:
 
 
 def test_sizes_that_come_to_the_same_scenes_are_trained_once(folders: Folders) -> None:
-    trials = plan(decomposition_study(PARAMS), PARAMS, folders, TrialConfig(views=(11, 12)))
+    study = decomposition_study(PARAMS.train.shading)
+    trials = plan(study, PARAMS, folders, TrialConfig(views=(11, 12)))
     assert {trial.views for trial in trials} == {12} and len(trials) == 3
 
 
 @pytest.mark.parametrize("views", [0, 13])
 def test_more_views_than_there_are_cannot_be_asked_for(folders: Folders, views: int) -> None:
+    study = decomposition_study(PARAMS.train.shading)
     with pytest.raises(ParameterError, match=rf"--views: {views} is not allowed; .* 12 views"):
-        plan(decomposition_study(PARAMS), PARAMS, folders, TrialConfig(views=(views,)))
+        plan(study, PARAMS, folders, TrialConfig(views=(views,)))
 
 
 # Training on colour only

@@ -229,7 +229,7 @@ def test_mirrored_views_are_seen_only_where_flips_are_on(workplace: Workplace) -
     seen = {True: 0, False: 0}
     for flips in (True, False):
         params = replace(PARAMS, train=replace(PARAMS.train, flips=flips))
-        batches = batches_from(dataset, params, 0)
+        batches = batches_from(dataset, params.train, params.seed, 0)
         for _ in range(40):
             example = next(batches)[0]
             seen[flips] += not np.array_equal(example["depth"], originals[example.name]["depth"])

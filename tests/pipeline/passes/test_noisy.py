@@ -43,6 +43,7 @@ PARAMS = pbrs_params(
     groundtruth=plain_truth(spp=4, block_spp=2, max_depth=3),
     noisy=NoisyParams(spp=2),
 )
+TRACE = noisy_trace(PARAMS.groundtruth, PARAMS.noisy.spp)
 WITHOUT = replace(PARAMS, noisy=NoisyParams())
 SHADING = ("shading.R", "shading.G", "shading.B")
 IMAGES = {
@@ -112,7 +113,7 @@ def halves(channels: Channels) -> tuple[np.ndarray, np.ndarray]:
 def test_half_of_the_samples_tells_the_noise_of_all(room: tuple[RenderScene, View]) -> None:
     """Two halves a and b: whole - half is (b - a) / 2, whose variance is that of the whole."""
     seeds = range(12)
-    apart = [halves(render_samples(*room, noisy_trace(PARAMS), seed)) for seed in seeds]
+    apart = [halves(render_samples(*room, TRACE, seed)) for seed in seeds]
     wholes = np.stack([whole for _, whole in apart])
     told = np.mean([(whole - half) ** 2 for half, whole in apart])
     assert told == pytest.approx(wholes.var(axis=0, ddof=1).mean(), rel=0.35)
@@ -128,7 +129,7 @@ def test_samples_for_a_picture_are_those_of_colour_alone(
         patch.setattr(
             "pbrnet.pipeline.passes.truth.render_both", lambda *_: pytest.fail("traces shading")
         )
-        picture = render_samples(*room, noisy_trace(PARAMS), 3)
+        picture = render_samples(*room, TRACE, 3)
     shading = {*IMAGES["noisy_shading"], *IMAGES["denoised_shading"]}
     assert set(frame) - set(picture) == shading
     assert all(values.shape == frame[name].shape for name, values in picture.items())
@@ -138,7 +139,7 @@ def test_samples_for_a_picture_are_those_of_colour_alone(
             [np.mean([channels[band].mean() for band in "RGB"]) for channels in (ours, theirs)]
             for ours, theirs in (
                 (
-                    render_samples(*room, noisy_trace(many), seed),
+                    render_samples(*room, noisy_trace(many.groundtruth, many.noisy.spp), seed),
                     render(["noisy"], *room, many, 50 + seed)["noisy"][0],
                 )
                 for seed in range(12)

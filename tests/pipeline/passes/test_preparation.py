@@ -27,6 +27,7 @@ PARAMS = pbrs_params(
     noisy=NoisyParams(spp=2),
     transport=TransportParams(samples=4, surfels=2000),
 )
+TRACE = noisy_trace(PARAMS.groundtruth, PARAMS.noisy.spp)
 LAMP = quad("lamp", (0.5, 0.5, 2.4), (0, 0, -1), (0.2, 0.2), glow(20), (0.0, 1.0, 0.0))
 
 
@@ -44,12 +45,12 @@ def test_pictures_of_a_prepared_view_are_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     room = opened(tmp_path / "a", LAMP)
-    samples = render_samples(*room, noisy_trace(PARAMS), 3)
+    samples = render_samples(*room, TRACE, 3)
     transport = render_transport(*room, PARAMS.transport, 3)[0]
     prepared = prepare(*room, 3)
     assert isinstance(prepared.lights, PlannedLights)
     monkeypatch.setattr(groundtruth, "plan_lights", lambda *_: pytest.fail("plans again"))
-    assert equal(render_samples(*room, noisy_trace(PARAMS), 3, prepared), samples)
+    assert equal(render_samples(*room, TRACE, 3, prepared), samples)
     assert equal(render_transport(*room, PARAMS.transport, 3, prepared)[0], transport)
     assert np.concatenate([samples[band] for band in "RGB"]).any()
 
@@ -59,9 +60,10 @@ def test_samples_of_uniform_lights_take_the_guides_alone(tmp_path: Path) -> None
     uniform = pbrs_params(
         groundtruth=plain_truth(max_depth=3, lights="uniform"), noisy=NoisyParams(spp=2)
     )
-    known = render_samples(*room, noisy_trace(uniform), 3)
-    assert equal(render_samples(*room, noisy_trace(uniform), 3, prepare(*room, 4)), known)
-    assert not equal(render_samples(*room, noisy_trace(PARAMS), 3, prepare(*room, 4)), known)
+    trace = noisy_trace(uniform.groundtruth, uniform.noisy.spp)
+    known = render_samples(*room, trace, 3)
+    assert equal(render_samples(*room, trace, 3, prepare(*room, 4)), known)
+    assert not equal(render_samples(*room, TRACE, 3, prepare(*room, 4)), known)
 
 
 def test_nothing_is_planned_without_lights_or_in_a_scalar_variant(
