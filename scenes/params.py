@@ -79,6 +79,11 @@ class SceneParams:
     import_seconds: float = param(900.0, "time after which an import is stopped", within(0.1, 1e6))
     import_memory: float = param(16.0, "GiB, likewise", within(0.25, 1e5))
 
+    @property
+    def most_scenes(self) -> int:
+        """Homes and imports with all their variants, if none fails."""
+        return (self.homes + self.furnished_homes + len(self.imports)) * self.variants
+
     def verify(self, where: str) -> None:
         """Checks across fields; raises ValueError."""
         if self.rooms_min > self.rooms_max:

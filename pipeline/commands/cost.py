@@ -106,9 +106,7 @@ def cost(
     costs = [cost for cost in costs if cost.stage not in left_out]
     each = params.cameras.most_views
     if scenes is None:
-        wanted = params.scenes
-        made = (wanted.homes + wanted.furnished_homes) * wanted.variants + len(wanted.imports)
-        scenes = made if views is None else math.ceil(views / each)
+        scenes = params.scenes.most_scenes if views is None else math.ceil(views / each)
     if not scenes:
         raise ParameterError("the parameters contain no scenes; give their number with --scenes")
     views = views or scenes * each

@@ -10,11 +10,12 @@ import click
 
 from pbrnet.pipeline.commands.data import summary_lines
 from pbrnet.pipeline.commands.options import common_options, farm_options
+from pbrnet.pipeline.commands.start import say_start
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.frame_stage import run_frames
+from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.scenes.errors import PbrnetError
@@ -56,9 +57,12 @@ lists the views. The same command again keeps what is up to date and tries the r
 def run(params: Params, data: Path, scheduler: str | None, until: str) -> None:
     """Run all stages from assets to the dataset once, for one parameter file and data folder.
 
-    Prints a summary of each stage. `dvc repro` does the same in the project's own data folder, and
-    trains and evaluates the networks, too.
+    Says on stderr what matters of the run, then prints a summary of each stage. `dvc repro` does
+    the same in the project's own data folder, and trains and evaluates the networks, too.
     """
+    names = list(STAGES)[: list(STAGES).index(until) + 1]
+    kinds = {kind for name in names for kind in FRAME_STAGES.get(name, (name,))}
+    say_start(params, data, scheduler, kinds)
     failed: list[str] = []
     for number, (name, stage) in enumerate(STAGES.items(), 1):
         click.echo(f"[{number}/{len(STAGES)}] {name}")

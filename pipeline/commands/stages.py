@@ -7,10 +7,11 @@ from pathlib import Path
 import click
 
 from pbrnet.pipeline.commands.options import common_options, farm_options
+from pbrnet.pipeline.commands.start import say_start
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.frame_stage import run_frames
+from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
 from pbrnet.pipeline.stages.runner import Summary
 from pbrnet.pipeline.stages.scenes import run_scenes
 
@@ -59,68 +60,67 @@ Examples:
 @common_options
 def cameras(params: Params, data: Path, scheduler: str | None) -> None:
     """Sample views that see much furniture; prints why other candidates were rejected."""
+    say_start(params, data, scheduler, ("cameras",))
     _print_summary(run_cameras(data, params, scheduler))
 
 
-@click.command(epilog="Example:  pbrnet inputs --workers 4")
-@farm_options
-@common_options
-def inputs(params: Params, data: Path, scheduler: str | None) -> None:
+def _frame_command(stage: str, epilog: str, text: str) -> click.Command:
+    """Return the command that renders the frames of a stage; `text` is its help."""
+
+    @click.command(stage, help=text, epilog=epilog)
+    @farm_options
+    @common_options
+    def command(params: Params, data: Path, scheduler: str | None) -> None:
+        say_start(params, data, scheduler, FRAME_STAGES[stage])
+        _print_summary(run_frames(stage, data, params, scheduler))
+
+    return command
+
+
+inputs = _frame_command(
+    "inputs",
+    "Example:  pbrnet inputs --workers 4",
     """Render depth, normals, reflectance, valid mask and object ids of every view.
 
     With channels also renders materials (roughness, metalness and so on) and labels.
-    """
-    _print_summary(run_frames("inputs", data, params, scheduler))
-
-
-@click.command(epilog="Example:  pbrnet illumination --workers 4")
-@farm_options
-@common_options
-def illumination(params: Params, data: Path, scheduler: str | None) -> None:
+    """,
+)
+illumination = _frame_command(
+    "illumination",
+    "Example:  pbrnet illumination --workers 4",
     """Render a panorama of the light sources visible from each camera.
 
     With illumination.shadow_rays also renders how much of their light reaches each pixel.
-    """
-    _print_summary(run_frames("illumination", data, params, scheduler))
-
-
-@click.command(
-    epilog="""\b
+    """,
+)
+groundtruth = _frame_command(
+    "groundtruth",
+    """\b
 Examples:
   pbrnet groundtruth
-  pbrnet groundtruth --scheduler tcp://head:8786"""
-)
-@farm_options
-@common_options
-def groundtruth(params: Params, data: Path, scheduler: str | None) -> None:
+  pbrnet groundtruth --scheduler tcp://head:8786""",
     """Path-trace textureless shading and full colour of every view, both from one trace.
 
     With channels also the parts of the light, and a panorama of all that the camera position sees.
     Frames that are up to date are kept, so an interrupted run resumes where it stopped.
-    """
-    _print_summary(run_frames("groundtruth", data, params, scheduler))
-
-
-@click.command(epilog="Example:  pbrnet shading --workers 4")
-@farm_options
-@common_options
-def shading(params: Params, data: Path, scheduler: str | None) -> None:
+    """,
+)
+shading = _frame_command(
+    "shading",
+    "Example:  pbrnet shading --workers 4",
     """Path-trace only the textureless shading of every view.
 
     'pbrnet groundtruth' renders shading and colour from one trace, at the cost of one of them.
-    """
-    _print_summary(run_frames("shading", data, params, scheduler))
-
-
-@click.command(epilog="Example:  pbrnet color --workers 4")
-@farm_options
-@common_options
-def color(params: Params, data: Path, scheduler: str | None) -> None:
+    """,
+)
+color = _frame_command(
+    "color",
+    "Example:  pbrnet color --workers 4",
     """Path-trace only the full colour of every view.
 
     'pbrnet groundtruth' renders shading and colour from one trace, at the cost of one of them.
-    """
-    _print_summary(run_frames("color", data, params, scheduler))
+    """,
+)
 
 
 def _print_summary(summary: Summary) -> None:

@@ -96,10 +96,18 @@ def fit_costs(ledger: pa.Table) -> tuple[list[StageCost], dict[str, HeldOut]]:
     Raises `InputError` if the ledger has no rows of the ground truth.
     """
     stages, scenes = _measured(ledger)
-    costs = [
+    return _costs(stages), _held_out(stages, scenes)
+
+
+def stage_costs(ledger: pa.Table) -> list[StageCost]:
+    """Fit the cost of every stage as `fit_costs` does, without its errors."""
+    return _costs(_measured(ledger)[0])
+
+
+def _costs(stages: Mapping[str, Measured]) -> list[StageCost]:
+    return [
         StageCost(stage, *_fit(stage, rows), len(rows.seconds)) for stage, rows in stages.items()
     ]
-    return costs, _held_out(stages, scenes)
 
 
 def samples_of(stage: str, params: Params) -> float:

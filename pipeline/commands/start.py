@@ -1,0 +1,107 @@
+"""What a rendering command says at its start: images, samples, views, time and workers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection
+from pathlib import Path
+
+import click
+from dask.system import cpu_count
+
+from pbrnet.pipeline.costs.forecast import SCENE_STAGES, samples_of, stage_costs
+from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.farm.settings import FarmParams
+from pbrnet.pipeline.frames import kinds_of
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.settings import GroundTruthParams
+from pbrnet.pipeline.views import load_cameras
+from pbrnet.scenes.errors import InputError
+
+_TRUTHS = {"shading", "color", "light"}  # of one trace, which the forecast calls "truth"
+
+
+def say_start(
+    params: Params, data: Path, scheduler: str | None, stages: Collection[str] = ()
+) -> None:
+    """Print on stderr what matters of a run that is about to start; see `start_lines`."""
+    for line in start_lines(params, data, scheduler, stages):
+        click.echo(line, err=True)
+
+
+def start_lines(
+    params: Params, data: Path, scheduler: str | None, stages: Collection[str] = ()
+) -> list[str]:
+    """Return lines about images, samples, views, time and workers of a run.
+
+    `stages`: the kinds of frames that are made, and `scenes` and `cameras`; all if empty. The time
+    is that of all views, also of those that are up to date; it is left out without a ledger.
+    """
+    kinds = kinds_of(params)
+    wanted = {*SCENE_STAGES, *kinds} if not stages else {*stages} & {*SCENE_STAGES, *kinds}
+    image = params.image
+    lines = [
+        f"images: {image.width}x{image.height}, framing {params.cameras.framing}, "
+        f"channels {', '.join(params.channels)}"
+    ]
+    if wanted & _TRUTHS:
+        lines.append(f"samples: {_samples(params.groundtruth)}")
+    scenes, views = _counted(data)
+    words = f"{views:,} of {scenes:,} scenes" if views else ""
+    if not views:
+        scenes = params.scenes.most_scenes
+        views = scenes * params.cameras.most_views
+        words = f"at most {views:,} of {scenes:,} scenes" if scenes else ""
+    lines += [f"views: {words}"] if words else []
+    seconds = _seconds(params, data, wanted, scenes, views)
+    workers = _workers(params.farm, scheduler)
+    if seconds:
+        lines.append(f"time: about {_span(seconds)} of one core for all views, by the ledger")
+    return [*lines, f"workers: {workers}"]
+
+
+def _samples(truth: GroundTruthParams) -> str:
+    """Describe the samples per pixel of the ground truth, and its denoiser."""
+    words = [f"{truth.spp} per pixel"]
+    if truth.noise:
+        words = [f"{truth.min_spp} to {truth.spp} per pixel, until the noise is {truth.noise:g}"]
+    if truth.train_spp:
+        words.append(f"{truth.train_spp} in training and validation views")
+    words.append("not denoised" if truth.denoise == "none" else f"denoised by {truth.denoise}")
+    return ", ".join(words)
+
+
+def _counted(data: Path) -> tuple[int, int]:
+    """Return the numbers of scenes with cameras, and of their views; 0 where none can be read."""
+    files = sorted((data / "cameras").glob("*.json"))
+    try:
+        return len(files), sum(len(load_cameras(file).views) for file in files)
+    except InputError:  # the stage will say so
+        return 0, 0
+
+
+def _seconds(
+    params: Params, data: Path, wanted: Collection[str], scenes: int, views: int
+) -> float | None:
+    """Return the core-seconds that the ledger lets expect; None if it does not tell."""
+    try:
+        costs = stage_costs(read_ledger(data))
+    except InputError:
+        return None
+    asked = {"truth" if kind in _TRUTHS else kind for kind in wanted}
+    known = [cost for cost in costs if cost.stage in asked]
+    found = [cost.total(scenes, views, samples_of(cost.stage, params)) for cost in known]
+    return sum(found) if found else None
+
+
+def _workers(params: FarmParams, scheduler: str | None) -> str:
+    address = scheduler or os.environ.get("DASK_SCHEDULER_ADDRESS")
+    if address:
+        return f"those of the dask scheduler {address}"
+    return f"up to {params.workers or cpu_count()} on this machine"
+
+
+def _span(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} seconds"
+    return f"{seconds / 60:.0f} minutes" if seconds < 5400 else f"{seconds / 3600:,.1f} hours"

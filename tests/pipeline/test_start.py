@@ -1,0 +1,94 @@
+"""What a rendering command says before it starts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.commands.start import start_lines
+from pbrnet.pipeline.costs.ledger import Ledger
+from pbrnet.pipeline.inspection.one_view import view_at
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.settings import GroundTruthParams
+from pbrnet.pipeline.views import CameraFile, save_cameras
+from pbrnet.scenes.params import SceneParams
+
+
+@pytest.fixture(autouse=True)
+def no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DASK_SCHEDULER_ADDRESS", raising=False)
+
+
+def test_a_run_says_what_matters(tmp_path: Path) -> None:
+    params = Params(scenes=SceneParams(homes=3, variants=2))
+    params = replace(params, farm=replace(params.farm, workers=4))
+    assert start_lines(params, tmp_path, None) == [
+        "images: 160x120, framing photograph, channels paper",
+        "samples: 16 per pixel, denoised by oidn",
+        "views: at most 30 of 6 scenes",
+        "workers: up to 4 on this machine",
+    ]
+    assert start_lines(params, tmp_path, "tcp://head:8786")[-1] == (
+        "workers: those of the dask scheduler tcp://head:8786"
+    )
+
+
+@pytest.mark.parametrize(
+    ("truth", "said"),
+    [
+        (GroundTruthParams(64, denoise="none"), "64 per pixel, not denoised"),
+        (
+            GroundTruthParams(64, noise=0.02, train_spp=8),
+            "16 to 64 per pixel, until the noise is 0.02, "
+            "8 in training and validation views, denoised by oidn",
+        ),
+    ],
+)
+def test_samples_and_denoiser_are_said(tmp_path: Path, truth: GroundTruthParams, said: str) -> None:
+    params = Params(groundtruth=truth)
+    assert f"samples: {said}" in start_lines(params, tmp_path, None)
+    assert not any("samples" in line for line in start_lines(params, tmp_path, None, ("inputs",)))
+
+
+def test_the_ledger_tells_the_time(tmp_path: Path) -> None:
+    """Two scenes of one view took 600 s each: so do the sixteen of the parameters."""
+    ledger = Ledger(tmp_path)
+    for scene in ("one", "two"):
+        for stage in ("shading", "color"):
+            ledger.add(
+                (stage, scene, "0"),
+                seconds=300.0,
+                threads=1,
+                first=False,
+                width=160,
+                height=120,
+                spp=16,
+            )
+    ledger.save()
+    params = Params(scenes=SceneParams(homes=16))
+    params = replace(params, cameras=replace(params.cameras, views_per_scene=1))
+    expected = "time: about 2.7 hours of one core for all views, by the ledger"
+    assert expected in start_lines(params, tmp_path, None, ("shading", "color"))
+    assert not any("time" in line for line in start_lines(params, tmp_path, None, ("inputs",)))
+
+
+def test_views_are_counted_where_cameras_are_there(tmp_path: Path) -> None:
+    views = tuple(view_at((0, 0, 1), (1, 0, 1), name=name) for name in ("a", "b"))
+    save_cameras(tmp_path / "cameras" / "one.json", CameraFile("one", views))
+    assert "views: 2 of 1 scenes" in start_lines(Params(), tmp_path, None)
+    (tmp_path / "cameras" / "two.json").write_text("broken")
+    assert any("views: at most" in line for line in start_lines(Params(), tmp_path, None))
+
+
+def test_it_is_said_on_stderr_before_anything_is_made(tmp_path: Path) -> None:
+    (tmp_path / "params.yaml").write_text("scenes: {homes: 0}\n")
+    runner = CliRunner()
+    given = ["--params", str(tmp_path / "params.yaml"), "--data", str(tmp_path / "data")]
+    for name in ("run", "cameras", "inputs", "groundtruth"):
+        result = runner.invoke(cli, [name, *given])
+        assert result.exit_code, name
+        assert "images: 160x120" in result.stderr and "images:" not in result.stdout, name
