@@ -195,7 +195,7 @@ def test_what_is_done_is_not_done_again(
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("rendered again")
 
-    monkeypatch.setattr(study, "render_truths", refuse)
+    monkeypatch.setattr(study, "render", refuse)
     shutil.rmtree(folders.data / "studies")  # frames may be deleted
     steps = stop_at(monkeypatch, 10**9)
     code, studies = run(folders)
@@ -216,13 +216,13 @@ def test_a_stopped_study_renders_only_what_is_missing(
     before = {path: path.read_bytes() for path in sorted(renders.rglob("*.exr"))}
     lost.unlink()
     traced: list[str] = []
-    real: Callable[..., Any] = study.render_truths
+    real: Callable[..., Any] = study.render
 
-    def counted(scene: Any, view: Any, params: Any, seed: int) -> Any:
+    def counted(kinds: Any, scene: Any, view: Any, params: Any, seed: int) -> Any:
         traced.append(f"{view.scene_id}/{view.view_id} {params.groundtruth.spp}")
-        return real(scene, view, params, seed)
+        return real(kinds, scene, view, params, seed)
 
-    monkeypatch.setattr(study, "render_truths", counted)
+    monkeypatch.setattr(study, "render", counted)
     assert run(folders)[0] == 0
     assert traced == ["room-2/v1 4"]
     pixels = [read_frame(lost), None]

@@ -29,8 +29,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 PARAMETERS = """
 image: {width: 64, height: 48}
 farm: {batch: 2}
-cameras: {views_per_room: 4}
-groundtruth: {spp: 64, block_spp: 16, max_depth: 5}
+cameras:
+  {views_per_room: 4, views_per_scene: 8, eye_height: 1.55, eye_jitter: 0.05, pitch: [], roll: [],
+   framing: paper}
+groundtruth: {spp: 64, block_spp: 16, max_depth: 5, denoise: none}
 """
 STAGES = ("inputs", "illumination", "groundtruth", "dataset")
 RUN: dict[str, Callable[[Path, Params], object]] = {

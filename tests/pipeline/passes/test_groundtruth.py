@@ -271,9 +271,10 @@ from pathlib import Path
 from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
+from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render.scene import open_scene, render_ids, set_variant
 from pbrnet.scenes.contract import load_scene
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import make_view
 
 folder, out, variant, threads, spp = sys.argv[1:]

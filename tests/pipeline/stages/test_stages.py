@@ -431,11 +431,14 @@ def test_commands_have_examples_and_say_what_they_did(data: Path, tmp_path: Path
     yaml = tmp_path / "params.yaml"
     yaml.write_text(
         "image: {width: 48, height: 36}\n"
-        "groundtruth: {spp: 4, block_spp: 2, max_depth: 3}\n"
+        "cameras: {views_per_scene: 8, eye_height: 1.55, eye_jitter: 0.05, pitch: [], roll: [],\n"
+        "  framing: paper}\n"
+        "groundtruth: {spp: 4, block_spp: 2, max_depth: 3, denoise: none}\n"
         "scenes: {homes: 0, imports: [nothing]}\n"
         "illumination: {width: 32}\n"
     )
     assert load_params(yaml).groundtruth == PARAMS.groundtruth
+    assert load_params(yaml).cameras == PARAMS.cameras
     options = ["--params", str(yaml), "--data", str(data), "--workers", "1"]
     for command, line in (
         (stages.cameras, "cameras: 0 made, 2 kept"),

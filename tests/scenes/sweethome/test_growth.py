@@ -13,11 +13,11 @@ from shapely.geometry.base import BaseGeometry
 from pbrnet.scenes.geometry.regions import difference, union
 from pbrnet.scenes.importing import writer
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome import pieces
 from pbrnet.scenes.sweethome.building import spaces
 from pbrnet.scenes.sweethome.building.levels import storeys
 from pbrnet.scenes.sweethome.building.openings import Opening, opening_of
 from pbrnet.scenes.sweethome.building.walls import build_walls, plan_walls
-from pbrnet.scenes.sweethome.furnishing import pieces
 from pbrnet.scenes.sweethome.reader import read_home
 from tests.fixtures import sweethome as draw
 
