@@ -1,26 +1,24 @@
-"""Registry of methods: networks, their inputs, objectives, optimisers and titles.
+"""Registry of methods: networks, their inputs, objectives, optimisers, sizes and titles.
 
-docs/architecture.md has the recipe for a new baseline.
+docs/architecture.md has the recipe for a new baseline. Networks and objectives are named as
+"module:class" and imported when they are used: parameters, titles and help texts need no torch.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from torch import nn
+from pbrnet.scenes.checked import imported
 
-from pbrnet.model.baselines import can, cyclegan, end_to_end, pix2pix, unet
-from pbrnet.model.data.encoding import PAPER_INPUTS, input_columns, input_named
-from pbrnet.model.data.reader import NOISY_SPP
-from pbrnet.model.networks import hybrid, plus
-from pbrnet.model.networks.objective import ExposedLoss, Objective, PairedLoss, Setting, Target
-from pbrnet.model.networks.pbrnet import Architecture, composition_network, shading_network
-from pbrnet.model.settings import TrainParams
-from pbrnet.scenes.errors import InputError
+Target = Literal["shading", "color"]
+PAPER_INPUTS = ("depth", "normal", "reflectance", "intensity", "distance")
+GEOMETRY = ("depth", "normal", "materials")  # inputs that all bands of plus and hybrid share
+_ENCODING = "pbrnet.model.data.encoding"
+_BASELINES, _NETWORKS = "pbrnet.model.baselines", "pbrnet.model.networks"
+_PAIRED, _EXPOSED = f"{_NETWORKS}.objective:PairedLoss", f"{_NETWORKS}.objective:ExposedLoss"
 
 
 @dataclass(frozen=True)
@@ -37,160 +35,169 @@ class Method:
     """A network and its training.
 
     `inputs` names what it takes, of `pbrnet.model.data.encoding.INPUTS` or an image column as it
-    is. `own_loss` describes a loss other than the part-perceptual one in the model card. A method
-    with `adam` has the optimiser of its paper, others the learning rate and decay of the
-    parameters.
+    is. `epochs`, `width` and `levels` are defaults of the section `train.NAME`, `note` is its
+    meaning. A method with `adam` has the optimiser of its paper, others the learning rate and decay
+    of the parameters.
     """
 
     kind: str  # of the network's `Architecture`; methods of one kind share `build`
-    build: Callable[[Architecture], nn.Module]
+    build: str  # "module:function" that makes a network of an `Architecture`
     title: str  # in tables and plots of results
     network_title: str  # in learning curves, example pictures, help texts and model cards
     inputs: tuple[str, ...] = PAPER_INPUTS
-    objective: Callable[[Setting], Objective] = PairedLoss
+    objective_class: str = _PAIRED
     target: Target = "color"
     uses_shading_net: bool = False  # takes the output of the fixed shading network
     predicts_radiance: bool = False  # in the unit of its inputs; others predict display values
-    revision: int = 1  # raised when weights of an earlier form no longer fit
     adam: Adam | None = None
-    own_loss: str = ""
+    epochs: int = 10
+    width: int = 32
+    levels: int = 5
+    note: str = ""
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns beyond the paper's that a view must have."""
-        return input_columns(self.inputs)
+        found: tuple[str, ...] = imported(f"{_ENCODING}:input_columns")(self.inputs)
+        return found
 
     @property
     def optional_inputs(self) -> tuple[str, ...]:
         """Inputs that the network is trained with where the dataset has their columns."""
+        input_named = imported(f"{_ENCODING}:input_named")
         return tuple(name for name in self.inputs if input_named(name).optional)
 
     @property
     def takes_samples(self) -> bool:
         """True for a network that takes noisy samples."""
-        return NOISY_SPP in self.columns
+        return "samples" in self.inputs
 
-    def rate(self, params: TrainParams, step: int, steps: int) -> float:
-        """Return the learning rate of a step, counted from 0, of `steps`."""
+    @property
+    def own_loss(self) -> str:
+        """Words for a loss other than the part-perceptual one, for the model card; else empty."""
+        return str(imported(self.objective_class).description)
+
+    def objective(self, setting: Any) -> Any:
+        """Build the objective for a `Setting` of `pbrnet.model.networks.objective`."""
+        return imported(self.objective_class)(setting)
+
+    def rate(self, usual: float, step: int, steps: int) -> float:
+        """Return the learning rate of a step, counted from 0, of `steps`; `usual` by default."""
         if self.adam is None:
-            return learning_rate(params, step, steps)
+            return usual
         late = max(0.0, 2 * step / steps - 1) if self.adam.decay == "halfway" else 0.0
         return self.adam.rate * (1 - late)
 
 
 METHODS: dict[str, Method] = {
     "shading": Method(
-        "shading", shading_network, "Shading network", "Shading network", target="shading"
+        "shading",
+        f"{_NETWORKS}.pbrnet:shading_network",
+        "Shading network",
+        "Shading network",
+        target="shading",
     ),
     "composition": Method(
         "composition",
-        composition_network,
+        f"{_NETWORKS}.pbrnet:composition_network",
         "Composition network",
         "Composition network",
         uses_shading_net=True,
+        epochs=6,
+        levels=3,
     ),
     "plus": Method(
         "plus",
-        plus.PlusNet,
+        f"{_NETWORKS}.plus:PlusNet",
         "PBR-Net plus: our network without samples",
         "PBR-Net plus",
-        plus.INPUTS,
-        ExposedLoss,
+        (*GEOMETRY, "reflectance", "transport", "level"),
+        _EXPOSED,
         predicts_radiance=True,
-        revision=4,
-        own_loss=ExposedLoss.description,
+        note="direct light as a further input",
     ),
     "hybrid": Method(
         "hybrid",
-        hybrid.HybridNet,
+        f"{_NETWORKS}.hybrid:HybridNet",
         "PBR-Net hybrid: a few samples a pixel, denoised, corrected by a network",
         "PBR-Net hybrid",
-        hybrid.INPUTS,
-        ExposedLoss,
+        (*GEOMETRY, "reflectance", "transport", "noisy", "samples"),
+        _EXPOSED,
         predicts_radiance=True,
-        revision=5,
-        own_loss=ExposedLoss.description,
+        width=16,
+        note="noisy samples as a further input",
     ),
-    "unet": Method("unet", unet.build, "One direct U-Net", "Direct U-Net"),
+    "unet": Method(
+        "unet",
+        f"{_BASELINES}.unet:build",
+        "One direct U-Net",
+        "Direct U-Net",
+        note="one U-Net from inputs to colour",
+    ),
     "end_to_end": Method(
         "end_to_end",
-        end_to_end.EndToEnd,
+        f"{_BASELINES}.end_to_end:EndToEnd",
         "Both networks, trained on colour alone",
         "Both networks, on colour alone",
+        note="both networks trained together, on colour alone",
     ),
-    "can": Method("can", can.CAN, "CAN, trained with our loss", "CAN, our loss"),
+    "can": Method(
+        "can", f"{_BASELINES}.can:CAN", "CAN, trained with our loss", "CAN, our loss", levels=10
+    ),
     "can_own": Method(
         "can",
-        can.CAN,
+        f"{_BASELINES}.can:CAN",
         "CAN, with its own loss: mean squares",
         "CAN, its own loss",
-        objective=can.MeanSquares,
+        objective_class=f"{_BASELINES}.can:MeanSquares",
         adam=Adam(1e-4),
-        own_loss="mean squares",
+        levels=10,
+        note="NAME_own: with its own loss",
     ),
     "pix2pix": Method(
         "pix2pix",
-        pix2pix.Generator,
+        f"{_BASELINES}.pix2pix:Generator",
         "pix2pix's generator, trained with our loss",
         "pix2pix, our loss",
+        width=64,
+        levels=7,
     ),
     "pix2pix_own": Method(
         "pix2pix",
-        pix2pix.Generator,
+        f"{_BASELINES}.pix2pix:Generator",
         "pix2pix, with its own loss: adversarial and L1",
         "pix2pix, its own loss",
-        objective=pix2pix.AdversarialObjective,
+        objective_class=f"{_BASELINES}.pix2pix:AdversarialObjective",
         adam=Adam(2e-4, (0.5, 0.999)),
-        own_loss="log loss of 70x70 patches + 100 L1",
+        width=64,
+        levels=7,
     ),
     "cyclegan": Method(
         "cyclegan",
-        cyclegan.ForwardGenerator,
+        f"{_BASELINES}.cyclegan:ForwardGenerator",
         "CycleGAN's generator, trained with our loss",
         "CycleGAN, our loss",
+        width=64,
+        levels=6,
     ),
     "cyclegan_own": Method(
         "cyclegan",
-        cyclegan.ForwardGenerator,
+        f"{_BASELINES}.cyclegan:ForwardGenerator",
         "CycleGAN, with its own loss: unpaired, adversarial and cycles",
         "CycleGAN, its own loss",
-        objective=cyclegan.CycleObjective,
+        objective_class=f"{_BASELINES}.cyclegan:CycleObjective",
         adam=Adam(2e-4, (0.5, 0.999), "halfway"),
-        own_loss="least squares of 70x70 patches + 10 cycle + 5 identity, unpaired",
+        width=64,
+        levels=6,
     ),
 }
 BASELINES = tuple(name for name in METHODS if name not in ("shading", "composition"))
-_BUILDERS = {method.kind: method.build for method in METHODS.values()}
-_REVISIONS = {method.kind: method.revision for method in METHODS.values()}
-
-
-def build_network(architecture: Architecture) -> nn.Module:
-    """Build the network of an architecture, initialised from torch's random state.
-
-    Raises `InputError` for a kind that no method has.
-    """
-    if architecture.kind not in _BUILDERS:
-        known = ", ".join(_BUILDERS)
-        raise InputError(f"no network of the kind {architecture.kind!r}; known are: {known}")
-    return _BUILDERS[architecture.kind](architecture)
-
-
-def is_current(architecture: Architecture) -> bool:
-    """Test whether the network's code still has the form that weights were trained for."""
-    return _REVISIONS.get(architecture.kind, architecture.revision) == architecture.revision
 
 
 def columns_of(methods: Iterable[str]) -> tuple[str, ...]:
     """Return the columns beyond the paper's that any of these methods needs."""
     found = [METHODS[name].columns for name in methods if name in METHODS]
     return tuple(dict.fromkeys(column for columns in found for column in columns))
-
-
-def learning_rate(params: TrainParams, step: int, steps: int) -> float:
-    """Return the learning rate of a step: constant as in the paper, or half a cosine down to 0."""
-    if params.decay == "constant":
-        return params.learning_rate
-    return params.learning_rate * 0.5 * (1 + math.cos(math.pi * step / steps))
 
 
 def trained_baselines(models: Path) -> list[str]:

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, TypeVar
 
+from pbrnet.model.methods import BASELINES, METHODS
 from pbrnet.scenes.checked import INLINE, param, within
 
-# Baselines of the comparison; `_own`: trained with the loss of its own paper.
-Baseline = Literal[
-    "plus",
-    "hybrid",
-    "unet",
-    "end_to_end",
-    "can",
-    "can_own",
-    "pix2pix",
-    "pix2pix_own",
-    "cyclegan",
-    "cyclegan_own",
-]
+if TYPE_CHECKING:
+    Baseline = str
+else:
+    # Baselines of the comparison; `_own`: trained with the loss of its own paper.
+    Baseline = Literal[BASELINES]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -60,15 +56,26 @@ class StageTrainParams:
     )
 
 
-_USUAL = StageTrainParams()
-_CAN = replace(_USUAL, levels=10)
-_PIX2PIX = replace(_USUAL, width=64, levels=7)
-_CYCLEGAN = replace(_USUAL, width=64, levels=6)
+def _with_baselines(cls: type[T]) -> type[T]:
+    """Add to `TrainParams` a section for each baseline, with the sizes in `METHODS`."""
+    for name in BASELINES:
+        cls.__annotations__[name] = "StageTrainParams"
+        setattr(cls, name, param(_sizes(name), METHODS[name].note, INLINE))
+    return cls
+
+
+def _sizes(name: str) -> StageTrainParams:
+    method = METHODS[name]
+    return StageTrainParams(epochs=method.epochs, width=method.width, levels=method.levels)
 
 
 @dataclass(frozen=True)
+@_with_baselines
 class TrainParams:
-    """Two-stage training: the shading network, then fixed, the composition network."""
+    """Two-stage training: the shading network, then fixed, the composition network.
+
+    Each baseline has a section of its name, too: `plus`, `unet` and so on.
+    """
 
     learning_rate: float = param(
         0.0006, "the paper: 0.0001, constant, for 280,000 steps", within(above=0)
@@ -82,25 +89,11 @@ class TrainParams:
     panorama: Literal["resize", "normal"] = param("normal", "or resize; see docs/networks.md")
     checkpoint_steps: int = param(500, "steps between checkpoints", within(1))
     loss: LossParams = param(LossParams(), "part-perceptual")
-    shading: StageTrainParams = param(_USUAL)
-    composition: StageTrainParams = param(replace(_USUAL, epochs=6, levels=3))
+    shading: StageTrainParams = param(_sizes("shading"))
+    composition: StageTrainParams = param(_sizes("composition"))
     baselines: tuple[Baseline, ...] = param(
         ("unet",), "that are trained and measured; hybrid needs noisy.spp"
     )
-    plus: StageTrainParams = param(_USUAL, "direct light as a further input", INLINE)
-    hybrid: StageTrainParams = param(
-        replace(_USUAL, width=16), "noisy samples as a further input", INLINE
-    )
-    unet: StageTrainParams = param(_USUAL, "one U-Net from inputs to colour", INLINE)
-    end_to_end: StageTrainParams = param(
-        _USUAL, "both networks trained together, on colour alone", INLINE
-    )
-    can: StageTrainParams = param(_CAN, "", INLINE)
-    can_own: StageTrainParams = param(_CAN, "NAME_own: with its own loss", INLINE)
-    pix2pix: StageTrainParams = param(_PIX2PIX, "", INLINE)
-    pix2pix_own: StageTrainParams = param(_PIX2PIX, "", INLINE)
-    cyclegan: StageTrainParams = param(_CYCLEGAN, "", INLINE)
-    cyclegan_own: StageTrainParams = param(_CYCLEGAN, "", INLINE)
 
     def verify(self, where: str) -> None:
         """Raise ValueError for a repeated baseline or for too few levels."""
@@ -119,3 +112,10 @@ class EvaluateParams:
 
     split: Literal["test", "validation", "train"] = param("test", "or validation, train")
     timing_views: int = param(4, "views whose time is measured", within(1, 1000))
+
+
+def learning_rate(params: TrainParams, step: int, steps: int) -> float:
+    """Return the learning rate of a step: constant as in the paper, or half a cosine down to 0."""
+    if params.decay == "constant":
+        return params.learning_rate
+    return params.learning_rate * 0.5 * (1 + math.cos(math.pi * step / steps))

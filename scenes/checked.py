@@ -71,15 +71,15 @@ def section(name: str, meaning: str = "") -> Any:
     steer, which may import this dataclass. The annotation's name is for type checkers alone.
     """
     return dataclasses.field(
-        default_factory=lambda: _imported(name)(), metadata={"section": name, "meaning": meaning}
+        default_factory=lambda: imported(name)(), metadata={"section": name, "meaning": meaning}
     )
 
 
 @cache
-def _imported(name: str) -> type[Any]:
+def imported(name: str) -> Any:
+    """Return the class or function `name`, "module:attribute"; its module is imported now."""
     module, attribute = name.split(":")
-    found: type[Any] = getattr(importlib.import_module(module), attribute)
-    return found
+    return getattr(importlib.import_module(module), attribute)
 
 
 def shown(value: object) -> str:
@@ -162,7 +162,7 @@ def build(
 @cache
 def _types(cls: type) -> dict[str, Any]:
     sections = {
-        str(field.type): _imported(field.metadata["section"])
+        str(field.type): imported(field.metadata["section"])
         for field in dataclasses.fields(cls)
         if "section" in field.metadata
     }

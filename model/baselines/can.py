@@ -80,6 +80,8 @@ class AdaptiveNorm(nn.Module):
 class MeanSquares(PairedLoss):
     """Mean squared error, the loss of the CAN paper."""
 
+    description = "mean squares"
+
     def __init__(self, setting: Setting) -> None:
         super().__init__(setting)
         self.criterion = functional.mse_loss

@@ -6,7 +6,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from pbrnet.model.data.encoding import PAPER_INPUTS, Tensors, input_named
+from pbrnet.model.data.encoding import Tensors, input_named
+from pbrnet.model.methods import PAPER_INPUTS
 from pbrnet.model.networks.pbrnet import NormalPanorama, Panorama, log_panorama
 
 IMAGES = ("depth", "normal", "reflectance")

@@ -13,9 +13,9 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.data.encoding import Tensors, input_named
+from pbrnet.model.methods import GEOMETRY
 from pbrnet.model.networks.pbrnet import UNet, convolution
 
-GEOMETRY = ("depth", "normal", "materials")  # inputs that all bands share
 GEOMETRY_CHANNELS = sum(input_named(name).channels for name in GEOMETRY)
 FOLD = 2  # side of the blocks of pixels that become channels
 INPUT_LOG_OFFSET = 0.01  # added before the logarithm, relative to the level of the light

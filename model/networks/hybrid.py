@@ -23,11 +23,10 @@ from torch import nn
 
 from pbrnet.model.data.display import log_average
 from pbrnet.model.data.encoding import MAX_SAMPLES, Tensors
-from pbrnet.model.networks.bands import GEOMETRY, BandNet, bounded, geometry_of, log_light
+from pbrnet.model.networks.bands import BandNet, bounded, geometry_of, log_light
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.scenes.color import decode_srgb
 
-INPUTS = (*GEOMETRY, "reflectance", "transport", "noisy", "samples")
 # A band's samples, denoised samples, transport's picture, difference of the samples' halves, direct
 # and indirect light, reflectance
 SIGNALS = 7

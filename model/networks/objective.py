@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from torch import nn
@@ -22,7 +22,6 @@ from pbrnet.model.data.encoding import Tensors
 from pbrnet.model.networks.flip import Flip
 
 Criterion = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
-Target = Literal["shading", "color"]
 
 # Weights of FLIP and of the logarithmic loss, and what is added to exposed radiance before the
 # logarithm.
@@ -53,6 +52,7 @@ class Objective(ABC):
     """Modules and their losses. The module named `network` contains the network that is saved."""
 
     modules: dict[str, nn.Module]
+    description = ""  # of a loss other than the part-perceptual one, for the model card
 
     @abstractmethod
     def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:

@@ -35,7 +35,7 @@ class Architecture:
     )  # resolutions of a U-Net, or the depth that the network's own file defines
     panorama: Panorama = "normal"
     exposure: Policy = "shared"  # exposure policy of the predicted colour
-    revision: int = field(default=1, metadata=within(1))  # `Method.revision`
+    revision: int = field(default=1, metadata=within(1))  # `revision_of`
 
 
 def shading_network(architecture: Architecture) -> GuidedNet:

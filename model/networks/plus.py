@@ -19,11 +19,10 @@ import torch
 from torch import nn
 
 from pbrnet.model.data.encoding import Tensors
-from pbrnet.model.networks.bands import GEOMETRY, BandNet, bounded, geometry_of, log_light
+from pbrnet.model.networks.bands import BandNet, bounded, geometry_of, log_light
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.scenes.color import decode_srgb
 
-INPUTS = (*GEOMETRY, "reflectance", "transport", "level")
 SIGNALS = 4  # a band's direct light, indirect light, rest of the picture, and reflectance
 MAX_LOG_FACTOR = 2.0  # bound of the predicted logarithms: a factor is at most exp(2), about 7
 MAX_GLOSS = 1.0  # bound of the share of the light that gloss adds

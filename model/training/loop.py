@@ -14,7 +14,7 @@ from pbrnet.model.data.encoding import encode, radiances, targets
 from pbrnet.model.data.reader import Dataset, Example, coin_flips, mirrored
 from pbrnet.model.methods import Method
 from pbrnet.model.networks.objective import Batch, Objective
-from pbrnet.model.settings import TrainParams
+from pbrnet.model.settings import TrainParams, learning_rate
 from pbrnet.model.training.checkpoint import Checkpoint, CurvePoint, Optimisers, State
 from pbrnet.pipeline.progress import Progress
 from pbrnet.scenes.errors import InputError, PbrnetError
@@ -70,9 +70,10 @@ class Run:
     def begin_step(self, step: int) -> None:
         """Set the learning rates and seed torch's random state (dropout, image buffers)."""
         torch.manual_seed(derive32(self.seed, "step", self.name, step))
+        usual = learning_rate(self.params, step, self.steps)
         for optimiser in self.optimisers.values():
             for group in optimiser.param_groups:
-                group["lr"] = self.method.rate(self.params, step, self.steps)
+                group["lr"] = self.method.rate(usual, step, self.steps)
 
     def backward(self, module: str, loss: torch.Tensor) -> None:
         """Compute the gradients of a module's loss."""

@@ -12,7 +12,7 @@ from safetensors.torch import load_file
 from torch import nn
 
 from pbrnet.model.data.encoding import Policy
-from pbrnet.model.methods import build_network, is_current
+from pbrnet.model.networks.build import build_network, is_current
 from pbrnet.model.networks.pbrnet import Architecture, channels_last
 from pbrnet.model.training.weights import write_weights
 from pbrnet.pipeline.passes.settings import NoisyParams

@@ -24,7 +24,8 @@ from torch import nn
 
 from pbrnet.model.data.encoding import input_named
 from pbrnet.model.data.reader import NOISY_SPP, Dataset, Example
-from pbrnet.model.methods import METHODS, Method, build_network
+from pbrnet.model.methods import METHODS, Method
+from pbrnet.model.networks.build import build_network, revision_of
 from pbrnet.model.networks.objective import Objective, Setting
 from pbrnet.model.networks.pbrnet import Architecture, channels_last
 from pbrnet.model.settings import StageTrainParams, TrainParams
@@ -138,7 +139,12 @@ def train_network(
 
 def _architecture(method: Method, stage: StageTrainParams, params: TrainParams) -> Architecture:
     return Architecture(
-        method.kind, stage.width, stage.levels, params.panorama, params.exposure, method.revision
+        method.kind,
+        stage.width,
+        stage.levels,
+        params.panorama,
+        params.exposure,
+        revision_of(method.kind),
     )
 
 

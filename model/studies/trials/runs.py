@@ -19,6 +19,7 @@ from pbrnet.model.data.reader import Dataset, subset_fingerprint
 from pbrnet.model.evaluation.evaluate import refuse_leaks
 from pbrnet.model.evaluation.metrics import find_lpips
 from pbrnet.model.methods import METHODS, columns_of
+from pbrnet.model.networks.build import revision_of
 from pbrnet.model.settings import StageTrainParams, TrainParams
 from pbrnet.model.studies.trials.plan import Trial, TrialStudy
 from pbrnet.model.studies.trials.scores import (
@@ -138,7 +139,8 @@ class _Fingerprints:
         }
         stages = {name: plain(getattr(params.train, name)) for name in trial.variant.networks}
         # Networks of their first form have none: trials made before revisions counted stay valid.
-        revised = {name: METHODS[name].revision for name in stages if METHODS[name].revision > 1}
+        forms = {name: revision_of(METHODS[name].kind) for name in stages}
+        revised = {name: number for name, number in forms.items() if number > 1}
         given = (params.seed, shared, stages, plain(params.tone), params.shading.albedo)
         parts = (*given, revised) if revised else given
         whole = self.train if trial.source is None else trial.source.fingerprint

@@ -23,8 +23,9 @@ from pbrnet.model.baselines.cyclegan import (
 )
 from pbrnet.model.baselines.layers import STACKED, BatchNorm, InstanceNorm, stacked
 from pbrnet.model.baselines.pix2pix import AdversarialObjective, Generator, PatchDiscriminator
-from pbrnet.model.data.encoding import PAPER_INPUTS, input_named
-from pbrnet.model.methods import BASELINES, METHODS, columns_of, is_current
+from pbrnet.model.data.encoding import input_named
+from pbrnet.model.methods import BASELINES, METHODS, PAPER_INPUTS, columns_of
+from pbrnet.model.networks.build import is_current
 from pbrnet.model.networks.objective import Batch, Objective, Setting
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.settings import Baseline, TrainParams
@@ -89,11 +90,13 @@ def test_only_baselines_with_their_own_loss_have_an_optimiser_of_their_own() -> 
         assert (method.adam is not None) == name.endswith("_own")
         assert bool(method.own_loss) == (name.endswith("_own") or name in ("plus", "hybrid"))
     ours = TrainParams(learning_rate=7e-3)
-    assert METHODS["pix2pix"].rate(ours, 0, 100) == 7e-3
-    rates = [METHODS["cyclegan_own"].rate(ours, step, 200) for step in (0, 100, 150, 199)]
+    assert METHODS["pix2pix"].rate(ours.learning_rate, 0, 100) == 7e-3
+    rates = [
+        METHODS["cyclegan_own"].rate(ours.learning_rate, step, 200) for step in (0, 100, 150, 199)
+    ]
     assert rates == pytest.approx([2e-4, 2e-4, 1e-4, 2e-6])  # flat, then linearly to nothing
-    assert METHODS["pix2pix_own"].rate(ours, 199, 200) == 2e-4
-    assert METHODS["can_own"].rate(ours, 199, 200) == 1e-4
+    assert METHODS["pix2pix_own"].rate(ours.learning_rate, 199, 200) == 2e-4
+    assert METHODS["can_own"].rate(ours.learning_rate, 199, 200) == 1e-4
 
 
 # CAN

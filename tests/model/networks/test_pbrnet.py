@@ -9,8 +9,9 @@ import pytest
 import torch
 from torch import nn
 
-from pbrnet.model.data.encoding import PAPER_INPUTS, input_named
-from pbrnet.model.methods import METHODS, build_network
+from pbrnet.model.data.encoding import input_named
+from pbrnet.model.methods import METHODS, PAPER_INPUTS
+from pbrnet.model.networks.build import build_network
 from pbrnet.model.networks.pbrnet import Architecture, NormalPanorama, Panorama, averaged, look_up
 from pbrnet.model.training.backbone import EfficientNetLite0, Vgg19
 

@@ -12,6 +12,7 @@ import torch
 from pbrnet.model.data.encoding import INPUTS, encode, radiances, targets
 from pbrnet.model.data.reader import Dataset, Example, mirrored
 from pbrnet.model.methods import METHODS
+from pbrnet.model.networks.build import revision_of
 from pbrnet.model.networks.flip import Flip
 from pbrnet.model.networks.objective import Batch, ExposedLoss, Setting
 from pbrnet.model.networks.pbrnet import Architecture
@@ -184,7 +185,7 @@ def test_without_transport_it_says_what_to_do(tmp_path: Path) -> None:
 def test_weights_of_an_earlier_form_end_in_one_line(tmp_path: Path) -> None:
     models = untrained_models(tmp_path, ("plus",), levels=2)
     card = models / "plus.json"
-    revision = f'"revision": {METHODS["plus"].revision}'
+    revision = f'"revision": {revision_of("plus")}'
     assert revision in card.read_text()
     card.write_text(card.read_text().replace(revision, '"revision": 1'))
     with pytest.raises(InputError, match=r"earlier form of plus.*pbrnet train plus"):

@@ -17,7 +17,7 @@ import torch
 from pbrnet.model.baselines.end_to_end import EndToEnd
 from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.evaluate import LeakError
-from pbrnet.model.methods import build_network
+from pbrnet.model.networks.build import build_network
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.composition import composition_study

@@ -18,8 +18,7 @@ import torch
 from pbrnet.model.data.encoding import encode, to_image
 from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.metrics import ssim
-from pbrnet.model.methods import learning_rate
-from pbrnet.model.settings import LossParams, StageTrainParams, TrainParams
+from pbrnet.model.settings import LossParams, StageTrainParams, TrainParams, learning_rate
 from pbrnet.model.training.loop import TrainingError, batches_from
 from pbrnet.model.training.store import load_model
 from pbrnet.model.training.train import Folders, choose_precision, train_network
