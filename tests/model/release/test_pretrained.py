@@ -154,7 +154,7 @@ def test_own_networks_come_first_and_what_is_used_is_said(project: Path) -> None
 
 def test_one_network_is_enough_for_plus(project: Path) -> None:
     untrained_models(Path("single"), ("plus",), levels=3)
-    with pytest.raises(InputError, match=r"compare predictions: .*channels: \[transport\]"):
+    with pytest.raises(InputError, match=r"compare predictions: .*add 'transport' to channels"):
         packed(source=Path("single"), methods=["plus"])
     box_dataset(Path("data"), 0, 0, 4, transport=True, width=40, height=30)
     packed(source=Path("single"), methods=["plus"])
