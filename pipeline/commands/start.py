@@ -1,4 +1,4 @@
-"""What a rendering command says at its start: images, samples, views, time and workers."""
+"""Announcement of a rendering command: images, samples, views, time and workers."""
 
 from __future__ import annotations
 

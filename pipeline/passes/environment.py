@@ -35,7 +35,7 @@ _MANTISSA = 10  # bits of a stored radiance, as in half floats; the exponent is 
 
 @dataclass(frozen=True)
 class EnvironmentSettings:
-    """What the trace may read; `denoiser` is the denoiser's version, None without one."""
+    """Settings of the trace; `denoiser` is the denoiser's version, None without one."""
 
     panorama: EnvironmentParams
     trace: GroundTruthParams

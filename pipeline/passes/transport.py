@@ -83,7 +83,7 @@ class Transport:
 
 @dataclass(frozen=True)
 class TransportSettings:
-    """What the trace may read, and the denoiser's version."""
+    """Settings of the trace, and the denoiser's version."""
 
     transport: TransportParams
     denoiser: str

@@ -39,7 +39,7 @@ from pbrnet.scenes.errors import InputError
 
 @dataclass(frozen=True)
 class TruthSettings:
-    """What a trace of shading, colour or their light may read.
+    """Settings of a trace of shading, colour or their light.
 
     `albedo` is the grey of shading, None for colour that is traced alone; `denoiser` is the
     denoiser's version, None without one; `groups` is the number of lamps with an image of their
@@ -59,7 +59,7 @@ class TruthSettings:
 
 @dataclass(frozen=True)
 class NoisySettings:
-    """What a trace of a `noisy` frame may read."""
+    """Settings of a trace of a `noisy` frame."""
 
     trace: GroundTruthParams
     albedo: float

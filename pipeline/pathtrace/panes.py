@@ -32,7 +32,7 @@ _MIRRORED = 0.5  # probability of the mirrored direction
 
 
 class PaneMirror(NamedTuple):
-    """What camera rays meet of the panes."""
+    """Panes as camera rays meet them."""
 
     met: mi.Bool  # which rays meet a pane before any surface
     reflected: mi.Float  # share of light that the pane reflects

@@ -29,7 +29,7 @@ _GLOSS_ALBEDO = 0.05  # part of what the base colour absorbs that gloss reflects
 
 @dataclass(eq=False)
 class World:
-    """What kernels trace rays in and look up; a dataclass, so that Dr.Jit finds its arrays."""
+    """Scene and tables of the kernels; a dataclass, so that Dr.Jit finds its arrays."""
 
     scene: mi.Scene
     tables: ShapeTables

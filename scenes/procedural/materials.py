@@ -369,7 +369,7 @@ def _is_left_handed(
 
 
 def _repeats(material: Material | CatalogueMaterial) -> TypeGuard[Material]:
-    """Whether a material has a pattern; uvs of others are in units of the image already."""
+    """True for a material with a pattern; uvs of others are in units of the image already."""
     if isinstance(material, CatalogueMaterial) or material.kind == "picture":
         return False
     return has_surface(material.kind)

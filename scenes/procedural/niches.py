@@ -9,7 +9,7 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.assets.free_space import SupportSurface
 from pbrnet.scenes.geometry.regions import buffered
-from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, prism, span
+from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, prism, span
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material, PiecePart
 from pbrnet.scenes.procedural.plan import Niche, Plan, PlanRoom, WallEdge
 from pbrnet.scenes.procedural.scene_item import make_part

@@ -12,7 +12,14 @@ from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.geometry.regions import buffered
-from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, cylinder, merge, prism, span
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
+    BodyMesh,
+    box,
+    cylinder,
+    merge,
+    prism,
+    span,
+)
 from pbrnet.scenes.procedural.furniture.style import hex_color
 from pbrnet.scenes.procedural.piece import Material, MaterialKind
 from pbrnet.scenes.procedural.plan import Plan, WallEdge
@@ -50,7 +57,7 @@ class Site:
         return self.centre + away * np.array([np.cos(angle), np.sin(angle)])
 
     def reach(self, turn: float) -> float:
-        """How far the home reaches from its centre towards -Y turned by `turn` degrees."""
+        """Extent of the home from its centre towards -Y turned by `turn` degrees."""
         towards = _turned(np.array([0.0, -1.0]), turn)
         return float(((shapely.get_coordinates(self.outline) - self.centre) @ towards).max())
 

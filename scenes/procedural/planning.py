@@ -430,7 +430,7 @@ class _Shell:
     taken: list[Polygon] = field(default_factory=list)
 
     def is_solid(self, edge: WallEdge, s0: float, s1: float) -> bool:
-        """Whether the wall around an opening [s0, s1] is solid and borders the outdoors."""
+        """True if the wall around an opening [s0, s1] is solid and borders the outdoors."""
         hole = edge.strip(s0 - 0.12, s1 + 0.12, -0.001, -self.thickness + 0.001)
         return buffered(self.walls, 1e-6).covers(hole) and all(
             self.outline.exterior.distance(Point(edge.at(s, -self.thickness))) < 1e-3
@@ -438,7 +438,7 @@ class _Shell:
         )
 
     def has_place(self, edge: WallEdge, s0: float, s1: float, strip: Polygon) -> bool:
-        """Whether an opening may be at [s0, s1], with `strip` free of other openings."""
+        """True if an opening may be at [s0, s1], with `strip` free of other openings."""
         return self.is_solid(edge, s0, s1) and not any(map(strip.intersects, self.taken))
 
 

@@ -17,7 +17,7 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Portal
 from pbrnet.scenes.geometry.regions import buffered, difference, intersection, union
 from pbrnet.scenes.procedural.finishes import Finishes
-from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, span
+from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, span
 from pbrnet.scenes.procedural.plan import WINDOWLESS, Opening, Plan, RoofWindow, Slope, WallEdge
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
 from pbrnet.scenes.seeds import Draw

@@ -17,7 +17,14 @@ from pbrnet.scenes.arrays import Int64Array
 from pbrnet.scenes.contract import Portal
 from pbrnet.scenes.geometry.regions import buffered, difference, union
 from pbrnet.scenes.procedural.finishes import Finishes, RoomFinish
-from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, bar, cylinder, merge, prism, span
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
+    BodyMesh,
+    bar,
+    cylinder,
+    merge,
+    prism,
+    span,
+)
 from pbrnet.scenes.procedural.niches import niche_parts
 from pbrnet.scenes.procedural.piece import Material, PiecePart
 from pbrnet.scenes.procedural.plan import STEP, Opening, Plan, PlanRoom, WallEdge

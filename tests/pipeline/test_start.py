@@ -1,4 +1,4 @@
-"""What a rendering command says before it starts."""
+"""Announcement of a rendering command before it starts."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def test_networks_of_one_form_have_one_number() -> None:
 
 
 def test_changed_code_was_decided_on() -> None:
-    """Where this fails: raise the key in keys.yaml if other things are made; then record it."""
+    """If this fails: raise the key in keys.yaml if other things are made; then record it."""
     known = record_keys.known()
     now = {name: {"key": table()[name], "code": code} for name, code in record_keys.codes().items()}
     other = [name for name, row in now.items() if row.items() - known.get(name, {}).items()]

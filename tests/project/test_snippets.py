@@ -36,7 +36,7 @@ def snippets(language: str) -> list[Any]:
 
 @pytest.fixture(scope="module")
 def names() -> dict[str, Any]:
-    """What the snippets take as given: a row of the sample that shows a chair, and one cell."""
+    """Names that snippets take as given: a row of the sample that shows a chair, and one cell."""
     path = SAMPLE / "train-00000-of-00001.parquet"
     table = pq.read_table(path)
     texts = table.column("instances").to_pylist()

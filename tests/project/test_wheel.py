@@ -63,7 +63,13 @@ def test_the_wheel_holds_one_import_name(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.split("/")[0] for name in names}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"pbrnet"}
-    for name in ("project/dvc.yaml", "params/paper.yaml", "recipes/tiny.json", "py.typed"):
+    for name in (
+        "project/dvc.yaml",
+        "params/paper.yaml",
+        "recipes/tiny.json",
+        "py.typed",
+        "weights/plus.json",
+    ):
         assert f"pbrnet/{name}" in names
 
 

@@ -28,7 +28,7 @@ metrics/studies/{name}.json and {name}.png."""
 
 @dataclass(frozen=True)
 class TrialRequest:
-    """What the command line asks of a study that compares trainings."""
+    """Request of the command line to a study that compares trainings."""
 
     params: Params
     folders: Folders

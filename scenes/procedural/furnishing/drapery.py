@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
-from pbrnet.scenes.procedural.furniture.cloth import sampled
-from pbrnet.scenes.procedural.furniture.drapes import Cut, over, slices
+from pbrnet.scenes.procedural.furniture.parts.cloth import sampled
+from pbrnet.scenes.procedural.furniture.parts.drapes import Cut, over, slices
 from pbrnet.scenes.procedural.furniture.things.soft import garment
 from pbrnet.scenes.procedural.piece import FurniturePiece
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.procedural.furniture.build import Builder
 from pbrnet.scenes.procedural.furniture.cabinets import add_door, add_drawers, carcass
-from pbrnet.scenes.procedural.furniture.cloth import plane, surface
-from pbrnet.scenes.procedural.furniture.drapes import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.cloth import plane, surface
+from pbrnet.scenes.procedural.furniture.parts.drapes import (
     Hanging,
     Ripples,
     dropped,
@@ -16,7 +16,7 @@ from pbrnet.scenes.procedural.furniture.drapes import (
     hung,
     ripples,
 )
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     CORNERS,
     BodyMesh,
     bar,

@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array
-from pbrnet.scenes.procedural.furniture.build import Builder
 from pbrnet.scenes.procedural.furniture.cabinets import feet, leg_material
-from pbrnet.scenes.procedural.furniture.cloth import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.cloth import (
     Push,
     Weave,
     block,
@@ -21,7 +21,7 @@ from pbrnet.scenes.procedural.furniture.cloth import (
     started,
     stuffed,
 )
-from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, rounded_box, span
+from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, box, rounded_box, span
 from pbrnet.scenes.procedural.furniture.spec import (
     Spec,
     between,

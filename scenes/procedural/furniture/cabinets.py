@@ -10,8 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     CORNERS,
     BodyMesh,
     bar,

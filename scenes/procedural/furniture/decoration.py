@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pbrnet.scenes.geometry.mesh import face_areas
-from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.drapes import Pleats, hooked, pleats
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.drapes import Pleats, hooked, pleats
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     CORNERS,
     BodyMesh,
     bar,
@@ -144,7 +144,7 @@ def display(w: float, h: float) -> BodyMesh:
 
 
 class Shown(NamedTuple):
-    """What a display shows: mean luminance, candelas a square metre, and seed of the picture."""
+    """Picture of a display: mean luminance, candelas a square metre, and seed of the picture."""
 
     luminance: float
     picture: int

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.procedural.furniture.build import Builder
 from pbrnet.scenes.procedural.furniture.cabinets import (
     BOARD,
     add_door,
@@ -21,7 +20,8 @@ from pbrnet.scenes.procedural.furniture.cabinets import (
     pulled_out,
     shelf,
 )
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     CORNERS,
     BodyMesh,
     bar,
@@ -102,7 +102,7 @@ def _doors(share: float = 0.2) -> Any:
 
 
 class Unit(Spec):
-    """What base units share: plinth, carcass, worktop; `width` includes the worktop."""
+    """Parts that base units share: plinth, carcass, worktop; `width` includes the worktop."""
 
     width: float = 0.6
 

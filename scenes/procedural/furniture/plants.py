@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     bar,
     cylinder,

@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from pbrnet.scenes.procedural.furniture.build import Builder
 from pbrnet.scenes.procedural.furniture.cabinets import add_feet, leg_material
-from pbrnet.scenes.procedural.furniture.cloth import stuffed
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.cloth import stuffed
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     bar,
     box,
@@ -85,7 +85,7 @@ class WoodenChair(Spec):
         return self.depth / 2 - 0.05
 
     def _on_back(self, z: float) -> float:
-        """Where the back is at height `z`, y in metres."""
+        """Place of the back at height `z`: y in metres."""
         share = (z - self.seat) / (self.top - self.seat)
         return float(self.rear + self.lean * np.interp(share, [0, 0.6, 1], [0, 0.4, 1]))
 
@@ -215,7 +215,7 @@ class LooseCushion(Spec):
 
 
 class Couch(Spec):
-    """What armchairs and sofas share: a frame, arms, and cushions to sit and lean on."""
+    """Parts that armchairs and sofas share: a frame, arms, cushions to sit and lean on."""
 
     name: ClassVar[str]
     width: float  # with its arms

@@ -101,7 +101,7 @@ def material(draw: Draw, style: Style, which: Material | str) -> Material:
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """What was drawn of one piece: frozen, printable; equal ones build equal pieces."""
+    """Specification of one piece: frozen, printable; equal ones build equal pieces."""
 
     style: Style = field(repr=False)
 

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pbrnet.scenes.procedural.furniture.build import Builder
 from pbrnet.scenes.procedural.furniture.cabinets import (
     BOARD,
     FRONT,
@@ -20,7 +19,8 @@ from pbrnet.scenes.procedural.furniture.cabinets import (
     pulled_out,
     shelf,
 )
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     CORNERS,
     BodyMesh,
     bar,

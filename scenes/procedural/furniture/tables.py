@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbrnet.scenes.procedural.furniture.build import Builder
 from pbrnet.scenes.procedural.furniture.cabinets import (
     BOARD,
     add_drawers,
@@ -13,9 +12,10 @@ from pbrnet.scenes.procedural.furniture.cabinets import (
     leg_material,
     pulled_out,
 )
-from pbrnet.scenes.procedural.furniture.cloth import block, plane
-from pbrnet.scenes.procedural.furniture.drapes import Ripples, dropped, ripples
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.cloth import block, plane
+from pbrnet.scenes.procedural.furniture.parts.drapes import Ripples, dropped, ripples
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     box,
     cylinder,

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array
-from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.cloth import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.cloth import (
     Weave,
     plane,
     refined,
@@ -17,7 +17,7 @@ from pbrnet.scenes.procedural.furniture.cloth import (
     started,
     stuffed,
 )
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     bar,
     box,
@@ -84,7 +84,7 @@ class Curtains(Spec):
 
     @property
     def ties(self) -> bool:
-        """Whether they are tied back: they are long enough, and the tie is free of the sill."""
+        """True if they are tied back: they are long enough, and the tie is free of the sill."""
         clear = abs(self.height - self.gap - _TIE - self.sill) > _TIED_Z
         drop = self.height - self.gap - self.hem
         return self.tied and self.hem < 0.1 and drop > _TIE + 0.6 and clear

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array, Int64Array
-from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, merge
+from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, merge
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.seeds import Draw

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     bar,
     box,

@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
-import tomllib
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +18,6 @@ from pbrnet.model.release.pretrained import MEAN, WORST, find_models, half_type,
 from pbrnet.pipeline.cli import cli
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.model import box_dataset
-from tests.fixtures.paths import ROOT
 from tests.fixtures.predictor import untrained_models
 
 INTERVAL = {"mean": 0.5, "low": 0.4, "high": 0.6}
@@ -181,34 +175,3 @@ def test_the_command_packs_and_says_how_much(project: Path) -> None:
     done = CliRunner().invoke(cli, ["pretrained", "--out", "small"])
     assert done.exit_code == 0, done.output
     assert "shading, composition: on 4 views" in done.output and "small: 0.1 MB" in done.output
-
-
-def test_an_installation_finds_them(tmp_path: Path) -> None:
-    """The wheel holds `weights/` beside the packages, where `PACKED` looks."""
-    assert ROOT / "weights" == pretrained.PACKED
-    setup = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    for package in ("model", "pipeline", "scenes"):
-        (tmp_path / package).mkdir()
-        (tmp_path / package / "__init__.py").write_text("")
-    (tmp_path / "weights").mkdir()
-    for name in ("shading.safetensors", "shading.json", "README.md"):
-        (tmp_path / "weights" / name).write_text(name)
-    tables = json.dumps(setup["packages"]["find"]["include"]), setup["package-data"]
-    data = [f"{json.dumps(name)} = {json.dumps(files)}" for name, files in tables[1].items()]
-    lines = ["[project]", 'name = "trial"', 'version = "1"', "[tool.setuptools]",
-             f"packages.find.include = {tables[0]}", "[tool.setuptools.package-data]",
-             *data]  # fmt: skip
-    (tmp_path / "pyproject.toml").write_text("\n".join(lines))
-    build = "from setuptools.build_meta import build_wheel; build_wheel('out')"
-    (tmp_path / "out").mkdir()
-    pytest.importorskip("setuptools")
-    done = subprocess.run(
-        [sys.executable, "-c", build], cwd=tmp_path, capture_output=True, text=True,
-        env={**os.environ, "PYTHONPATH": ""}, timeout=120,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    (wheel,) = (tmp_path / "out").glob("*.whl")
-    names = zipfile.ZipFile(wheel).namelist()
-    assert {"weights/shading.safetensors", "weights/shading.json", "weights/README.md"} <= set(
-        names
-    )

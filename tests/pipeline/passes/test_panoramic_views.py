@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -141,8 +142,10 @@ def test_the_dataset_says_what_its_rows_are(tmp_path: Path) -> None:
 )
 def test_what_panoramas_cannot_have_is_refused(changes: dict[str, object], message: str) -> None:
     image = {"width": 64, "height": 32}
-    given = {"image": image, **changes}
-    given["image"] = {**given["image"], "projection": "equirectangular"}  # type: ignore[dict-item]
+    cameras = {"framing": "paper", "pitch": [], "roll": []}
+    given: dict[str, Any] = {"image": image, **changes}
+    given["cameras"] = {**cameras, **given.get("cameras", {})}
+    given["image"] = {**given["image"], "projection": "equirectangular"}
     with pytest.raises(ParameterError, match=message):
         build(Params, given)
 

@@ -198,7 +198,7 @@ def test_direct_light_of_the_panorama_has_the_shadows(tmp_path: Path) -> None:
     light: Channels = render_illumination(scene, view, PARAMS)
     light |= render_visibility(scene, view, PARAMS, light)
     assert light["intensity.Y"].shape == (64, 128) and light["visibility.Y"].shape == (60, 80)
-    given = Rendered(render_inputs(scene, view), panorama=light)
+    given = Rendered({"inputs": render_inputs(scene, view), "illumination": light})
     example = example_of(view, given, Card(), None)  # type: ignore[arg-type]
     shadows = light["visibility.Y"].astype(np.float32)
     lit = direct_light(example, 0.5)[0]

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import brentq
 
 from pbrnet.scenes.procedural.furnishing.drapery import _lies_on
-from pbrnet.scenes.procedural.furniture import drapes
-from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.cloth import (
+from pbrnet.scenes.procedural.furniture.parts import drapes
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.cloth import (
     Weave,
     block,
     cleared,
@@ -21,7 +21,7 @@ from pbrnet.scenes.procedural.furniture.cloth import (
     started,
     stuffed,
 )
-from pbrnet.scenes.procedural.furniture.drapes import (
+from pbrnet.scenes.procedural.furniture.parts.drapes import (
     dropped,
     hanging,
     hooked,
@@ -29,7 +29,7 @@ from pbrnet.scenes.procedural.furniture.drapes import (
     pleats,
     ripples,
 )
-from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, box, grid
+from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, box, grid
 from pbrnet.scenes.procedural.furniture.style import make_style
 from pbrnet.scenes.procedural.furniture.textiles import SHAPES, Curtains, panels
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material

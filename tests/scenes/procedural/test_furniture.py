@@ -10,7 +10,7 @@ import pytest
 
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     box,
     cylinder,

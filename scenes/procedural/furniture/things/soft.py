@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.geometry import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
     bar,
     box,
     cylinder,

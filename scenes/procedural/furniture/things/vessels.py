@@ -4,8 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, bar, box, cylinder, lathe, tube
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.geometry import (
+    BodyMesh,
+    bar,
+    box,
+    cylinder,
+    lathe,
+    tube,
+)
 from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
     CERAMIC,

@@ -8,8 +8,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array
-from pbrnet.scenes.procedural.furniture.build import Builder
-from pbrnet.scenes.procedural.furniture.cloth import (
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.cloth import (
     LINEN,
     Push,
     Samples,
@@ -24,7 +24,7 @@ from pbrnet.scenes.procedural.furniture.cloth import (
     started,
     surface,
 )
-from pbrnet.scenes.procedural.furniture.geometry import BodyMesh
+from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 from pbrnet.scenes.seeds import Draw
 
@@ -39,7 +39,7 @@ Pleats = tuple[float, float, float]  # their number, phase, and phase of their d
 
 
 class Hanging(NamedTuple):
-    """How a towel hangs: share that it is pushed together, waves, a corner that is lower."""
+    """Fall of a hanging towel: share that it is pushed together, waves, a lower corner."""
 
     tight: float
     ripples: Ripples

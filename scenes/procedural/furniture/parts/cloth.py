@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
-from pbrnet.scenes.procedural.furniture.geometry import BodyMesh, grid, merge, rims
+from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, grid, merge, rims
 from pbrnet.scenes.seeds import generator
 
 Push = Callable[[Float64Array], BoolArray]  # moves points out of a body; True where it did

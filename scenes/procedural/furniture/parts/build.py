@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pbrnet.scenes.assets.free_space import SupportSurface
-from pbrnet.scenes.procedural.furniture.geometry import Axis, BodyMesh, merge
+from pbrnet.scenes.procedural.furniture.parts.geometry import Axis, BodyMesh, merge
 from pbrnet.scenes.procedural.piece import Anchor, Contained, FurniturePiece, Material, PiecePart
 
 
