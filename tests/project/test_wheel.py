@@ -23,7 +23,7 @@ scenes: {homes: 1, rooms_max: 1, lighting: [day], texture_size: 64}
 cameras: {views_per_room: 1, views_per_scene: 1}
 illumination: {width: 16, shadow_rays: 0}
 groundtruth: {spp: 1, block_spp: 1, denoise: none}
-dataset: {checks: {max_noise: 9}, splits: {validation: 0, test: 0}}
+dataset: {checks: {max_noise: 9, max_fireflies: 1}, splits: {validation: 0, test: 0}}
 farm: {workers: 1}
 """
 
