@@ -1,7 +1,5 @@
 """Fixtures of all tests, and the order in which processes take the files."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from collections.abc import Iterator

@@ -8,8 +8,6 @@ in the past:
     python -m tests.costs build/tests.xml
 """
 
-from __future__ import annotations
-
 import argparse
 import multiprocessing.forkserver
 import os

@@ -5,8 +5,6 @@ python -m tests.hostile --sample 100           some, drawn with a fixed seed
 python -m tests.hostile --only glb --case 17   one, whose folder is kept
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

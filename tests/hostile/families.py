@@ -1,7 +1,5 @@
 """Table of the families of hostile input. A new format is one more entry."""
 
-from __future__ import annotations
-
 from random import Random
 
 from tests.hostile.family import Family

@@ -1,7 +1,5 @@
 """A family of hostile inputs: files, the command line that reads them, and their number."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

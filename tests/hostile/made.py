@@ -1,7 +1,5 @@
 """Cases made by hand that several families share."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Random damage to files: bytes, text, JSON values, and things that are no regular file."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

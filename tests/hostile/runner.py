@@ -4,8 +4,6 @@ The packages are imported once; each case is a fork of that process. Its folder,
 temporary folder lie deep in a tree of its own, so that what leads out of it is found.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import os

@@ -1,7 +1,5 @@
 """Every hostile input ends in time, within its folder, with a message and without a traceback."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Threads of the tests of networks."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Table of channels: a new entry appears in frames, columns, checks, card and inspect."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

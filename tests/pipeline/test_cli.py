@@ -1,7 +1,5 @@
 """Every command explains itself; every failure is one message and an exit code."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Frames are self-describing, complete or absent, and damage is found."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`pbrnet import` on a terminal: the help, the options of each kind of file, what is printed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """An import that takes too long or too much memory is stopped, with one line and exit code 4."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

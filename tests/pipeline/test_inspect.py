@@ -1,7 +1,5 @@
 """`pbrnet inspect` understands all our files, and says what is wrong with others."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import struct

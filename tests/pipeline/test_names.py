@@ -1,7 +1,5 @@
 """Names from files and the command line: none leads out of its folder, each fault is one line."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Parameters are refused with key, value and what is allowed, before any work starts."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

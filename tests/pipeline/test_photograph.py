@@ -1,7 +1,5 @@
 """Pictures for people: middle grey, clipping, white balance, and nights darker than days."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

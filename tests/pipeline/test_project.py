@@ -1,7 +1,5 @@
 """`pbrnet init` and `pbrnet params`: a project's folder, and what its parameters are."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Figures that compare pictures with photographs, on pictures and scenes of known answers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

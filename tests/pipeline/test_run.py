@@ -1,7 +1,5 @@
 """All stages with one command, on a folder of its own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Announcement of a rendering command before it starts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Reinhard's operator: known values, its inverse, and what the two exposure policies promise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

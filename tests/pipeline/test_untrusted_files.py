@@ -1,7 +1,5 @@
 """Frames, cameras, shards and ledgers from elsewhere end in one sentence."""
 
-from __future__ import annotations
-
 import io
 import json
 from pathlib import Path

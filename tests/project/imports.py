@@ -1,7 +1,5 @@
 """Imports between the project's modules, read from their source text."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Collection, Iterator
 from functools import lru_cache

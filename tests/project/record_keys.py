@@ -7,8 +7,6 @@ same key, the key must be raised first. Of keys without recorded output, `--same
 they make stays as it was.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import json

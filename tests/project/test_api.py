@@ -1,7 +1,5 @@
 """`import pbrnet` offers what docs/api.md lists, imports it late, and its snippets run."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

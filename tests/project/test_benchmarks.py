@@ -1,7 +1,5 @@
 """The benchmark program: rows computed on clocks that are known, and what it writes."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

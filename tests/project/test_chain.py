@@ -1,7 +1,5 @@
 """The whole chain through DVC: on one CPU, after a change of parameters, after a kill."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

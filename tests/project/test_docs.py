@@ -1,7 +1,5 @@
 """Documentation agrees with the code: generated parts, links, names of files."""
 
-from __future__ import annotations
-
 import ast
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The example scripts run as they are, without this package."""
 
-from __future__ import annotations
-
 import ast
 import base64
 import importlib

@@ -1,7 +1,5 @@
 """Keys: each stage names those of what it makes, and no code behind one changes unnoticed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

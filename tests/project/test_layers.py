@@ -1,7 +1,5 @@
 """Layers of the project: contracts of import-linter cover every source, and folders are small."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

@@ -1,7 +1,5 @@
 """The newest Mitsuba with the Dr.Jit it asks for: may the pair in pyproject.toml be raised?"""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import venv

@@ -1,7 +1,5 @@
 """Snippets of the guides to the dataset run on the sample as they stand."""
 
-from __future__ import annotations
-
 import importlib
 import io
 import json

@@ -1,7 +1,5 @@
 """The wheel alone is enough: in an empty folder, beside packages of the same names as its parts."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import site

@@ -1,7 +1,5 @@
 """Gaps between the surfaces of imported buildings are sealed without a visible change."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

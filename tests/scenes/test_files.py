@@ -1,7 +1,5 @@
 """Files and folders are complete or absent; seeds and digests depend on content alone."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

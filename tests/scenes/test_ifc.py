@@ -1,7 +1,5 @@
 """IFC: unit, rooms from spaces, windows as portals, objects by class, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Images from strangers: a list of formats, whatever a file is called, and nothing else."""
 
-from __future__ import annotations
-
 import ast
 import io
 import os

@@ -1,7 +1,5 @@
 """`scenes.imports`: files with and without options, and the imports that a change repeats."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -1,7 +1,5 @@
 """A library of an extra that is missing ends in one line that says how to install it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

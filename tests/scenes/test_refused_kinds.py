@@ -1,7 +1,5 @@
 """Kinds of files that are refused say what to do instead."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Polygon operations end for every finite input, and with the right region where one is known."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable
 

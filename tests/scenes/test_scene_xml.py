@@ -1,7 +1,5 @@
 """Scene folders from elsewhere: nothing outside of them is read."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The quick estimate of enclosed air agrees with the exact sections that it saves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

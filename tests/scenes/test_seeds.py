@@ -1,7 +1,5 @@
 """Draws: every method is one call of NumPy's generator, so recorded scenes stay the same."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Files from elsewhere: devices, loops, endless numbers, deep nesting, text that is no Unicode."""
 
-from __future__ import annotations
-
 import os
 import struct
 import subprocess

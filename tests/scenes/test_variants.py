@@ -1,7 +1,5 @@
 """Variants of imported scenes: same rooms, new finishes in true size, new lighting."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree
 

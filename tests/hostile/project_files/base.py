@@ -1,7 +1,5 @@
 """Sound files of the project on which several families build."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Hostile furniture catalogues."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tests.fixtures import catalogue as drawn

@@ -1,7 +1,5 @@
 """Command lines with impossible values."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from random import Random

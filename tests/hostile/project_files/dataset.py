@@ -1,7 +1,5 @@
 """Hostile shards of datasets, and ledgers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Hostile scene folders."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tests.hostile.family import Arguments, Family, Made, Victim

@@ -1,7 +1,5 @@
 """Hostile camera files and frames."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

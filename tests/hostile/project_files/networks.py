@@ -1,7 +1,5 @@
 """Hostile weights and model cards."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Hostile parameter files."""
 
-from __future__ import annotations
-
 from random import Random
 
 import yaml

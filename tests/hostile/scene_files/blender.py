@@ -1,7 +1,5 @@
 """Hostile .blend and .fbx files, and programs in Blender's place that misbehave."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

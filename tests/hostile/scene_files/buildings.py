@@ -1,7 +1,5 @@
 """Hostile COLLADA, 3DS, USD and IFC files; those of optional libraries only where these are."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from importlib.util import find_spec

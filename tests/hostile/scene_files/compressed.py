@@ -1,7 +1,5 @@
 """Hostile glTF with compressed content: Draco, meshopt and Basis Universal."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

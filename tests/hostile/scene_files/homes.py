@@ -1,7 +1,5 @@
 """Hostile homes: their XML, archives, serialised objects and the models of pieces."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile

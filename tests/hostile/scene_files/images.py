@@ -1,7 +1,5 @@
 """Hostile images, as textures and skies."""
 
-from __future__ import annotations
-
 import io
 import struct
 import time

@@ -1,7 +1,5 @@
 """Hostile Mitsuba scenes and the PLY and serialised meshes that they name."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Hostile OBJ and glTF models."""
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Hostile PBRT scenes of versions 3 and 4, and the files that they include."""
 
-from __future__ import annotations
-
 import gzip
 import os
 from pathlib import Path

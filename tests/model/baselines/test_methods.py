@@ -1,7 +1,5 @@
 """The baselines have their papers' layouts, and their losses their papers' values."""
 
-from __future__ import annotations
-
 import math
 from contextlib import nullcontext
 from typing import Any, get_args

@@ -1,7 +1,5 @@
 """The baselines through the one loop: they learn, go on after a kill, and are evaluated."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Scores of pictures whose errors are known."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Direct light from a panorama, against what can be worked out by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The dataset reader: every row once, seeded, resumable, bounded, and clear about bad files."""
 
-from __future__ import annotations
-
 from collections import Counter
 from itertools import islice
 from pathlib import Path

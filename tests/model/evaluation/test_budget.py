@@ -1,7 +1,5 @@
 """Time budgets: the order of methods is that of the published time study."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Evaluation on unseen scenes, and prediction from frames and from a scene."""
 
-from __future__ import annotations
-
 import csv
 import json
 import subprocess

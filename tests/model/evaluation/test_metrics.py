@@ -1,7 +1,5 @@
 """Metrics of pairs whose answer is known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Prediction for people: methods, many views, a camera of one's own, HDR, pretrained networks."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Summary of an evaluation: flat figures, and pictures from the best to the worst."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """FLIP as a loss against the authors' library."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The hybrid: a mixture at first, it keeps the light's unit, and learns to correct it."""
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Layout of the networks, counted; any size; and how the panorama meets the image."""
 
-from __future__ import annotations
-
 from typing import Any, get_args
 
 import numpy as np

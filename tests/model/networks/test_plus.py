@@ -1,7 +1,5 @@
 """PBR-Net plus: it starts as light transport, keeps the light's unit and colour, and learns."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

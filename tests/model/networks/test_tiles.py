@@ -1,7 +1,5 @@
 """Tiled inference equals inference of the whole image."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

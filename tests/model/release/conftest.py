@@ -1,7 +1,5 @@
 """Views and exported files that the tests of ONNX export share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache

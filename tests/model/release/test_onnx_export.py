@@ -1,7 +1,5 @@
 """The exported networks and their encoding give what the package gives, at any size."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The example programs run exported files without torch and without this package."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Networks to pass on: small, the same pictures, and a card that says what they are."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The report is one file that shows all outputs and names the missing ones."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Agreement of changes, for synthetic changes with known results."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

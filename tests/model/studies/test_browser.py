@@ -1,7 +1,5 @@
 """The page of blind pairs in a browser: keys and clicks, interruptions, scores."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Iterator

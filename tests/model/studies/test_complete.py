@@ -1,7 +1,5 @@
 """`pbrnet study all`: every part is a command that exists; what is up to date is kept."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

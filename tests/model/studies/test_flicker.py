@@ -1,7 +1,5 @@
 """The flicker study: what it says of things whose motion is known."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

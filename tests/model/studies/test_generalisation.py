@@ -1,7 +1,5 @@
 """Generalisation study: division by plan, fine-tuning from trained networks, specular masks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

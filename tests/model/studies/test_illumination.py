@@ -1,7 +1,5 @@
 """Illumination study: from scenes, dataset and networks to its result, and resuming."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Noise study: only the ground truth and its exposures differ, and frames are rendered once."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from dataclasses import replace

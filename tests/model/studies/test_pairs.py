@@ -1,7 +1,5 @@
 """Blind pairs: a balanced plan, a page that does not reveal the solution, correct scores."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -1,7 +1,5 @@
 """Blind pairs of pictures from folders: balanced, equal in size, not revealed, correct scores."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """Registry of the studies: folders, commands and report sections agree with it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Relighting: images are linear in the light, and added lamps are in the right place."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Method table: equal budgets, several trainings, scores that can be recomputed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Texture metrics of synthetic blur and grid patterns."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter

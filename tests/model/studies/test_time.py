@@ -1,7 +1,5 @@
 """Time study: parts add up, the reference is better than the methods it is compared with."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Training studies: fair plans, exact resuming, results and their section of the report."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

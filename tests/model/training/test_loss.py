@@ -1,7 +1,5 @@
 """The part-perceptual loss against hand-worked values, and the backbones behind it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Training: it learns, resumes to the same bits, keeps the first stage fixed, stops at NaN."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

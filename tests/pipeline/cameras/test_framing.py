@@ -1,7 +1,5 @@
 """Framing of views by hand-made id images."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Overlap by reprojection: analytic pairs, and sets whose median overlap is what was asked for."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from pathlib import Path

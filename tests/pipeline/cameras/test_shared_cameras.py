@@ -1,7 +1,5 @@
 """Cameras shared by the scenes of a plan: the same where they have room, and named where not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

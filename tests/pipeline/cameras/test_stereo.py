@@ -1,7 +1,5 @@
 """Stereo pairs: same orientation, room for both eyes, and disparity from depth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

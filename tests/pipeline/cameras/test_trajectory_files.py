@@ -1,7 +1,5 @@
 """Trajectories from files: both formats say the same, and faults are named with their place."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections import Counter

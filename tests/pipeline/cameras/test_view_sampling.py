@@ -1,7 +1,5 @@
 """Cameras: scores worked out by hand, eyes where a person could stand, every candidate counted."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

@@ -1,7 +1,5 @@
 """Walks: smooth, within bounds, clear of everything, through open doors alone."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Charts of the cost ledger: positions of bars, selection of charts, size."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The cost model against ledgers whose costs are known."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

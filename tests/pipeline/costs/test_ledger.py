@@ -1,7 +1,5 @@
 """The ledger of costs: one row a thing, whatever is made again or interrupted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The dataset's card, Croissant file and citation say what is true of the data."""
 
-from __future__ import annotations
-
 import io
 import json
 import logging

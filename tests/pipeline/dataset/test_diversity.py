@@ -1,7 +1,5 @@
 """Statistics of diversity, against views whose values are known."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Panoramas of the environment in the dataset: columns, and views that are rejected."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

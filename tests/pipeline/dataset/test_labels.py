@@ -1,7 +1,5 @@
 """Materials and labels in the dataset: columns, tables of names, and views that are rejected."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

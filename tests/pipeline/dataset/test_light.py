@@ -1,7 +1,5 @@
 """Parts of the light in the dataset: columns that add up to colour, and views that do not."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The dataset says exactly what the frames say, and leaves nothing out without a reason."""
 
-from __future__ import annotations
-
 import csv
 import errno
 import io

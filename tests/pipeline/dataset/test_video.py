@@ -1,7 +1,5 @@
 """Video in the dataset: columns, links between rows, and frames that are rejected."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

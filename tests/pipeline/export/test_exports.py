@@ -1,7 +1,5 @@
 """Exports as a whole: refusals, resume, the command."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import tarfile

@@ -1,7 +1,5 @@
 """Each export is read back by a library of its format, and compared with the room's equations."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

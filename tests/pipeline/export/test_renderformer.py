@@ -1,7 +1,5 @@
 """RenderFormer's files: triangles of a known room, by the conventions that its loader documents."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

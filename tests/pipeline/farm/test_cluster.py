@@ -1,7 +1,5 @@
 """The farm: everything asked for is done once, and what cannot be done is named."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

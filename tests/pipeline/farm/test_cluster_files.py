@@ -1,7 +1,5 @@
 """Files for clusters: scripts run with stand-ins for ssh and srun, the rest is well-formed."""
 
-from __future__ import annotations
-
 import ast
 import os
 import socket

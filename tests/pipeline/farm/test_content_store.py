@@ -1,7 +1,5 @@
 """Files by content: what arrives is what was asked for, once, in bounded memory and disk."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

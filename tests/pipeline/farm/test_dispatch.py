@@ -1,7 +1,5 @@
 """A run on a scheduler without workers says so, and what to start."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

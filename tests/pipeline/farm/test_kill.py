@@ -1,7 +1,5 @@
 """Killed at any time: the outcome is, byte for byte, that of an undisturbed run."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Memory of a worker stays flat over many scenes, and the ledger shows it."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

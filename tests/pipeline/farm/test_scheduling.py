@@ -1,7 +1,5 @@
 """Who gets what next: nobody waits while others still have much to do."""
 
-from __future__ import annotations
-
 import heapq
 from pathlib import Path
 

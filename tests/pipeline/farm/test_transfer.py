@@ -1,7 +1,5 @@
 """Workers that do not see the data folder: they are sent scenes, and hand their frames back."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Denoiser: smaller error, the same energy, sharp edges where the guides have them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbrnet.pipeline.passes.denoise import denoise, grey_guide

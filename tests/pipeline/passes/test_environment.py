@@ -1,7 +1,5 @@
 """Panoramas of the environment: radiometry in closed form, directions, seam, and fingerprints."""
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess

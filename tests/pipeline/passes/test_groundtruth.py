@@ -1,7 +1,5 @@
 """Ground truth: shading and colour against analytic radiometry."""
 
-from __future__ import annotations
-
 import io
 import math
 import os

@@ -1,7 +1,5 @@
 """Illumination panoramas: analytic directions, distances and energies of lights."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Input images: analytic depth, normals, reflectance and object indices."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

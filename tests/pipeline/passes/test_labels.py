@@ -1,7 +1,5 @@
 """Labels: analytic boxes, occlusion and truncation, and counts against objects rendered alone."""
 
-from __future__ import annotations
-
 import io
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Material images: analytic roughness, metalness, F0 and bumped normals of every BSDF type."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

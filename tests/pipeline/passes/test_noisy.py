@@ -3,8 +3,6 @@
 Fingerprints of other frames and the other columns of the dataset do not depend on them.
 """
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Equirectangular views: geometry in closed form, and every set of channels that they have."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

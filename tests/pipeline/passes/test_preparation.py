@@ -1,7 +1,5 @@
 """Preparation of a view: pictures are the same as without it, with one light plan and guides."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every pass over a small room: what it renders is what was recorded under its key."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Light transport without paths: closed forms, and agreement with path-traced light."""
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess

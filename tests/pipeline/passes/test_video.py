@@ -1,7 +1,5 @@
 """Flow and occlusion: analytic scenes, and the check against depth and cameras with its mutants."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Visibility of the panorama's light sources, against analytic shadows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar

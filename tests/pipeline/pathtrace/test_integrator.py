@@ -1,7 +1,5 @@
 """Joint path tracer: each of its two images equals a render of its own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Frozen launches: a replayed launch equals a new one, whatever happened in between."""
 
-from __future__ import annotations
-
 import gc
 from dataclasses import replace
 from pathlib import Path

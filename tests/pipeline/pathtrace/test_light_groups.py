@@ -1,7 +1,5 @@
 """Light groups: each is a render in which only its lights shine; together they are colour."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Parts of the light in a joint trace: closed forms, separate estimates, and mutants that fail."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

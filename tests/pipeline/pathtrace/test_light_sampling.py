@@ -1,7 +1,5 @@
 """Emitter sampling and path guiding: unbiased, and less noise where most lights are hidden."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 from pathlib import Path

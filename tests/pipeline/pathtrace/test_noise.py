@@ -1,7 +1,5 @@
 """Noise estimate against true errors, and views that stop at a noise target."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Window panes: Fresnel's reflectance, its complement behind the pane, and light that passes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

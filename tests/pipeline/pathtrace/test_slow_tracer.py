@@ -1,7 +1,5 @@
 """Joint path tracer against a NumPy path tracer that shares no code with it or with Mitsuba."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Releases: recipes, records, equal sums."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Kernels are compiled for the materials that calls meet, and for nothing of one scene alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import drjit as dr

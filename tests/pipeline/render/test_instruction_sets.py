@@ -1,7 +1,5 @@
 """Cameras, inputs, materials, labels and flow have the same bits under another instruction set."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import drjit as dr

@@ -1,7 +1,5 @@
 """Light leak detection: finds the gaps of a building that let light through, and only those."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree

@@ -1,7 +1,5 @@
 """Triangles of all meshes in one table: the same bits as Mitsuba's own intersections."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """Recorded launches that find surfaces and textures: the same bits as launches traced anew."""
 
-from __future__ import annotations
-
 import gc
 import io
 import weakref

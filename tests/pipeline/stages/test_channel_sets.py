@@ -1,7 +1,5 @@
 """Materials and labels as frames of the inputs stage: kept, resumed, sent, removed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

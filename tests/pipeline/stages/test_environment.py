@@ -1,7 +1,5 @@
 """Panoramas of the environment as frames of their stage: kept, resumed, sent, removed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

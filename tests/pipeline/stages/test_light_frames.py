@@ -1,7 +1,5 @@
 """Light frames of the groundtruth stage: added, resumed and removed beside shading and colour."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

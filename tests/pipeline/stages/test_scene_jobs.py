@@ -1,7 +1,5 @@
 """Homes are made again when what determines them changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Stages: what holds is kept, what changed is rendered again, what failed is named."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """OBJ, MTL and PLY: one reader of each, for every importer."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

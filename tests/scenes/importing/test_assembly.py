@@ -1,7 +1,5 @@
 """Assembly of scenes without rooms."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pbrnet.scenes.registry import import_scene

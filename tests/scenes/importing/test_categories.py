@@ -1,7 +1,5 @@
 """Categories and room types: one table, whatever the source and however a name is written."""
 
-from __future__ import annotations
-
 import csv
 from collections import Counter
 from collections.abc import Callable

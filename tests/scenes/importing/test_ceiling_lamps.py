@@ -1,7 +1,5 @@
 """Plain ceiling lamps: one in a room, several in a hall or a corridor with corners."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

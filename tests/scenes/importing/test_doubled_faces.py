@@ -1,7 +1,5 @@
 """Faces that a file holds once for each side, in other materials, move apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Light of imported rooms: what shines decides whether sun and sky are added."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Panes by name: flat shapes without a material that are called glass let light through."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

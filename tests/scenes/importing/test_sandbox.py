@@ -1,7 +1,5 @@
 """Files of a scene: where images are looked for, and what stays out of reach."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

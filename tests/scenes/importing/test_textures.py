@@ -1,7 +1,5 @@
 """Stored textures: what Mitsuba can open."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mitsuba as mi

@@ -1,7 +1,5 @@
 """Mitsuba scenes of all versions: upright, in metres, with a note for everything left out."""
 
-from __future__ import annotations
-
 import json
 import struct
 import time

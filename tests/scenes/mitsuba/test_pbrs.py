@@ -1,7 +1,5 @@
 """Houses of the PBRS release: tables, lamps, categories and cameras as the release has them."""
 
-from __future__ import annotations
-
 import math
 import shutil
 import struct

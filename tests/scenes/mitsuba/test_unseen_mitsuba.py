@@ -1,7 +1,5 @@
 """Mitsuba scenes in the spelling of each version: all of them are imported completely."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from xml.etree import ElementTree

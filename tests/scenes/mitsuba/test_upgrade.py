@@ -1,7 +1,5 @@
 """Features of Mitsuba 0.4 to 0.6 scenes: groups, includes, spectra, emitters, cameras."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

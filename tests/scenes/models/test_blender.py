@@ -1,7 +1,5 @@
 """.blend and .fbx by way of Blender: found, limited, without the file's scripts, or asked for."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

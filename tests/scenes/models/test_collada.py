@@ -1,7 +1,5 @@
 """COLLADA and 3DS as scenes of their own: unit, up axis, materials, textures, objects, damage."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

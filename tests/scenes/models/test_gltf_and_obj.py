@@ -1,7 +1,5 @@
 """glTF, GLB and OBJ: transforms, textures, materials and lights as their formats define them."""
 
-from __future__ import annotations
-
 import base64
 import json
 import math

@@ -1,7 +1,5 @@
 """Compressed glTF: Draco and meshopt geometry, Basis Universal and WebP images, instances."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any

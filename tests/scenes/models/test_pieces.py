@@ -1,7 +1,5 @@
 """Things in meshes without telling names become objects of category "unknown"."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """USD and USDZ: unit, up axis, instances, visibility, materials, lights, packages, damage."""
 
-from __future__ import annotations
-
 import io
 import math
 import os

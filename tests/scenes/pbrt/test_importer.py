@@ -1,7 +1,5 @@
 """PBRT scenes of versions 3 and 4: what they say, in metres and Z up; nothing from outside."""
 
-from __future__ import annotations
-
 import gzip
 import math
 from pathlib import Path

@@ -6,8 +6,6 @@ Each line of the file is the outcome of one seed; a second run continues where t
 begins anew where the generator changed. Faults are printed as they are found, then a summary.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """Cloth: the shapes in which it hangs and lies, and what it keeps away from."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq

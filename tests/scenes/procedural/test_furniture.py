@@ -1,7 +1,5 @@
 """Procedural furniture: mesh quality, sizes, anchors, support surfaces and lamps."""
 
-from __future__ import annotations
-
 from dataclasses import FrozenInstanceError
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Procedural homes: geometry, lighting and materials of the written scene files."""
 
-from __future__ import annotations
-
 import math
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Procedural surroundings: what a ray meets does not depend on the processor."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

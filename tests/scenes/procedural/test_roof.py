@@ -1,7 +1,5 @@
 """Sloping ceilings and niches of procedural homes: where they are, and that homes stay sound."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from shapely.geometry import Point, Polygon

@@ -1,7 +1,5 @@
 """Interior styles: homes of one style are alike, and differ from those of others."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from itertools import product

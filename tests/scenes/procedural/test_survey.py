@@ -1,7 +1,5 @@
 """Survey of many homes: it keeps outcomes, continues, and reports faults."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Textures of procedural materials: true size, seams, colour, normals and energy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import defusedxml.ElementTree

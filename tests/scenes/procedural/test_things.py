@@ -1,7 +1,5 @@
 """Things that people leave in rooms: their shapes, and how they are left."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from itertools import count

@@ -1,7 +1,5 @@
 """Traces of use: they lie where a home was used, and change nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Ways between rooms: an open door is one, a crack is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from shapely.geometry import box

@@ -1,7 +1,5 @@
 """The effort of a search is bounded: rays for the sky, and tries to seal what cannot be sealed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage

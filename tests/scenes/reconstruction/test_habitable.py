@@ -1,7 +1,5 @@
 """Insides of furniture and of solid walls are no rooms, alone or beside others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

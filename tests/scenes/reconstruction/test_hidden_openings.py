@@ -1,7 +1,5 @@
 """The search for hidden openings: what it finds, and how it ends where there is none."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Made buildings come in with the rooms, scale, up axis, portals and light that they have."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

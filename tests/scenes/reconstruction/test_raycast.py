@@ -1,7 +1,5 @@
 """Rays that only ask whether they escape agree with the closest hits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

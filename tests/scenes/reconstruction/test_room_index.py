@@ -1,7 +1,5 @@
 """An index of rooms finds the same rooms as asking each of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import shapely

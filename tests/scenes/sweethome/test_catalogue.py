@@ -1,7 +1,5 @@
 """Furniture catalogues: reading, conversion, refusal, and homes furnished from them."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Work of importing a home grows with its walls and openings, not with their product."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

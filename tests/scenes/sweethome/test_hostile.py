@@ -1,7 +1,5 @@
 """Damaged and hostile homes: refused with a clear error, or imported with a note, in time."""
 
-from __future__ import annotations
-
 import io
 import math
 import struct

@@ -1,7 +1,5 @@
 """Homes of versions before 5.3: the objects that they hold are read, never made."""
 
-from __future__ import annotations
-
 import random
 import struct
 import time

@@ -1,7 +1,5 @@
 """Light in imported homes: no leaks, lamps as bright as they say, images the right way round."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

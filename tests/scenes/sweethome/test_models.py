@@ -1,7 +1,5 @@
 """Models of homes as COLLADA, KMZ and 3DS: shapes, axes, materials, hostile files."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

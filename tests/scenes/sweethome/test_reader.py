@@ -1,7 +1,5 @@
 """Sweet Home 3D homes: placement and measures, computed by hand from the application's rules."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone

@@ -1,7 +1,5 @@
 """Light leaks of imported homes: found by random walks, and sealed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

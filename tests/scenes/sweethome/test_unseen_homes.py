@@ -1,7 +1,5 @@
 """Unusual but valid homes: each is imported, and the result is plausible."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
