@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import get_args
 
 import click
-import drjit
 import psutil
 import torch
 
 from pbrnet.model.settings import Baseline
 from pbrnet.pipeline.farm.versions import PACKED
+from pbrnet.pipeline.render import variants
 
 
 @dataclass(frozen=True)
@@ -172,23 +172,30 @@ def _extras() -> list[Finding]:
 
 
 def _llvm() -> Finding:
-    if drjit.has_backend(drjit.JitBackend.LLVM):
-        return Finding("LLVM", "found; the variant is llvm_ad_rgb", True)
+    if variants.works("llvm_ad_rgb"):
+        return Finding("LLVM", f"found; the variant is {variants.best_variant()}", True)
+    slower = ", about three times slower" if variants.best_variant() == "scalar_rgb" else ""
     return Finding(
         "LLVM",
-        "not found; the variant is scalar_rgb, about three times slower",
+        f"not found; the variant is {variants.best_variant()}{slower}",
         False,
         "install libllvm15 (apt-get), or set DRJIT_LIBLLVM_PATH to a libLLVM.so",
     )
 
 
 def _cuda() -> Finding:
-    render = drjit.has_backend(drjit.JitBackend.CUDA)
-    train = torch.cuda.is_available()
-    if render or train:
-        uses = [use for use, works in (("rendering", render), ("training", train)) if works]
-        return Finding("GPU", f"CUDA for {' and '.join(uses)}", True)
-    return Finding("GPU", "none (optional)", True)
+    """Whether cards render and train; a card that traces no ray is a warning with its remedy."""
+    cards, train = variants.cards(), torch.cuda.is_available()
+    uses = [use for use, works in (("rendering", cards.usable), ("training", train)) if works]
+    if not (uses or cards.memory or cards.problem):
+        return Finding("GPU", "none (optional)", True)
+    each = zip(cards.names, cards.memory, strict=True)
+    named = ", ".join(f"{name} ({size / 2**30:.0f} GiB)" for name, size in each) or "CUDA"
+    advice = [cards.problem] if cards.problem else []
+    if not train:
+        advice.append("training takes the CPU: install the CUDA build of torch (torch.lock)")
+    state = f"{named}: {' and '.join(uses) or 'not used'}"
+    return Finding("GPU", state, not cards.problem, "; ".join(advice))
 
 
 def _vgg() -> Finding:

@@ -6,8 +6,6 @@ Call `set_variant` in each thread that renders, before anything else here.
 from __future__ import annotations
 
 import gc
-import os
-import sys
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +17,7 @@ import psutil
 
 from pbrnet.pipeline.farm.settings import Variant
 from pbrnet.pipeline.keys import key
-from pbrnet.pipeline.render import meshes, raycast
+from pbrnet.pipeline.render import meshes, raycast, variants
 from pbrnet.pipeline.render.boxes import ObjectBoxes
 from pbrnet.pipeline.render.dispatch import level_ids
 from pbrnet.pipeline.render.lights import Lights, collect_lights
@@ -39,20 +37,14 @@ from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.geometry.directions import unit
 
-_SCALAR_WARNING = (
-    "pbrnet: no usable libLLVM was found, so everything is rendered by the scalar_rgb variant: "
-    "the same images, several times slower. To get it: apt-get install libllvm15, or set "
-    "DRJIT_LIBLLVM_PATH to a libLLVM.so of version 15 or later."
-)
-
 
 def set_variant(requested: Variant = "auto") -> str:
     """Choose the Mitsuba variant of this process and return its name.
 
-    "auto" takes `cuda_ad_rgb` where a CUDA device works, else `llvm_ad_rgb` where libLLVM loads,
-    else `scalar_rgb` with a line on standard error. Further calls cost nothing; "auto" keeps the
-    variant that is set. Raises `MachineError` if the requested variant cannot run here, or if the
-    process already uses another one.
+    "auto" takes `cuda_ad_rgb` where a card traces rays, else `llvm_ad_rgb` where libLLVM loads,
+    else `scalar_rgb`, and says on standard error why a card or LLVM is not used. Further calls cost
+    nothing; "auto" keeps the variant that is set. Raises `MachineError` if the requested variant
+    cannot run here, or if the process already uses another one.
 
     Switches Dr.Jit's approximate functions off in the calling thread: reciprocal square roots
     would differ by the processor's instruction set and vendor. So every thread that renders calls
@@ -60,24 +52,24 @@ def set_variant(requested: Variant = "auto") -> str:
     """
     dr.set_flag(dr.JitFlag.FastMath, False)
     current = mi.variant()
-    if current is not None and requested in ("auto", current):
-        return str(current)
-    if current is not None:
+    if current is None:
+        chosen = variants.choose(requested)
+        mi.set_variant(chosen)
+        return chosen
+    if requested not in ("auto", current):
         raise MachineError(
             f"this process already renders with {current}; {requested} needs a process of its own"
         )
-    chosen = _best_variant() if requested == "auto" else requested
-    if not _works(chosen):
-        raise MachineError(f"the variant {chosen} cannot run here: {_remedy(chosen)}")
-    if requested == "auto" and chosen == "scalar_rgb":
-        print(_SCALAR_WARNING, file=sys.stderr, flush=True)
-    mi.set_variant(chosen)
-    return chosen
+    return str(current)
 
 
-def renderer_version() -> str:
-    """Return the renderer, its versions and the variant: part of every frame's fingerprint."""
-    return f"mitsuba {mi.__version__}, drjit {dr.__version__}, {mi.variant()}, core {key('render')}"
+def renderer_version(variant: str | None = None) -> str:
+    """Return the renderer, its versions and the variant, by default this process's.
+
+    It is part of the fingerprint of every frame and camera file.
+    """
+    variant = variant or mi.variant()
+    return f"mitsuba {mi.__version__}, drjit {dr.__version__}, {variant}, core {key('render')}"
 
 
 @dataclass(frozen=True)
@@ -235,33 +227,6 @@ def cast(
         render_scene.geometry, origins, unit(np.asarray(directions)), through_glass
     )
     return distance, np.append(render_scene.geometry.objects, -1)[shape].astype(np.int32)
-
-
-def _best_variant() -> Variant:
-    for variant in ("cuda_ad_rgb", "llvm_ad_rgb"):
-        if _works(variant):
-            return variant  # type: ignore[return-value]
-    return "scalar_rgb"
-
-
-def _works(variant: str) -> bool:
-    if variant not in mi.variants():
-        return False
-    if variant.startswith("cuda"):
-        return bool(dr.has_backend(dr.JitBackend.CUDA))
-    if variant.startswith("llvm"):
-        return bool(dr.has_backend(dr.JitBackend.LLVM))
-    return True
-
-
-def _remedy(variant: str) -> str:
-    if variant.startswith("cuda"):
-        return "no CUDA device was found; use llvm_ad_rgb or auto"
-    if variant.startswith("llvm"):
-        path = os.environ.get("DRJIT_LIBLLVM_PATH")
-        tried = f" (DRJIT_LIBLLVM_PATH is {path})" if path else ""
-        return f"libLLVM did not load{tried}; apt-get install libllvm15, or use scalar_rgb or auto"
-    return f"Mitsuba was built without it (it has {', '.join(mi.variants())})"
 
 
 def _default_reflectance(made: dict[int, Any]) -> Any:
