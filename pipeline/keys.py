@@ -37,7 +37,7 @@ def read_table(file: Path) -> dict[str, int]:
     """Return the keys of a file, of a project or of this version; raises `ParameterError`."""
     try:
         return dict(_flat(read_yaml(file) or {}, ""))
-    except (AttributeError, TypeError, ValueError):
+    except (AttributeError, OverflowError, TypeError, ValueError):
         raise ParameterError(f"{file}: not a table of numbers by name") from None
 
 

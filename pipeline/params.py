@@ -15,7 +15,7 @@ import yaml
 from pbrnet.pipeline.channels import SETS, ChannelSet
 from pbrnet.scenes.checked import build, param, section, shown, within
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import exists, regular_file
+from pbrnet.scenes.files import exists, read_text
 
 if TYPE_CHECKING:
     from pbrnet.model.settings import BackboneParams, EvaluateParams, TrainParams
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from pbrnet.scenes.params import AssetParams, SceneParams
 
 _MAX_BYTES = 2**20  # of a parameter file
+_MAX_NODES = 2**17  # values in it, with all aliases written out
+_NUMBERS = (":int", ":float")
+_MAX_DIGITS = 1000  # PyYAML takes quadratic time for numbers such as 1:00:00
 MAX_SEED = 2**63 - 1
 _PASSES, _NETWORKS = "pbrnet.pipeline.passes.settings", "pbrnet.model.settings"
 
@@ -158,10 +161,46 @@ def load_params(path: Path, seed: int | None = None) -> Params:
 def read_yaml(path: Path) -> Any:
     """Return the content of a YAML file; raises `ParameterError` that names it."""
     try:
-        return yaml.safe_load(regular_file(path, _MAX_BYTES).read_text(encoding="utf-8"))
+        return yaml.load(read_text(path, _MAX_BYTES), _BoundedLoader)
     except InputError as error:
         raise ParameterError(str(error)) from None
     except RecursionError:
         raise ParameterError(f"{path}: not valid YAML (nested too deep)") from None
-    except (yaml.YAMLError, ValueError) as error:  # wrong syntax, bytes, dates or long numbers
-        raise ParameterError(f"{path}: not valid YAML ({error})") from None
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())  # PyYAML writes several lines
+        raise ParameterError(f"{path}: not valid YAML ({reason})") from None
+
+
+class _BoundedLoader(yaml.SafeLoader):
+    """Loader of YAML from outside: small also when all aliases and merge keys are written out.
+
+    Aliases of aliases double, or more, with every line: a short file would otherwise be one of
+    more values than fit into memory.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._nodes = 0  # written out, so far
+        self._sizes: dict[int, int] = {}  # id of a complete node -> nodes in it, written out
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose a node and count it; an alias counts like what it stands for."""
+        alias, before = self.check_event(yaml.AliasEvent), self._nodes
+        node = super().compose_node(parent, index)
+        if alias and id(node) not in self._sizes:
+            raise yaml.YAMLError("an alias of what it is inside of")
+        self._nodes += self._sizes[id(node)] if alias else 1
+        self._sizes.setdefault(id(node), self._nodes - before)
+        if self._nodes > _MAX_NODES:
+            raise yaml.YAMLError(f"more than {_MAX_NODES:,} values with all aliases written out")
+        return node
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        """Construct a value; what its tag cannot be made from is a YAML error of its line."""
+        try:
+            if node.tag.endswith(_NUMBERS) and len(node.value) > _MAX_DIGITS:
+                raise ValueError
+            return super().construct_object(node, deep)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+            kind, line = node.tag.rpartition(":")[2], node.start_mark.line + 1
+            raise yaml.YAMLError(f"line {line}: {shown(node.value)} is no {kind}") from None

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import fcntl
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from pbrnet.scenes.errors import PbrnetError
+from pbrnet.scenes.errors import MachineError, PbrnetError
 from pbrnet.scenes.files import machine_errors, write_json
 
 
@@ -46,19 +47,23 @@ def data_lock(data: Path, stage: str) -> Iterator[None]:
     path = data / ".lock"
     with machine_errors(path):
         data.mkdir(parents=True, exist_ok=True)
-        stream = path.open("a+", encoding="utf-8")
-    with stream:
+        # A link would be written to where it leads, and a pipe waited for.
+        flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK
+        handle = os.open(path, flags | os.O_CLOEXEC, 0o644)
+    with os.fdopen(handle, "r+b", buffering=0) as stream:
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise MachineError(f"{path}: not a regular file; remove it and run again")
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             stream.seek(0)
-            holder = stream.read().strip() or "another run"
+            holder = stream.read(200).decode("utf-8", "replace").strip() or "another run"
             raise PbrnetError(
                 f"{data}: in use by {holder}; wait for it to end, or use another folder with --data"
             ) from None
         with machine_errors(path):
             stream.seek(0)
             stream.truncate()
-            stream.write(f"'pbrnet {stage}' (process {os.getpid()} on {os.uname().nodename})")
-            stream.flush()
+            holder = f"'pbrnet {stage}' (process {os.getpid()} on {os.uname().nodename})"
+            stream.write(holder.encode())
         yield

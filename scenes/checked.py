@@ -31,17 +31,21 @@ def within(
     """Field metadata: the value (or each element) must lie in [low, high] and exceed `above`."""
     words = []
     if math.isfinite(above):
-        words.append(f"above {above:g}")
+        words.append(f"above {_digits(above)}")
     if math.isfinite(low) and math.isfinite(high):
-        words.append(f"from {low:g} to {high:g}")
+        words.append(f"from {_digits(low)} to {_digits(high)}")
     elif math.isfinite(low):
-        words.append(f"at least {low:g}")
+        words.append(f"at least {_digits(low)}")
     elif math.isfinite(high):
-        words.append(f"at most {high:g}")
+        words.append(f"at most {_digits(high)}")
     return {
         "check": lambda value: low <= value <= high and value > above,
         "allowed": " and ".join(words),
     }
+
+
+def _digits(value: float) -> str:
+    return str(int(value)) if float(value).is_integer() else f"{value:g}"
 
 
 # Field metadata: `plain(..., brief=True)` leaves the field out while it has its default value, so
@@ -224,9 +228,10 @@ def _convert(hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetE
         }
     if origin is Literal:
         if not any(type(value) is type(one) and value == one for one in get_args(hint)):
-            raise error(
-                f"{key}: {shown(value)} is not one of {', '.join(map(repr, get_args(hint)))}"
-            )
+            # YAML reads on, off, yes and no without quotes as truth values.
+            quote = "; quote it" if isinstance(value, bool) else ""
+            allowed = ", ".join(map(repr, get_args(hint)))
+            raise error(f"{key}: {shown(value)} is not one of {allowed}{quote}")
         return value
     if hint is Any:
         return value

@@ -1,20 +1,24 @@
-"""Atomic writing of files and folders (complete or absent, by rename), JSON and digests."""
+"""Files: atomic writing (complete or absent, by rename), reading of those from outside, digests."""
 
 from __future__ import annotations
 
+import csv
 import errno
 import fcntl
 import hashlib
+import io
 import json
+import math
 import os
 import shutil
 import stat
+import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import yaml
 
@@ -32,9 +36,11 @@ _MAX_DIGITS = 40  # of a whole number in JSON
 def atomic_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; renamed to `path` on success, removed on failure.
 
-    Raises `MachineError` when the disk is full or the folder cannot be written.
+    Raises `MachineError` when the disk is full, the folder cannot be written, or `path` is there
+    and no regular file: a rename would remove a device, a pipe or a link to one.
     """
     path = Path(path)
+    _check_replaceable(path, stat.S_ISREG)
     with machine_errors(path):
         partial, lock = _new_partial(path, folder=False)
     try:
@@ -42,6 +48,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
             yield partial
             _flush(partial)
             partial.chmod(0o644)
+            _check_replaceable(path, stat.S_ISREG)
             partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
@@ -50,8 +57,12 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_directory(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`; it replaces `path` on success, else is removed."""
+    """Yield a temporary folder beside `path`; it replaces `path` on success, else is removed.
+
+    Raises `MachineError` as `atomic_file` does, and where `path` is there and no folder.
+    """
     path = Path(path)
+    _check_replaceable(path, stat.S_ISDIR)
     with machine_errors(path):
         partial, lock = _new_partial(path, folder=True)
     try:
@@ -69,6 +80,25 @@ def atomic_directory(path: Path) -> Iterator[Path]:
     finally:
         shutil.rmtree(partial, ignore_errors=True)
         os.close(lock)
+
+
+def _check_replaceable(path: Path, is_kind: Callable[[int], bool]) -> None:
+    """Raise `MachineError` if `path` is there and of another kind, itself or where a link leads."""
+    try:
+        kind = path.stat().st_mode
+        # /dev/stdout may lead to a regular file, and is itself none.
+        is_stream = path.is_symlink() and str(path.readlink()).startswith("/proc/")
+    except (OSError, ValueError):  # nothing there: writing says what else is wrong
+        return
+    if is_stream or not is_kind(kind):
+        raise MachineError(
+            f"{path}: not replaced, because it is {_kind_name(kind)}; choose another place"
+        )
+
+
+def _kind_name(mode: int) -> str:
+    kinds = {stat.S_IFREG: "a file", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe"}
+    return kinds.get(stat.S_IFMT(mode), "a device or the like")
 
 
 @contextmanager
@@ -132,7 +162,7 @@ def sweep(folder: Path, recursive: bool = True) -> int:
 def _abandoned(partial: Path) -> bool:
     """Delete a partial file unless its writer is running; returns whether it was deleted."""
     try:
-        lock = os.open(partial, os.O_RDONLY)
+        lock = os.open(partial, os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
     except OSError:  # gone meanwhile, or not ours
         return False
     try:
@@ -203,13 +233,66 @@ def regular_file(path: Path, limit: int = MAX_BYTES) -> Path:
         raise InputError(f"{shown}: {os.strerror(error.errno or 0)}") from None
     except ValueError as error:  # a NUL in the name
         raise InputError(f"{shown!r}: {error}") from None
+    _check_regular(shown, facts, limit)
+    return Path(path)
+
+
+def _check_regular(shown: str, facts: os.stat_result, limit: int) -> None:
     if stat.S_ISDIR(facts.st_mode):
         raise InputError(f"{shown}: a folder; expected a file")
     if not stat.S_ISREG(facts.st_mode):
         raise InputError(f"{shown}: not a regular file, but a pipe, a device or the like")
     if facts.st_size > limit:
         raise InputError(f"{shown}: {facts.st_size:,} bytes; at most {limit:,} can be read")
-    return Path(path)
+
+
+def open_regular(path: Path, limit: int = MAX_BYTES) -> BinaryIO:
+    """Open a file from outside for reading; raises `InputError` as `regular_file` does.
+
+    A file that meanwhile became a pipe or a device is refused as well, and never waited for.
+    """
+    path = regular_file(path, limit)
+    try:
+        stream = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+    except OSError as error:
+        raise InputError(f"{path}: {os.strerror(error.errno or 0)}") from None
+    try:
+        _check_regular(str(path), os.fstat(stream.fileno()), limit)
+    except InputError:
+        stream.close()
+        raise
+    return stream
+
+
+def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
+    """Read a file from outside as a whole; raises `InputError` as `regular_file` does."""
+    with open_regular(path, limit) as stream:
+        return stream.read(limit)
+
+
+def read_text(path: Path, limit: int = MAX_JSON, errors: str = "strict") -> str:
+    """Read UTF-8 text from outside, line ends as they are; raises `InputError` for other bytes."""
+    try:
+        return read_bytes(path, limit).decode("utf-8", errors)
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text ({error})") from None
+
+
+def read_csv(path: Path) -> list[dict[str, str]]:
+    """Read the lines of a CSV file from outside, by the names of its first line.
+
+    Raises `InputError` for other bytes than UTF-8, a line of more or fewer cells than the first,
+    and a cell of more than 131,072 characters.
+    """
+    lines = csv.DictReader(io.StringIO(read_text(path), newline=""))
+    try:
+        found: list[dict[str, str]] = list(lines)
+    except csv.Error as error:
+        raise InputError(f"{path}: not valid CSV ({error})") from None
+    for number, line in enumerate(found):
+        if None in line or None in line.values():
+            raise InputError(f"{path}: row {number + 1} has too many or too few cells")
+    return found
 
 
 def exists(path: Path) -> bool:
@@ -230,11 +313,7 @@ def resolved(path: Path) -> Path:
 
 def read_json(path: Path) -> Any:
     """Read a JSON file; `InputError` names the file and line if it is missing or broken."""
-    try:
-        text = regular_file(path, MAX_JSON).read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not valid JSON ({error})") from None
-    return parse_json(text, str(path))
+    return parse_json(read_text(path), str(path))
 
 
 def data_beside(module: str) -> Any:
@@ -247,10 +326,13 @@ def parse_json(text: str | bytes, where: str) -> Any:
     """Read JSON text from outside; `InputError` begins with `where`.
 
     Refused, beside wrong syntax: lists nested deeper than Python reads, whole numbers of more
-    than `_MAX_DIGITS` digits, NaN and infinity, and text that is no Unicode (lone surrogates).
+    than `_MAX_DIGITS` digits, NaN, infinity and what exceeds double precision, and text that is no
+    Unicode (lone surrogates).
     """
     try:
-        content = json.loads(text, parse_int=_whole, parse_constant=_no_constant)
+        content = json.loads(
+            text, parse_int=_whole, parse_float=_finite, parse_constant=_no_constant
+        )
         if b"\\ud" in (text.encode() if isinstance(text, str) else text).lower():
             json.dumps(content, ensure_ascii=False).encode()
     except RecursionError:
@@ -268,6 +350,13 @@ def _whole(digits: str) -> int:
     return int(digits)
 
 
+def _finite(digits: str) -> float:
+    value = float(digits)
+    if math.isinf(value):
+        raise ValueError(f"{digits[:_MAX_DIGITS]} is beyond double precision")
+    return value
+
+
 def _no_constant(name: str) -> float:
     raise ValueError(f"{name} is not a number")
 
@@ -282,8 +371,8 @@ def digest_bytes(*parts: bytes) -> str:
 
 
 def digest_file(path: Path) -> str:
-    """SHA-256 of a file's bytes, as 64 hex digits."""
-    with Path(path).open("rb") as stream:
+    """SHA-256 of a file, as 64 hex digits; raises `InputError` as `regular_file` does."""
+    with open_regular(path, sys.maxsize) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 

@@ -7,6 +7,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_file, digest_folder
 
 _MAX_FILES = 50_000  # of a folder that is searched by name
@@ -101,7 +102,7 @@ def _digest(path: Path) -> str | None:
     """SHA-256 of a file; None where there is no file of this name."""
     try:
         return digest_file(path) if path.is_file() else None
-    except (OSError, ValueError):
+    except (InputError, OSError, ValueError):
         return None
 
 

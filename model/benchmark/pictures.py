@@ -5,7 +5,6 @@ A view's file is `SCENE--VIEW.exr` or `.png`, or the same name in a folder, `SCE
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Literal
 
@@ -16,7 +15,7 @@ from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.scenes.arrays import AnyArray, Float32Array
 from pbrnet.scenes.color import decode_srgb
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import read_json, regular_file
+from pbrnet.scenes.files import read_csv, read_json, regular_file
 from pbrnet.scenes.image_files import UnreadableImage, open_image
 
 Task = Literal["color", "albedo", "normal"]
@@ -103,8 +102,7 @@ def read_seconds(folder: Path) -> dict[str, float] | float | None:
     if (folder / "seconds.json").is_file():
         found = read_json(folder / "seconds.json")
     elif table.is_file():
-        with regular_file(table).open(newline="", encoding="utf-8", errors="replace") as stream:
-            lines = list(csv.DictReader(stream))
+        lines = read_csv(table)
         try:
             found = {f"{one['scene_id']}--{one['view_id']}": float(one["seconds"]) for one in lines}
         except (KeyError, TypeError, ValueError):

@@ -6,7 +6,6 @@ A checkpoint therefore needs only the number of rows read so far to resume with 
 
 from __future__ import annotations
 
-import csv
 import math
 import os
 import re
@@ -37,7 +36,7 @@ from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.scenes.arrays import AnyArray, UInt8Array
 from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import digest_bytes, digest_file
+from pbrnet.scenes.files import digest_bytes, digest_file, read_csv
 from pbrnet.scenes.seeds import generator
 
 Split = Literal["train", "validation", "test"]
@@ -212,12 +211,11 @@ class Dataset:
         path = self.folder / "scenes.csv"
         if not path.is_file():
             return {}
-        with path.open(newline="", encoding="utf-8") as stream:
-            return {
-                row["scene_id"]: row["plan"]
-                for row in csv.DictReader(stream)
-                if row.get("scene_id") and row.get("plan")
-            }
+        return {
+            row["scene_id"]: row["plan"]
+            for row in read_csv(path)
+            if row.get("scene_id") and row.get("plan")
+        }
 
     def fingerprint(self) -> str:
         """SHA-256 over the bytes of all shards, and over the scene names `only` if given."""

@@ -7,7 +7,6 @@ about the data and the networks.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from pbrnet.pipeline.images import contact_sheet, enlarge, png_bytes
 from pbrnet.pipeline.tonemap import ToneParams, to_bytes
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import read_json
+from pbrnet.scenes.files import read_csv, read_json
 from pbrnet.scenes.seeds import derive
 
 BASELINES = ("unet", "can", "pix2pix", "cyclegan")  # of the paper, trained with its loss
@@ -163,10 +162,12 @@ def _scores(path: Path, name: str) -> dict[str, dict[tuple[str, str], float]]:
     if not path.is_file():
         raise InputError(f"{path}: no such file; make it with: pbrnet evaluate")
     scores: dict[str, dict[tuple[str, str], float]] = {}
-    with path.open(newline="", encoding="utf-8") as stream:
-        for row in csv.DictReader(stream):
+    try:
+        for row in read_csv(path):
             view = row["scene_id"], row["view_id"]
             scores.setdefault(row["method"], {})[view] = float(row[name])
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{path}: damaged ({error}); make it with: pbrnet evaluate") from None
     return scores
 
 

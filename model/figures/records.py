@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,14 +12,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pbrnet.model.figures.row_pictures import uri
-from pbrnet.pipeline.dataset.parquet import check_types, images_of
+from pbrnet.pipeline.dataset.parquet import check_types, images_of, open_parquet
 from pbrnet.pipeline.images import Picture, fit, read_picture
 from pbrnet.pipeline.radiance import RADIANCE_SCALE, RADIANCES
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.checked import build, check_name
 from pbrnet.scenes.contract import Scene, load_scene, scene_folders
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import read_json
+from pbrnet.scenes.files import read_bytes, read_csv, read_json
 
 Result = TypeVar("Result")
 METRICS = {
@@ -102,7 +101,7 @@ class Records:
         if not path.is_file():
             return ""
         try:
-            picture = read_picture(path.read_bytes())
+            picture = read_picture(read_bytes(path))
             return uri(picture if width is None else fit(picture, width), png=png)
         except (InputError, OSError, ValueError):
             self.missing.append(f"{path} is damaged; make it again with: pbrnet study {name}")
@@ -118,7 +117,7 @@ class Records:
             if path.is_file():
                 try:
                     self._tables[path] = _read_csv(path, numbers)
-                except (UnicodeDecodeError, csv.Error, KeyError, ValueError) as error:
+                except (InputError, KeyError, ValueError) as error:
                     self.missing.append(f"{path} is damaged ({error}); make it again")
         return self._tables[path]
 
@@ -177,7 +176,7 @@ class Records:
                 check_name(name, "the name of an example", error=InputError)
             if not path.is_file():
                 return None
-            return read_picture(path.read_bytes())
+            return read_picture(read_bytes(path))
         except (InputError, OSError, ValueError):
             note = f"{path} is damaged; make it again with: pbrnet evaluate"
             if note not in self.missing:
@@ -210,26 +209,19 @@ class Records:
         shards = []
         for path in sorted((self.places.data / "dataset").glob("*.parquet")):
             try:
-                shard = pq.ParquetFile(path)
+                shard = open_parquet(path)
                 check_types(path, shard.schema_arrow, shard.schema_arrow.names)
                 shards.append(shard)
             except InputError as error:
                 self.missing.append(str(error))
-            except (pa.ArrowInvalid, OSError) as error:
-                self.missing.append(
-                    f"{path} cannot be read ({error}); make it again with: pbrnet dataset"
-                )
         if not shards:
             self.missing.append("No dataset yet; make it with: pbrnet dataset")
         return shards
 
 
 def _read_csv(path: Path, numbers: Sequence[str]) -> list[dict[str, Any]]:
-    with path.open(newline="", encoding="utf-8") as stream:
-        lines: list[dict[str, Any]] = list(csv.DictReader(stream))
+    lines: list[dict[str, Any]] = [*read_csv(path)]
     for line in lines:
-        if None in line or None in line.values():
-            raise ValueError("a line has too many or too few values")
         for name in numbers:
             line[name] = float(line[name]) if line[name] else None
     return lines

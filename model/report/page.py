@@ -51,7 +51,7 @@ from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.plotting import new_chart
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import write_text
+from pbrnet.scenes.files import read_bytes, write_text
 
 SHEET_VIEWS = 12
 _FURTHER_VIEWS = 3  # of which the parts of the light and the surroundings are shown
@@ -271,7 +271,7 @@ class _Page:
         missing = self.records.missing
         for path in sorted(self.records.places.predictions.glob("*.png")):
             try:
-                content = path.read_bytes()
+                content = read_bytes(path)
                 facts, picture = png_facts(content), read_picture(content)
             except (InputError, OSError, ValueError):
                 missing.append(f"{path} is damaged; make it again with: pbrnet predict")

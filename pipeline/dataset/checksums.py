@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import digest_file, write_text
+from pbrnet.scenes.files import digest_file, read_text, write_text
 
 SUMS = "SHA256SUMS"
 _LINE = re.compile(r"([0-9a-f]{64})  ([^/\0]+)")
@@ -21,9 +21,9 @@ def write_sums(folder: Path) -> None:
 def read_sums(path: Path) -> dict[str, str]:
     """Return the checksums that a `SHA256SUMS` file lists, by name; `InputError` for a bad file."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
-        raise InputError(f"{path}: no readable checksums; make them with: pbrnet dataset") from None
+        lines = read_text(path).splitlines()
+    except InputError as error:
+        raise InputError(f"{error}; make the checksums with: pbrnet dataset") from None
     listed = {}
     for line in lines:
         match = _LINE.fullmatch(line)

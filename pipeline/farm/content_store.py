@@ -187,7 +187,7 @@ class ContentStore:
     def _drop_damaged(self, files: Iterable[StoredFile]) -> None:
         for file in files:
             path = self.path(file)
-            with contextlib.suppress(FileNotFoundError):
+            with contextlib.suppress(InputError):
                 if digest_file(path) != file.digest:
                     path.unlink(missing_ok=True)
 

@@ -11,6 +11,7 @@ import numpy as np
 from pbrnet.pipeline.images import Picture, contact_sheet, enlarge, read_picture
 from pbrnet.pipeline.inspection.sections import rows_of
 from pbrnet.scenes.assets.index import PREVIEW, Asset, AssetIndex, IndexEntry
+from pbrnet.scenes.files import read_bytes
 from pbrnet.scenes.procedural.furnishing.asset_sampler import build_kind_index
 
 _COLUMNS = 12
@@ -122,5 +123,5 @@ def draw_asset(folder: Path) -> Picture:
 def _preview(folder: Path) -> Picture:
     path = folder / PREVIEW
     return (
-        read_picture(path.read_bytes()) if path.is_file() else np.full((112, 112, 3), 60, np.uint8)
+        read_picture(read_bytes(path)) if path.is_file() else np.full((112, 112, 3), 60, np.uint8)
     )

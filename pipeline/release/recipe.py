@@ -19,7 +19,7 @@ from pbrnet.pipeline.params import Params, build_params, read_yaml
 from pbrnet.pipeline.release.presets import files_of, find_preset
 from pbrnet.scenes.checked import build, check_name, plain
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import read_json, write_json, write_text
+from pbrnet.scenes.files import read_json, read_text, write_json, write_text
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def add_to_card(dataset: Path, name: str, recipe: Recipe, record: Record | None)
             f"{3600 * record.core_hours / max(record.rows, 1):.1f} core-seconds a row.",
         ]
     card = dataset / "README.md"
-    write_text(card, card.read_text(encoding="utf-8").rstrip("\n") + "\n" + "\n".join(lines) + "\n")
+    write_text(card, read_text(card).rstrip("\n") + "\n" + "\n".join(lines) + "\n")
     write_sums(dataset)
 
 

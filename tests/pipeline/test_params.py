@@ -13,6 +13,15 @@ from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import ParameterError
 from tests.fixtures.paths import ROOT
 
+NO_VALUES = ("!!int ''", "!!timestamp x", "!!int '+'", "!!float ''", "!!bool x", "9999-99-99")
+
+
+def doubling(inside: str) -> str:
+    """Lines of YAML that hold the one before twice."""
+    lines = [f"k{n}: &k{n} {{{inside.format(f'k{n - 1}' if n else 'a')}}}\n" for n in range(28)]
+    return "".join(lines)
+
+
 PRESETS = sorted((ROOT / "params").glob("*.yaml"))
 
 
@@ -45,8 +54,16 @@ PRESETS = sorted((ROOT / "params").glob("*.yaml"))
         ("train: {learning_rate: 0}", ["train.learning_rate", "above 0"]),
         ("train: {loss: {part: [1, 2]}}", ["train.loss.part", "2"]),
         ("train: {exposure: mine}", ["train.exposure", "'mine'", "'own'", "'shared'"]),
+        ("farm: {cache_mb: 0}", ["farm.cache_mb", "from 1 to 1073741824"]),
+        ("farm: {transfer: on}", ["farm.transfer", "True", "'send'", "quote it"]),
         ("farm: {variant: fast}", ["farm.variant", "'fast'"]),
         ("seed: [", ["not valid YAML"]),
+        ("a: &a {b: *a}", ["not valid YAML", "inside"]),
+        ("a: &a {x: 1}\n" + doubling("<<: [*{0}, *{0}]"), ["not valid YAML", "aliases"]),
+        ("a: &a {x: 1}\n" + doubling("x: *{0}, y: *{0}"), ["not valid YAML", "aliases"]),
+        ("seed: " + "1:" * 100_000 + "1", ["not valid YAML", "line 1"]),
+        ("seed: " + "1:" * 400 + "1.5", ["not valid YAML", "line 1"]),
+        *((f"farm: {{}}\nseed: {tag}", ["line 2", tag.split()[0][2:]]) for tag in NO_VALUES),
         ("- 1", ["mapping"]),
     ],
 )

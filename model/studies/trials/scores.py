@@ -23,7 +23,7 @@ from pbrnet.pipeline.images import Picture, contact_sheet, enlarge, png_bytes, r
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.tonemap import to_bytes, tonemap
 from pbrnet.scenes.arrays import AnyArray
-from pbrnet.scenes.files import atomic_directory
+from pbrnet.scenes.files import atomic_directory, read_bytes
 from pbrnet.scenes.seeds import derive
 
 MEASURED = (*NAMES, "detail", "grid")
@@ -154,7 +154,7 @@ def sheet(columns: Mapping[str, tuple[Path, str]], wanted: Sequence[Key], crop: 
     for scene, view in wanted:
         place: tuple[slice, slice] | None = None
         for label, (folder, method) in columns.items():
-            picture = read_picture((folder / f"{scene}--{view}--{method}.png").read_bytes())
+            picture = read_picture(read_bytes(folder / f"{scene}--{view}--{method}.png"))
             place = place or busiest_window(picture, crop)
             cells.append(enlarge(picture[place], SHEET_WIDTH))
             labels.append(f"{label}, {scene}" if label == next(iter(columns)) else label)
