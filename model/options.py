@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import click
 
-from pbrnet.pipeline.commands.options import Size
+from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.commands.options import FOLDER, Request, Size, common_options
 
-FOLDER = click.Path(path_type=Path, file_okay=False)
-FILE = click.Path(path_type=Path, dir_okay=False)
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def folders_options(help_text: str = "Folder of trained networks.") -> Decorator:
+    """Options of `common_options` and `--models`; the command receives `request` and `folders`."""
+
+    def add(command: Callable[..., Any]) -> Callable[..., Any]:
+        @models_option(help_text)
+        @common_options
+        @wraps(command)
+        def wrapped(request: Request, models: Path, **others: Any) -> Any:
+            folders = Folders.beside(request.data, models)
+            return command(request=request, folders=folders, **others)
+
+        return wrapped
+
+    return add
 
 
 def models_option(help_text: str = "Folder of trained networks.") -> Decorator:
@@ -32,6 +48,13 @@ def found_models_option() -> Decorator:
         type=FOLDER,
         default=None,
         help="Folder of trained networks.  [default: models, else the pretrained networks]",
+    )
+
+
+def methods_option(names: Sequence[str], help_text: str, **more: Any) -> Decorator:
+    """Option `--method`, repeatable: some of these names, passed as a tuple `methods`."""
+    return click.option(
+        "--method", "methods", type=click.Choice(names), multiple=True, help=help_text, **more
     )
 
 

@@ -18,6 +18,7 @@ import psutil
 import torch
 
 from pbrnet.model.settings import Baseline
+from pbrnet.pipeline.commands.options import idle_seed_option, json_option
 from pbrnet.pipeline.farm.versions import PACKED
 from pbrnet.pipeline.render import variants
 
@@ -83,9 +84,9 @@ Examples:
 
 Exit code 4 if a required package is missing; slower or optional parts do not count."""
 )
-@click.option("--json", "as_json", is_flag=True, help="Print machine-readable JSON.")
-@click.option("--seed", type=int, default=None, hidden=True)
-def doctor(as_json: bool, seed: int | None) -> None:
+@json_option
+@idle_seed_option
+def doctor(as_json: bool) -> None:
     """Report this machine's CPUs, memory, packages, LLVM, GPU, networks and catalogues."""
     findings = examine()
     if as_json:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +12,18 @@ from pbrnet.model.evaluation import reference as kept
 from pbrnet.model.evaluation.inference import PREDICTABLE, load_networks, needed
 from pbrnet.model.evaluation.metrics import NAMES
 from pbrnet.model.methods import BASELINES
-from pbrnet.model.options import FILE, FOLDER, found_models_option, models_option
+from pbrnet.model.options import (
+    folders_options,
+    found_models_option,
+    methods_option,
+    models_option,
+)
 from pbrnet.model.release.onnx_export import EXPORTABLE, OUTPUTS, export_onnx, exported_inputs
 from pbrnet.model.release.pretrained import find_models, pack
 from pbrnet.model.titles import NETWORK_TITLES
 from pbrnet.model.training.backbone import make_backbone
 from pbrnet.model.training.train import Folders, train_network
-from pbrnet.pipeline.commands.options import common_options
-from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options
 from pbrnet.scenes.files import atomic_file, write_json
 
 
@@ -35,9 +38,9 @@ Section backbone of params.yaml: `network`, `weights` (a VGG-19 file with torchv
 )
 @models_option("Folder for backbone.safetensors and backbone.json.")
 @common_options
-def backbone(params: Params, data: Path, models: Path) -> None:
+def backbone(request: Request, models: Path) -> None:
     """Prepare the pretrained feature extractor of the perceptual loss."""
-    card = make_backbone(params.backbone, models)
+    card = make_backbone(request.params.backbone, models)
     click.echo(f"backbone: {card.network} from {card.source}, in {models}")
 
 
@@ -58,91 +61,60 @@ def train() -> None:
     """Train a network with the parameters in section train.NAME of params.yaml."""
 
 
-def _train_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    for option in (
-        click.option(
-            "--from",
-            "start",
-            type=FILE,
-            default=None,
-            metavar="MODEL",
-            help="Initialise with the weights of this model (fine-tuning).",
-        ),
-        click.option(
-            "--backbone",
-            "backbone_folder",
-            type=FOLDER,
-            default=Path("models"),
-            show_default=True,
-            help="Folder of the backbone of the perceptual loss.",
-        ),
-        models_option("Folder of trained networks, to read and to write."),
-    ):
-        command = option(command)
-    return common_options(command)
+def _training(name: str, about: str, epilog: str) -> None:
+    """Add `pbrnet train NAME`, which trains a network, or all those in `train.baselines`."""
 
-
-def _train(
-    name: str, params: Params, data: Path, models: Path, backbone: Path, start: Path | None
-) -> None:
-    folders = Folders.beside(data, models, backbone)
-    card = train_network(name, params, folders, start)
-    loss = card.metrics["validation_loss"]
-    seen = "" if loss is None else f", validation loss {loss:.2f}"
-    click.echo(f"{models}/{name}.safetensors: {card.parameters / 1e6:.2f} M parameters{seen}")
-
-
-@train.command("shading", epilog="Example: pbrnet train shading --seed 3")
-@_train_options
-def train_shading(
-    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
-) -> None:
-    """First stage: shading from depth, normal and panorama."""
-    _train("shading", params, data, models, backbone_folder, start)
-
-
-@train.command("composition", epilog="Example: pbrnet train composition")
-@_train_options
-def train_composition(
-    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
-) -> None:
-    """Second stage: colour from reflectance and the predicted shading."""
-    _train("composition", params, data, models, backbone_folder, start)
-
-
-def _baseline_command(name: str) -> click.Command:
-    @train.command(
-        name, help=f"Baseline: {NETWORK_TITLES[name]}.", epilog=f"Example: pbrnet train {name}"
+    @train.command(name, help=about, epilog=epilog)
+    @models_option("Folder of trained networks, to read and to write.")
+    @click.option(
+        "--backbone",
+        type=FOLDER,
+        default=Path("models"),
+        show_default=True,
+        help="Folder of the backbone of the perceptual loss.",
     )
-    @_train_options
-    def command(
-        params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
-    ) -> None:
-        _train(name, params, data, models, backbone_folder, start)
+    @click.option(
+        "--from",
+        "start",
+        type=FILE,
+        default=None,
+        metavar="MODEL",
+        help="Initialise with the weights of this model (fine-tuning).",
+    )
+    @common_options
+    def command(request: Request, models: Path, backbone: Path, start: Path | None) -> None:
+        names = request.params.train.baselines if name == "baselines" else (name,)
+        if start is not None and len(names) > 1:
+            raise click.UsageError("--from applies to one network; train the baselines one by one")
+        for one in names:
+            folders = Folders.beside(request.data, models, backbone)
+            card = train_network(one, request.params, folders, start)
+            loss = card.metrics["validation_loss"]
+            seen = "" if loss is None else f", validation loss {loss:.2f}"
+            size = f"{card.parameters / 1e6:.2f} M parameters"
+            click.echo(f"{models}/{one}.safetensors: {size}{seen}")
 
-    return command
 
-
+_training(
+    "shading",
+    "First stage: shading from depth, normal and panorama.",
+    "Example: pbrnet train shading --seed 3",
+)
+_training(
+    "composition",
+    "Second stage: colour from reflectance and the predicted shading.",
+    "Example: pbrnet train composition",
+)
 for _name in BASELINES:
-    _baseline_command(_name)
-
-
-@train.command(
+    _training(_name, f"Baseline: {NETWORK_TITLES[_name]}.", f"Example: pbrnet train {_name}")
+_training(
     "baselines",
-    epilog="""\b
+    "All networks in train.baselines, one after the other.",
+    """\b
 Examples:
   pbrnet train baselines               the networks in train.baselines of params.yaml
   dvc repro train_baselines            the same, but only those that are out of date""",
 )
-@_train_options
-def train_baselines(
-    params: Params, data: Path, models: Path, backbone_folder: Path, start: Path | None
-) -> None:
-    """All networks in train.baselines, one after the other."""
-    if start is not None and len(params.train.baselines) > 1:
-        raise click.UsageError("--from applies to one network; train the baselines one by one")
-    for name in params.train.baselines:
-        _train(name, params, data, models, backbone_folder, start)
 
 
 @click.command(
@@ -155,11 +127,10 @@ Examples:
 Measures every method whose networks are in the folder. Fails if a network was trained on a scene of
 the split or on another scene with its floor plan.""",
 )
-@models_option()
-@common_options
-def evaluate(params: Params, data: Path, models: Path) -> None:
+@folders_options()
+def evaluate(request: Request, folders: Folders) -> None:
     """Measure the trained networks, the baselines, and reflectance x shading."""
-    result = evaluation.evaluate(params, Folders.beside(data, models, models))
+    result = evaluation.evaluate(request.params, folders)
     click.echo(f"{result['views']} views of {result['scenes']} {result['split']} scenes")
     for method in evaluation.EVALUATED_METHODS:
         if method in result["methods"]:
@@ -202,14 +173,11 @@ licences and results. Fails if predictions would change visibly or the folder wo
     show_default=True,
     help="Folder to write; replaces packed networks in it.",
 )
-@click.option(
-    "--method",
-    "methods",
-    type=click.Choice(PREDICTABLE),
-    multiple=True,
+@methods_option(
+    PREDICTABLE,
+    "Method whose networks to pack (repeatable).",
     default=["pbrnet"],
     show_default=True,
-    help="Method whose networks to pack (repeatable).",
 )
 @click.option(
     "--metrics",
@@ -220,10 +188,10 @@ licences and results. Fails if predictions would change visibly or the folder wo
 )
 @common_options
 def pretrained(
-    params: Params, data: Path, source: Path, out: Path, methods: tuple[str, ...], metrics: Path
+    request: Request, source: Path, out: Path, methods: tuple[str, ...], metrics: Path
 ) -> None:
     """Pack trained networks for release, in half precision and with a model card."""
-    for difference in pack(source, out, methods, data, metrics):
+    for difference in pack(source, out, methods, request.data, metrics):
         click.echo(
             f"{', '.join(needed(difference.method))}: on {difference.views} views predictions "
             f"differ by at most {difference.worst:.5f}, on average by {difference.mean:.6f}"
@@ -242,7 +210,6 @@ Examples:
 Reads the results of `pbrnet evaluate` and, for the sheet, the dataset. The sheet has a row for each
 view, from the best to the worst of the first method, with the truth on the left."""
 )
-@models_option()
 @click.option(
     "--out",
     type=FILE,
@@ -250,31 +217,26 @@ view, from the best to the worst of the first method, with the truth on the left
     help="JSON to write.  [default: reference.json beside evaluation.json]",
 )
 @click.option("--sheet", type=FILE, default=None, metavar="FILE", help="Contact sheet to write.")
-@click.option(
-    "--method",
-    "methods",
-    type=click.Choice(evaluation.EVALUATED_METHODS),
-    multiple=True,
+@methods_option(
+    evaluation.EVALUATED_METHODS,
+    "Column of the sheet (repeatable).",
     default=["pbrnet"],
     show_default=True,
-    help="Column of the sheet (repeatable).",
 )
 @click.option(
     "--views", type=click.IntRange(1, 100), default=8, show_default=True, help="Rows of the sheet."
 )
-@common_options
+@folders_options()
 def reference(
-    params: Params,
-    data: Path,
-    models: Path,
+    request: Request,
+    folders: Folders,
     out: Path | None,
     sheet: Path | None,
     methods: tuple[str, ...],
     views: int,
 ) -> None:
     """Write the figures of all methods to one flat file, and draw a contact sheet."""
-    folders = Folders.beside(data, models, models)
-    target = out or folders.metrics / "reference.json"
+    target, params = out or folders.metrics / "reference.json", request.params
     write_json(target, kept.summary(folders, params.seed))
     click.echo(f"{target}: written")
     if sheet is not None:
@@ -305,7 +267,7 @@ values; plus and hybrid radiance and colour. Requires extra packages: pip instal
 )
 @found_models_option()
 @common_options
-def export(params: Params, data: Path, models: Path | None, method: str, out: Path) -> None:
+def export(request: Request, models: Path | None, method: str, out: Path) -> None:
     """Export the trained networks of a method as one ONNX file."""
     found = find_models(models, method)
     networks = load_networks(found.folder, [method])

@@ -24,10 +24,10 @@ from pbrnet.model.evaluation.previews import (
     write_rendering,
 )
 from pbrnet.model.networks.tiles import MIN_TILE
-from pbrnet.model.options import FILE, FOLDER, found_models_option, size_option
+from pbrnet.model.options import found_models_option, size_option
 from pbrnet.model.release.pretrained import find_models
 from pbrnet.pipeline.channels import Kind
-from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.commands.options import FILE, FOLDER, PATH, Request, common_options
 from pbrnet.pipeline.images import Picture, png_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality
@@ -41,7 +41,6 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_file
 
 HYBRID = "hybrid"
-_EITHER = click.Path(path_type=Path)
 
 
 @click.command(
@@ -73,11 +72,11 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 @click.option("--camera", type=FILE, default=None, help="Camera file of the scene.")
 @click.option("--eye", metavar="X,Y,Z", help="Position of a new camera, in metres, Z up.")
 @click.option("--towards", metavar="X,Y,Z", help="Viewing direction of the new camera.")
-@click.option("--inputs", type=_EITHER, help="Frame of depth, normal, reflectance, or a folder.")
-@click.option("--illumination", type=_EITHER, help="Frame of the panorama, or a folder.")
-@click.option("--transport", type=_EITHER, help="Frame of light transport, or a folder.")
-@click.option("--materials", type=_EITHER, help="Frame of materials, or a folder.")
-@click.option("--noisy", type=_EITHER, help="Frame of noisy samples, or a folder (for hybrid).")
+@click.option("--inputs", type=PATH, help="Frame of depth, normal, reflectance, or a folder.")
+@click.option("--illumination", type=PATH, help="Frame of the panorama, or a folder.")
+@click.option("--transport", type=PATH, help="Frame of light transport, or a folder.")
+@click.option("--materials", type=PATH, help="Frame of materials, or a folder.")
+@click.option("--noisy", type=PATH, help="Frame of noisy samples, or a folder (for hybrid).")
 @click.option(
     "--spp",
     type=click.IntRange(1, MOST_DENOISED),
@@ -119,24 +118,24 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 )
 @click.option(
     "--out",
-    type=_EITHER,
+    type=PATH,
     default=None,
     help="PNG to write, or a folder for several views.  [default: predictions/SCENE--VIEW.png]",
 )
 @found_models_option()
 @common_options
-def predict(**options: Any) -> int:
+def predict(request: Request, **options: Any) -> int:
     """Predict images with the trained networks, from SCENE or from frames."""
-    request = Request(**options)
-    if request.seconds is not None:
-        request = _within_seconds(request)
-    pictures = _previews(request) if request.method in PREVIEWS else _predictions(request)
-    _check_out(request.out, len(pictures))
+    wanted = PictureRequest(request.params, request.data, **options)
+    if wanted.seconds is not None:
+        wanted = _within_seconds(wanted)
+    pictures = _previews(wanted) if wanted.method in PREVIEWS else _predictions(wanted)
+    _check_out(wanted.out, len(pictures))
     failed = 0
     with Progress(len(pictures), "predict") as progress:
         for view, draw in pictures:
             try:
-                click.echo(_write(request, view, draw(), len(pictures)))
+                click.echo(_write(wanted, view, draw(), len(pictures)))
             except InputError as error:
                 if len(pictures) == 1:
                     raise
@@ -147,7 +146,7 @@ def predict(**options: Any) -> int:
 
 
 @dataclass(frozen=True)
-class Request:
+class PictureRequest:
     """The options of `pbrnet predict`; None or empty: not given."""
 
     params: Params
@@ -201,7 +200,7 @@ class Drawn:
 Pictures = list[tuple[View, Callable[[], Drawn]]]
 
 
-def _write(request: Request, view: View, drawn: Drawn, count: int) -> str:
+def _write(request: PictureRequest, view: View, drawn: Drawn, count: int) -> str:
     """Write the picture of a view, and its radiance with `--exr`; returns a message."""
     name, target = f"{view.scene_id}/{view.view_id}", _target(request.out, view, count)
     facts = {
@@ -220,7 +219,7 @@ def _write(request: Request, view: View, drawn: Drawn, count: int) -> str:
     return message
 
 
-def _within_seconds(request: Request) -> Request:
+def _within_seconds(request: PictureRequest) -> PictureRequest:
     """Return the request with the effort of the best picture in so many seconds, as measured."""
     seconds, params = request.seconds, request.params
     assert seconds is not None
@@ -247,7 +246,7 @@ def _within_seconds(request: Request) -> Request:
     return replace(request, method=effort.method, spp=effort.spp, quality=quality)
 
 
-def _previews(request: Request) -> Pictures:
+def _previews(request: PictureRequest) -> Pictures:
     """Pictures of a scene's views without a network."""
     method = request.method
     assert method is not None
@@ -267,14 +266,14 @@ def _previews(request: Request) -> Pictures:
     return [(view, partial(draw, view)) for view in views]
 
 
-def _preview_views(request: Request, what: str) -> tuple[Path, list[View]]:
+def _preview_views(request: PictureRequest, what: str) -> tuple[Path, list[View]]:
     """Scene and views of the request; raises `UsageError` for frames."""
     if request.scene is None or request.gives_frames:
         raise click.UsageError(f"{what} computes from a SCENE, not from frames")
     return request.scene, _scene_views(request, request.scene)
 
 
-def _predictions(request: Request) -> Pictures:
+def _predictions(request: PictureRequest) -> Pictures:
     """Pictures by networks."""
     if request.quality:
         raise click.UsageError(f"--denoiser is for --method {' and '.join(PREVIEWS)}")
@@ -305,7 +304,7 @@ def _predictions(request: Request) -> Pictures:
     return [(source.view, partial(draw, source)) for source in sources]
 
 
-def _view_sources(request: Request) -> list[ViewSource]:
+def _view_sources(request: PictureRequest) -> list[ViewSource]:
     """The views that the options select, for networks."""
     if request.scene is not None:
         if request.gives_frames:
@@ -337,7 +336,7 @@ def _view_sources(request: Request) -> list[ViewSource]:
     ]
 
 
-def _scene_views(request: Request, scene: Path) -> list[View]:
+def _scene_views(request: PictureRequest, scene: Path) -> list[View]:
     """The views of a scene that the options select."""
     eye, towards, size = request.eye, request.towards, request.size
     ways = (bool(request.views), request.all_views, eye is not None)

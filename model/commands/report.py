@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from pbrnet.model.report.page import Places, write_report
-from pbrnet.pipeline.commands.options import common_options
-from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options
 
 
 @click.command(
@@ -21,22 +20,24 @@ The page works offline. For missing results it names the command that creates th
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     default=Path("report/index.html"),
     show_default=True,
     help="Page to write.",
 )
 @click.option(
     "--root",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=Path(),
     show_default=True,
     help="Folder that holds models, metrics, plots and predictions.",
 )
 @common_options
-def report(params: Params, data: Path, out: Path, root: Path) -> None:
+def report(request: Request, out: Path, root: Path) -> None:
     """Write a self-contained HTML page with the results of a run."""
-    places = Places(data, *(root / name for name in ("models", "metrics", "plots", "predictions")))
-    for sentence in write_report(places, params, out):
+    places = Places(
+        request.data, *(root / name for name in ("models", "metrics", "plots", "predictions"))
+    )
+    for sentence in write_report(places, request.params, out):
         click.echo(f"note: {sentence}", err=True)
     click.echo(f"Written: {out} ({out.stat().st_size / 1e6:.1f} MB)")

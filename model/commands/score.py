@@ -9,7 +9,7 @@ import click
 from pbrnet.model.benchmark.pictures import Task
 from pbrnet.model.benchmark.score import METRICS, ExposureRule, score_folder, table
 from pbrnet.model.benchmark.views import load_views, pin_views, save_views
-from pbrnet.model.options import FILE, FOLDER
+from pbrnet.pipeline.commands.options import FILE, FOLDER
 from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.pipeline.splits import SPLITS
 from pbrnet.scenes.files import write_json

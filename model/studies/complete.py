@@ -10,18 +10,17 @@ from __future__ import annotations
 import io
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import click
 
 from pbrnet.model.data.reader import Dataset, Split
 from pbrnet.model.evaluation.inference import available
-from pbrnet.model.options import FOLDER
-from pbrnet.pipeline.commands.options import common_options
-from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.commands.options import FOLDER, Request, common_options
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_file, digest_bytes, digest_file, read_json, write_json
@@ -111,13 +110,11 @@ tables of docs/results.md.""",
     help="Copy figures to FOLDER/data and plots to FOLDER/images.",
 )
 @common_options
-def command(
-    params: Params, data: Path, only: tuple[str, ...], dry_run: bool, docs: Path | None
-) -> int:
+def command(request: Request, only: tuple[str, ...], dry_run: bool, docs: Path | None) -> int:
     """Make every figure and plot of the results from one dataset."""
-    parts = _chosen((*PARTS, *flicker_parts(params.evaluate.split, data)), only)
+    parts = _chosen((*PARTS, *flicker_parts(request.params.evaluate.split, request.data)), only)
     known = _recorded()
-    state = fingerprints(params, data)
+    state = fingerprints(plain(request.params), request.data)
     failed = []
     for part in parts:
         digest = digest_bytes(*map(str.encode, (*part.arguments, *state[part.takes_models])))
@@ -128,7 +125,7 @@ def command(
             continue
         else:
             click.echo(f"{part.name}: {part.command}")
-            if not _run(part, params.seed, data):
+            if not _run(part, request):
                 failed.append(part.name)
                 continue
             # Read anew: another process may have made other parts meanwhile.
@@ -159,9 +156,9 @@ def flicker_parts(split: Split, data: Path) -> list[Part]:
     return parts
 
 
-def fingerprints(params: Params, data: Path) -> dict[bool, tuple[str, ...]]:
+def fingerprints(params: Mapping[str, Any], data: Path) -> dict[bool, tuple[str, ...]]:
     """Return what parts depend on, by `Part.takes_models`: parameters, dataset, networks."""
-    settings = {name: value for name, value in plain(params).items() if name != "farm"}
+    settings = {name: value for name, value in params.items() if name != "farm"}
     shards = sorted((data / "dataset").glob("*.parquet"))
     common = (version("pbrnet"), repr(settings), *map(digest_file, shards))
     cards = sorted(Path("models").glob("*.json"))
@@ -192,13 +189,10 @@ def _chosen(parts: Sequence[Part], only: Sequence[str]) -> list[Part]:
     return [part for part in parts if not only or part.name in only]
 
 
-def _run(part: Part, seed: int, data: Path) -> bool:
+def _run(part: Part, request: Request) -> bool:
     """Run the command of a part; keep its files under the part's own name. True if it succeeded."""
-    context = click.get_current_context(silent=True)
-    given = context.params if context else {}
-    words = [*part.arguments, "--data", str(data), "--seed", str(seed)]
-    if given.get("params_file"):
-        words += ["--params", str(given["params_file"])]
+    words = [*part.arguments, "--data", str(request.data), "--seed", str(request.params.seed)]
+    words += ["--params", str(request.params_file)]
     done = subprocess.run([sys.executable, "-c", _RUN, *words])
     if done.returncode or not part.result.is_file():
         return False

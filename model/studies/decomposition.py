@@ -8,9 +8,11 @@ from typing import Any
 import click
 
 from pbrnet.model.baselines.end_to_end import composition_of
+from pbrnet.model.methods import BASELINES
 from pbrnet.model.networks.pbrnet import Architecture
+from pbrnet.model.options import methods_option
 from pbrnet.model.settings import StageTrainParams
-from pbrnet.model.studies.trials.command import TrialRequest, methods_option, trial_command
+from pbrnet.model.studies.trials.command import TrialRequest, trial_command
 from pbrnet.model.studies.trials.plan import STAGES, TrialStudy, Variant
 
 
@@ -46,7 +48,7 @@ def decomposition_study(first: StageTrainParams, methods: Sequence[str] = ()) ->
   pbrnet study decomposition --views 20 --views 80 --seeds 3
   pbrnet study decomposition --method plus                the learning curve of PBR-Net plus, too
 """,
-    methods_option("Another method to train; repeatable."),
+    methods_option(BASELINES, "Another method to train; repeatable."),
     click.option(
         "--views",
         type=click.IntRange(1),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from pbrnet.model.methods import METHODS
+from pbrnet.model.methods import BASELINES, METHODS
+from pbrnet.model.options import methods_option
 from pbrnet.model.studies.trials.command import (
     TrialRequest,
-    methods_option,
     trial_command,
     views_option,
 )
@@ -35,7 +35,7 @@ def table_study(methods: Sequence[str]) -> TrialStudy:
   pbrnet study table --steps 2000 --views 200       train.baselines, three trainings of each
   pbrnet study table --method unet --method can_own --method plus
 """,
-    methods_option("A method to compare with; repeatable.  [default: train.baselines]"),
+    methods_option(BASELINES, "A method to compare with; repeatable.  [default: train.baselines]"),
     views_option,
     seeds=3,
 )

@@ -56,8 +56,12 @@ class Folders:
     backbone: Path = Path("models")
 
     @staticmethod
-    def beside(data: Path, models: Path, backbone: Path) -> Folders:
-        """Folders with metrics and plots inside `models`, unless that is the default folder."""
+    def beside(data: Path, models: Path, backbone: Path | None = None) -> Folders:
+        """Folders with metrics and plots inside `models`, unless that is the default folder.
+
+        The backbone is in `models`, too, unless it is elsewhere.
+        """
+        backbone = backbone or models
         if models == Path("models"):
             return Folders(data=data, backbone=backbone)
         return Folders(data, models, models / "metrics", models / "plots", backbone)

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from pbrnet.pipeline.channels import KINDS
-from pbrnet.pipeline.commands.options import Size, common_options
+from pbrnet.pipeline.commands.options import Request, Size, common_options, json_option
 from pbrnet.pipeline.costs.forecast import (
     TOGETHER,
     HeldOut,
@@ -21,7 +21,6 @@ from pbrnet.pipeline.costs.forecast import (
 )
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.frames import kinds_of
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.release.recipe import load_recipe
 from pbrnet.scenes.errors import ParameterError
 
@@ -72,11 +71,10 @@ Examples:
 @click.option(
     "--check", is_flag=True, help="Print only the errors of the forecast for measured scenes."
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option
 @common_options
 def cost(
-    params: Params,
-    data: Path,
+    request: Request,
     views: int | None,
     scenes: int | None,
     cores: int | None,
@@ -93,9 +91,8 @@ def cost(
     scenes; --check prints these errors only. Without --views, every scene counts with
     cameras.views_per_scene views, and the frames of its walks.
     """
-    ledger = joined([read_ledger(folder) for folder in (data, *also)])
-    if recipe is not None:
-        params = load_recipe(recipe).parameters
+    ledger = joined([read_ledger(folder) for folder in (request.data, *also)])
+    params = request.params if recipe is None else load_recipe(recipe).parameters
     if size is not None:
         params = replace(params, image=replace(params.image, width=size[0], height=size[1]))
     costs, errors = fit_costs(ledger)

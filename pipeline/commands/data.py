@@ -6,7 +6,14 @@ from pathlib import Path
 
 import click
 
-from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.commands.options import (
+    FILE,
+    PATH,
+    Request,
+    common_options,
+    idle_seed_option,
+    json_option,
+)
 from pbrnet.pipeline.dataset.checksums import verify_sums
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
@@ -14,7 +21,6 @@ from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.inspection.datasets import inspect_diversity, inspect_realism
 from pbrnet.pipeline.inspection.describe import inspect_path
 from pbrnet.pipeline.inspection.scenes import with_leaks
-from pbrnet.pipeline.params import Params
 from pbrnet.scenes.files import atomic_file
 
 
@@ -27,10 +33,10 @@ Examples:
 Views that do not pass the checks are listed with the reason in data/dataset/rejected.csv."""
 )
 @common_options
-def dataset(params: Params, data: Path) -> None:
+def dataset(request: Request) -> None:
     """Check the frames of every view and pack them into Parquet shards with a dataset card."""
-    summary = pack_dataset(data, params)
-    for line in summary_lines(summary, data / "dataset"):
+    summary = pack_dataset(request.data, request.params)
+    for line in summary_lines(summary, request.data / "dataset"):
         click.echo(line)
 
 
@@ -64,16 +70,16 @@ Examples:
   pbrnet inspect models/shading.safetensors --json     layers and model card as JSON
   pbrnet inspect data/assets                           catalogues; a sheet of their pieces"""
 )
-@click.argument("path", type=click.Path(path_type=Path))
+@click.argument("path", type=PATH)
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     default=None,
     help="Picture to write.  [default: inspect-NAME.png in the current folder]",
 )
 @click.option("--text-only", is_flag=True, help="Write no picture.")
 @click.option("--plan-only", is_flag=True, help="For a scene: draw only the plan, without renders.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+@json_option
 @click.option(
     "--diversity",
     is_flag=True,
@@ -90,9 +96,7 @@ Examples:
 @click.option(
     "--leaks", is_flag=True, help="For a scene: find gaps, other than portals, that let light in."
 )
-@click.option(
-    "--seed", type=int, default=None, expose_value=False, help="Has no effect: nothing is random."
-)
+@idle_seed_option
 def inspect(
     path: Path,
     out: Path | None,

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from pbrnet.pipeline.commands.options import FOLDER, data_option, idle_seed_option
 from pbrnet.pipeline.export.parts import ExportOptions, Job, run_export
 from pbrnet.pipeline.export.registry import FORMATS
 from pbrnet.pipeline.export.rows import DatasetRows
@@ -38,22 +39,16 @@ interrupted resumes; one with other options or another dataset replaces the file
     required=True,
     help="Format: " + "; ".join(f"{form.name}: {form.title}" for form in FORMATS.values()) + ".",
 )
-@click.option(
-    "--data",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("data"),
-    show_default=True,
-    help="Data folder; the dataset is in its folder `dataset`.",
-)
+@data_option
 @click.option(
     "--dataset",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=None,
     help="Folder of the dataset.  [default: DATA/dataset]",
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=None,
     help="Folder to write.  [default: DATA/exports/FORMAT]",
 )
@@ -115,9 +110,7 @@ interrupted resumes; one with other options or another dataset replaces the file
     help="renderformer: most triangles of a room.",
 )
 @click.option("--partial", is_flag=True, help="hypersim: leave out what the dataset does not hold.")
-@click.option(
-    "--seed", type=int, default=None, expose_value=False, help="Has no effect: nothing is random."
-)
+@idle_seed_option
 def export_data(
     name: str,
     data: Path,

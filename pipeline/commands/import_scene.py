@@ -13,6 +13,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import click
 
+from pbrnet.pipeline.commands.options import FOLDER, PATH
 from pbrnet.pipeline.inspection.sizes import triangles_of
 from pbrnet.pipeline.limits import Limits, run_limited
 from pbrnet.scenes.checked import check_name
@@ -125,10 +126,10 @@ Examples:
 \b
 Kinds of files, options and limits: docs/scenes.md.""",
 )
-@click.argument("path", type=click.Path(path_type=Path))
+@click.argument("path", type=PATH)
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     required=True,
     help="Scene folder to write; its name is the scene's id.",
 )

@@ -4,18 +4,32 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import click
 
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.keys import read_table, table
-from pbrnet.pipeline.params import load_params
+from pbrnet.pipeline.params import Params, load_params
 from pbrnet.scenes.files import exists, resolved
 
 Command = Callable[..., Any]
+PATH = click.Path(path_type=Path)
+FOLDER = click.Path(path_type=Path, file_okay=False)
+FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+@dataclass(frozen=True)
+class Request:
+    """Parameters and places that a command is asked to work with."""
+
+    params: Params
+    data: Path
+    scheduler: str | None = None  # address of dask's
+    params_file: Path = Path("params.yaml")
 
 
 class Size(click.ParamType):
@@ -31,16 +45,25 @@ class Size(click.ParamType):
         return int(match[1]), int(match[2])
 
 
-def common_options(command: Command) -> Command:
-    """Add `--params`, `--seed` and `--data` to a command, which receives `params` and `data`.
+data_option = click.option(
+    "--data", type=FOLDER, default=Path("data"), show_default=True, help="Data folder."
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+idle_seed_option = click.option(
+    "--seed", type=int, expose_value=False, help="Has no effect: nothing is random."
+)
 
-    The options of `farm_options` are merged into `params.farm`.
+
+def common_options(command: Command) -> Command:
+    """Add `--params`, `--seed` and `--data` to a command, which receives a `request`.
+
+    It holds the options of `farm_options`, too, merged into `params.farm`.
     """
 
     @click.option(
         "--params",
         "params_file",
-        type=click.Path(path_type=Path),
+        type=PATH,
         default=Path("params.yaml"),
         show_default=True,
         help="Parameter file.",
@@ -51,24 +74,29 @@ def common_options(command: Command) -> Command:
         default=None,
         help="Root seed, instead of the one in the parameter file.",
     )
-    @click.option(
-        "--data",
-        type=click.Path(path_type=Path, file_okay=False),
-        default=Path("data"),
-        show_default=True,
-        help="Data folder.",
-    )
+    @data_option
     @wraps(command)
-    def wrapped(params_file: Path, seed: int | None, **others: Any) -> Any:
-        options = {name: others.pop(name, None) for name in ("workers", "transfer")}
-        given = {name: value for name, value in options.items() if value is not None}
+    def wrapped(
+        params_file: Path,
+        seed: int | None,
+        data: Path,
+        scheduler: str | None = None,
+        workers: int | None = None,
+        transfer: str | None = None,
+        **others: Any,
+    ) -> Any:
         params = load_params(params_file, seed)
         warn_of_keys(Path("keys.yaml"))
-        resolved(others["data"])  # refuses links in a circle
-        params = replace(params, farm=replace(params.farm, **given))
-        return command(params=params, **others)
+        resolved(data)  # refuses links in a circle
+        params = replace(params, farm=chosen(params.farm, workers=workers, transfer=transfer))
+        return command(request=Request(params, data, scheduler, params_file), **others)
 
     return wrapped
+
+
+def chosen(farm: FarmParams, **options: Any) -> FarmParams:
+    """Return the parameters of the farm with the options that are given, those not None."""
+    return replace(farm, **{name: value for name, value in options.items() if value is not None})
 
 
 def warn_of_keys(file: Path) -> None:

@@ -12,7 +12,15 @@ from typing import Any
 
 import click
 
-from pbrnet.pipeline.commands.options import common_options, farm_options
+from pbrnet.pipeline.commands.options import (
+    FOLDER,
+    PATH,
+    Request,
+    common_options,
+    farm_options,
+    idle_seed_option,
+    json_option,
+)
 from pbrnet.pipeline.params import Params, read_yaml
 from pbrnet.pipeline.release.parameter_text import Parameter, flow, parameter_text, parameters
 from pbrnet.pipeline.release.presets import find_preset, presets
@@ -30,10 +38,10 @@ Examples:
   pbrnet init rooms          a new folder
   pbrnet init --update       dvc.yaml and keys.yaml of this version, after an update of pbrnet"""
 )
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path())
+@click.argument("folder", type=FOLDER, default=Path())
 @click.option("--update", is_flag=True, help="Renew dvc.yaml and keys.yaml, and nothing else.")
-@click.option("--seed", type=int, default=None, hidden=True)
-def init(folder: Path, update: bool, seed: int | None) -> None:
+@idle_seed_option
+def init(folder: Path, update: bool) -> None:
     """Make FOLDER a project: params.yaml, dvc.yaml, keys.yaml, .gitignore, and DVC's own files.
 
     Overwrites nothing. `dvc repro` then runs the quick start.
@@ -95,7 +103,7 @@ Examples:
 @click.option(
     "--params",
     "target",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default=Path("params.yaml"),
     show_default=True,
     help="Parameter file to write.",
@@ -142,31 +150,29 @@ Examples:
 )
 @click.argument("section", required=False)
 @click.option("--changed", is_flag=True, help="Only values that differ from the quick start's.")
-@click.option("--json", "as_json", is_flag=True, help="Print machine-readable JSON.")
+@json_option
 @farm_options
 @common_options
-@click.pass_context
 def params(
-    context: click.Context,
-    params: Params,
-    data: Path,
-    scheduler: str | None,
+    request: Request,
     section: str | None,
     changed: bool,
     as_json: bool,
 ) -> None:
     """Print the effective parameters: value, where it comes from, one line of meaning."""
-    file = context.params["params_file"]
+    file = request.params_file
     options = {"seed": "seed", "workers": "farm.workers", "transfer": "farm.transfer"}
-    given = {key for name, key in options.items() if context.params[name] is not None}
+    asked = click.get_current_context().params
+    given = {key for name, key in options.items() if asked[name] is not None}
     written = set(_keys(read_yaml(file) or {}))
+    every = parameters(request.params, inline=False)
     rows = [
         {"key": one.key, "value": one.value, "from": _origin(one, given, written, file),
          "default": one.default, "meaning": one.meaning}
-        for one in parameters(params, inline=False)
+        for one in every
         if not one.is_section and _inside(one.key, section) and (one.differs or not changed)
     ]  # fmt: skip
-    if section and not any(_inside(one.key, section) for one in parameters(params, inline=False)):
+    if section and not any(_inside(one.key, section) for one in every):
         raise ParameterError(f"{section}: no such section or parameter")
     if as_json:
         click.echo(json.dumps(rows, indent=1))

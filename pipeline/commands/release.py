@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from pbrnet.pipeline.commands import run
-from pbrnet.pipeline.commands.options import farm_options
+from pbrnet.pipeline.commands.options import FOLDER, chosen, farm_options
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
@@ -48,13 +48,13 @@ from the record, or some views failed."""
 @click.argument("name", required=False)
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=None,
     help="Data folder of the release.  [default: data/releases/NAME]",
 )
 @click.option(
     "--recipes",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=None,
     help="Folder with the recipes.  [default: recipes, then those of the package]",
 )
@@ -71,8 +71,7 @@ def release(
     recipes: Path | None,
     record: bool,
     scheduler: str | None,
-    workers: int | None,
-    transfer: str | None,
+    **farm: Any,
 ) -> None:
     """Make the dataset of the recipe NAME, and compare its checksums with those recorded.
 
@@ -85,9 +84,7 @@ def release(
     recipe = load_recipe(name, recipes)
     known = load_record(name, recipes)
     out = resolved(out or Path("data") / "releases" / name)
-    options: dict[str, Any] = {"workers": workers, "transfer": transfer}
-    given = {key: value for key, value in options.items() if value is not None}
-    params = replace(recipe.parameters, farm=replace(recipe.parameters.farm, **given))
+    params = replace(recipe.parameters, farm=chosen(recipe.parameters.farm, **farm))
     summary, failure = _make(out, params, scheduler)
     dataset = out / "dataset"
     made = Record(

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from pbrnet.pipeline.commands.data import summary_lines
-from pbrnet.pipeline.commands.options import common_options, farm_options
+from pbrnet.pipeline.commands.options import Request, common_options, farm_options
 from pbrnet.pipeline.commands.start import say_start
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.params import Params
@@ -54,7 +54,7 @@ lists the views. The same command again keeps what is up to date and tries the r
 )
 @farm_options
 @common_options
-def run(params: Params, data: Path, scheduler: str | None, until: str) -> None:
+def run(request: Request, until: str) -> None:
     """Run all stages from assets to the dataset once, for one parameter file and data folder.
 
     Says on stderr what matters of the run, then prints a summary of each stage. `dvc repro` does
@@ -62,12 +62,12 @@ def run(params: Params, data: Path, scheduler: str | None, until: str) -> None:
     """
     names = list(STAGES)[: list(STAGES).index(until) + 1]
     kinds = {kind for name in names for kind in FRAME_STAGES.get(name, (name,))}
-    say_start(params, data, scheduler, kinds)
+    say_start(request, kinds)
     failed: list[str] = []
     for number, (name, stage) in enumerate(STAGES.items(), 1):
         click.echo(f"[{number}/{len(STAGES)}] {name}")
         try:
-            click.echo(str(stage(data, params, scheduler)))
+            click.echo(str(stage(request.data, request.params, request.scheduler)))
         except PbrnetError as error:
             if error.exit_code != StageError.exit_code:
                 raise

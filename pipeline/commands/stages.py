@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
-from pbrnet.pipeline.commands.options import common_options, farm_options
+from pbrnet.pipeline.commands.options import Request, common_options, farm_options
 from pbrnet.pipeline.commands.start import say_start
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
@@ -24,13 +21,13 @@ Examples:
 )
 @farm_options
 @common_options
-def assets(params: Params, data: Path, scheduler: str | None) -> None:
+def assets(request: Request) -> None:
     """Fetch furniture catalogues and convert their pieces into DATA/assets.
 
     Off by default (assets.enabled): procedural homes have built-in furniture. Catalogues are the
     .sh3f files in assets.folder, or else those of the Debian packages in assets.debian.
     """
-    click.echo(str(run_assets(data, params, scheduler)))
+    click.echo(str(run_assets(request.data, request.params, request.scheduler)))
 
 
 @click.command(
@@ -41,13 +38,13 @@ Examples:
 )
 @farm_options
 @common_options
-def scenes(params: Params, data: Path, scheduler: str | None) -> None:
+def scenes(request: Request) -> None:
     """Generate procedural homes and import the scenes listed in scenes.imports.
 
     Scenes that are up to date are kept, and so are scenes that 'pbrnet import' put into
     DATA/scenes.
     """
-    _print_summary(run_scenes(data, params, scheduler))
+    _print_summary(run_scenes(request.data, request.params, request.scheduler))
 
 
 @click.command(
@@ -58,10 +55,10 @@ Examples:
 )
 @farm_options
 @common_options
-def cameras(params: Params, data: Path, scheduler: str | None) -> None:
+def cameras(request: Request) -> None:
     """Sample views that see much furniture; prints why other candidates were rejected."""
-    say_start(params, data, scheduler, ("cameras",))
-    _print_summary(run_cameras(data, params, scheduler))
+    say_start(request, ("cameras",))
+    _print_summary(run_cameras(request.data, request.params, request.scheduler))
 
 
 def _frame_command(stage: str, epilog: str, text: str) -> click.Command:
@@ -70,9 +67,9 @@ def _frame_command(stage: str, epilog: str, text: str) -> click.Command:
     @click.command(stage, help=text, epilog=epilog)
     @farm_options
     @common_options
-    def command(params: Params, data: Path, scheduler: str | None) -> None:
-        say_start(params, data, scheduler, FRAME_STAGES[stage])
-        _print_summary(run_frames(stage, data, params, scheduler))
+    def command(request: Request) -> None:
+        say_start(request, FRAME_STAGES[stage])
+        _print_summary(run_frames(stage, request.data, request.params, request.scheduler))
 
     return command
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import click
 from dask.system import cpu_count
 
+from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.costs.forecast import SCENE_STAGES, samples_of, stage_costs
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import kinds_of
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.errors import InputError
@@ -21,22 +21,19 @@ from pbrnet.scenes.errors import InputError
 _TRUTHS = {"shading", "color", "light"}  # of one trace, which the forecast calls "truth"
 
 
-def say_start(
-    params: Params, data: Path, scheduler: str | None, stages: Collection[str] = ()
-) -> None:
+def say_start(request: Request, stages: Collection[str] = ()) -> None:
     """Print on stderr what matters of a run that is about to start; see `start_lines`."""
-    for line in start_lines(params, data, scheduler, stages):
+    for line in start_lines(request, stages):
         click.echo(line, err=True)
 
 
-def start_lines(
-    params: Params, data: Path, scheduler: str | None, stages: Collection[str] = ()
-) -> list[str]:
+def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
     """Return lines about images, samples, views, time and workers of a run.
 
     `stages`: the kinds of frames that are made, and `scenes` and `cameras`; all if empty. The time
     is that of all views, also of those that are up to date; it is left out without a ledger.
     """
+    params = request.params
     kinds = kinds_of(params)
     wanted = {*SCENE_STAGES, *kinds} if not stages else {*stages} & {*SCENE_STAGES, *kinds}
     image = params.image
@@ -46,15 +43,15 @@ def start_lines(
     ]
     if wanted & _TRUTHS:
         lines.append(f"samples: {_samples(params.groundtruth)}")
-    scenes, views = _counted(data)
+    scenes, views = _counted(request.data)
     words = f"{views:,} of {scenes:,} scenes" if views else ""
     if not views:
         scenes = params.scenes.most_scenes
         views = scenes * params.cameras.most_views
         words = f"at most {views:,} of {scenes:,} scenes" if scenes else ""
     lines += [f"views: {words}"] if words else []
-    seconds = _seconds(params, data, wanted, scenes, views)
-    workers = _workers(params.farm, scheduler)
+    seconds = _seconds(request, wanted, scenes, views)
+    workers = _workers(params.farm, request.scheduler)
     if seconds:
         lines.append(f"time: about {_span(seconds)} of one core for all views, by the ledger")
     return [*lines, f"workers: {workers}"]
@@ -80,17 +77,15 @@ def _counted(data: Path) -> tuple[int, int]:
         return 0, 0
 
 
-def _seconds(
-    params: Params, data: Path, wanted: Collection[str], scenes: int, views: int
-) -> float | None:
+def _seconds(request: Request, wanted: Collection[str], scenes: int, views: int) -> float | None:
     """Return the core-seconds that the ledger lets expect; None if it does not tell."""
     try:
-        costs = stage_costs(read_ledger(data))
+        costs = stage_costs(read_ledger(request.data))
     except InputError:
         return None
     asked = {"truth" if kind in _TRUTHS else kind for kind in wanted}
     known = [cost for cost in costs if cost.stage in asked]
-    found = [cost.total(scenes, views, samples_of(cost.stage, params)) for cost in known]
+    found = [cost.total(scenes, views, samples_of(cost.stage, request.params)) for cost in known]
     return sum(found) if found else None
 
 

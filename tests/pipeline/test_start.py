@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.commands.start import start_lines
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.inspection.one_view import view_at
@@ -24,13 +25,13 @@ def no_scheduler(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_run_says_what_matters(tmp_path: Path) -> None:
     params = Params(scenes=SceneParams(homes=3, variants=2))
     params = replace(params, farm=replace(params.farm, workers=4))
-    assert start_lines(params, tmp_path, None) == [
+    assert start_lines(Request(params, tmp_path)) == [
         "images: 160x120, framing photograph, channels paper",
         "samples: 16 per pixel, denoised by oidn",
         "views: at most 30 of 6 scenes",
         "workers: up to 4 on this machine",
     ]
-    assert start_lines(params, tmp_path, "tcp://head:8786")[-1] == (
+    assert start_lines(Request(params, tmp_path, "tcp://head:8786"))[-1] == (
         "workers: those of the dask scheduler tcp://head:8786"
     )
 
@@ -48,8 +49,10 @@ def test_a_run_says_what_matters(tmp_path: Path) -> None:
 )
 def test_samples_and_denoiser_are_said(tmp_path: Path, truth: GroundTruthParams, said: str) -> None:
     params = Params(groundtruth=truth)
-    assert f"samples: {said}" in start_lines(params, tmp_path, None)
-    assert not any("samples" in line for line in start_lines(params, tmp_path, None, ("inputs",)))
+    assert f"samples: {said}" in start_lines(Request(params, tmp_path))
+    assert not any(
+        "samples" in line for line in start_lines(Request(params, tmp_path), ("inputs",))
+    )
 
 
 def test_the_ledger_tells_the_time(tmp_path: Path) -> None:
@@ -70,16 +73,16 @@ def test_the_ledger_tells_the_time(tmp_path: Path) -> None:
     params = Params(scenes=SceneParams(homes=16))
     params = replace(params, cameras=replace(params.cameras, views_per_scene=1))
     expected = "time: about 2.7 hours of one core for all views, by the ledger"
-    assert expected in start_lines(params, tmp_path, None, ("shading", "color"))
-    assert not any("time" in line for line in start_lines(params, tmp_path, None, ("inputs",)))
+    assert expected in start_lines(Request(params, tmp_path), ("shading", "color"))
+    assert not any("time" in line for line in start_lines(Request(params, tmp_path), ("inputs",)))
 
 
 def test_views_are_counted_where_cameras_are_there(tmp_path: Path) -> None:
     views = tuple(view_at((0, 0, 1), (1, 0, 1), name=name) for name in ("a", "b"))
     save_cameras(tmp_path / "cameras" / "one.json", CameraFile("one", views))
-    assert "views: 2 of 1 scenes" in start_lines(Params(), tmp_path, None)
+    assert "views: 2 of 1 scenes" in start_lines(Request(Params(), tmp_path))
     (tmp_path / "cameras" / "two.json").write_text("broken")
-    assert any("views: at most" in line for line in start_lines(Params(), tmp_path, None))
+    assert any("views: at most" in line for line in start_lines(Request(Params(), tmp_path)))
 
 
 def test_it_is_said_on_stderr_before_anything_is_made(tmp_path: Path) -> None:

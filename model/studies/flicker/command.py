@@ -9,14 +9,13 @@ import click
 
 from pbrnet.model.evaluation.inference import PREDICTABLE, load_networks
 from pbrnet.model.evaluation.predict import find_views
-from pbrnet.model.options import FILE, FOLDER, found_models_option, size_option
+from pbrnet.model.options import found_models_option, methods_option, size_option
 from pbrnet.model.release.pretrained import find_models
 from pbrnet.model.studies.files import write_result
 from pbrnet.model.studies.flicker.results import FlickerResult
 from pbrnet.model.studies.flicker.study import FlickerConfig, FlickerMeasurement, measure_move
-from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options
 from pbrnet.pipeline.images import png_bytes
-from pbrnet.pipeline.params import Params
 from pbrnet.scenes.errors import InputError
 
 
@@ -54,12 +53,8 @@ stable; compare with the value of the renderer. A sheet of frames is written bes
     help="Metres per frame, or degrees for pan.  [default: 0.02 m, 0.5 degrees]",
 )
 @size_option("Image size.  [default: as in the camera file]")
-@click.option(
-    "--method",
-    "methods",
-    type=click.Choice(PREDICTABLE),
-    multiple=True,
-    help="A method to measure; repeatable.  [default: pbrnet, else the trained method]",
+@methods_option(
+    PREDICTABLE, "A method to measure; repeatable.  [default: pbrnet, else the trained method]"
 )
 @click.option(
     "--out",
@@ -71,8 +66,7 @@ stable; compare with the value of the renderer. A sheet of frames is written bes
 @found_models_option()
 @common_options
 def command(
-    params: Params,
-    data: Path,
+    request: Request,
     scene: Path,
     view_id: str,
     camera: Path | None,
@@ -94,10 +88,11 @@ def command(
         raise InputError(
             "these methods use different exposure or tone mapping; measure them one at a time"
         )
-    camera = camera or data / "cameras" / f"{scene.name}.json"
+    camera = camera or request.data / "cameras" / f"{scene.name}.json"
     (view,) = find_views(scene, camera, (view_id,), size)
     default_step = 0.5 if options["move"] == "pan" else 0.02
     config = FlickerConfig(step=default_step if step is None else step, **options)
+    params = request.params
     study = measure_move(networks, scene, view, config, params)
     result = FlickerResult(
         scene_id=view.scene_id,

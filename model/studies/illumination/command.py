@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from pbrnet.model.figures.results import known_first
-from pbrnet.model.options import models_option, renders_option
+from pbrnet.model.options import folders_options, renders_option
 from pbrnet.model.studies.illumination.results import (
     CHANGES,
     TITLES,
@@ -19,8 +19,7 @@ from pbrnet.model.studies.illumination.results import (
 from pbrnet.model.studies.illumination.study import IlluminationConfig, study_illumination
 from pbrnet.model.studies.options import config_options
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.commands.options import common_options
-from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.commands.options import Request
 
 
 @click.command(
@@ -37,17 +36,16 @@ Writes metrics/studies/illumination.json and illumination.png.""",
 )
 @config_options(IlluminationConfig)
 @renders_option("Folder of the rendered frames.  [default: DATA/studies/illumination]")
-@models_option()
-@common_options
-def command(params: Params, data: Path, models: Path, renders: Path | None, **options: Any) -> None:
+@folders_options()
+def command(request: Request, folders: Folders, renders: Path | None, **options: Any) -> None:
     """Compare predicted with rendered changes of light (Figure 10).
 
     A lamp is added at the left rear of the camera, lamps get brighter, sky and sun darker, a lamp
     is removed, panoramas are exchanged. All changes but the last are rendered, too.
     """
-    folders = Folders.beside(data, models, models)
-    frames = renders or data / "studies" / "illumination"
-    result, target = study_illumination(params, folders, IlluminationConfig(**options), frames)
+    frames = renders or request.data / "studies" / "illumination"
+    config = IlluminationConfig(**options)
+    result, target = study_illumination(request.params, folders, config, frames)
     for line in _lines(result, target):
         click.echo(line)
 

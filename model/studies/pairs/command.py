@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from pbrnet.model.evaluation.evaluate import EVALUATED_METHODS
-from pbrnet.model.options import FILE, models_option
+from pbrnet.model.options import folders_options, methods_option
 from pbrnet.model.studies.options import config_options
 from pbrnet.model.studies.pairs.answers import (
     FolderKey,
@@ -38,8 +38,7 @@ from pbrnet.model.studies.pairs.study import (
     write_pairs_page,
 )
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.commands.options import common_options
-from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.commands.options import FILE, Request
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.files import write_json
 
@@ -59,16 +58,13 @@ from. Keep it: without it, answers cannot be scored.""",
 @click.argument("files", nargs=-1, type=FILE, metavar="[FILE]...")
 @click.option("--score", "scoring", is_flag=True, help="Score the answer files FILE.")
 @config_options(PairsConfig)
-@click.option(
-    "--method",
-    "methods",
-    type=click.Choice(EVALUATED_METHODS),
-    multiple=True,
-    help="A method to show; repeatable.  [default: pbrnet, product, trained baselines]",
+@methods_option(
+    EVALUATED_METHODS,
+    "A method to show; repeatable.  [default: pbrnet, product, trained baselines]",
 )
 @click.option(
     "--folder",
-    "folders",
+    "pictures",
     multiple=True,
     metavar="NAME=FOLDER",
     help="Compare folders of PNG or JPEG pictures instead of methods; at least two.",
@@ -86,18 +82,16 @@ from. Keep it: without it, answers cannot be scored.""",
     help="Page to write, with its key beside it.  [default: metrics/studies/pairs.html]",
 )
 @click.option("--replace", is_flag=True, help="Overwrite another page and its key.")
-@models_option()
-@common_options
+@folders_options()
 def command(
-    params: Params,
-    data: Path,
-    models: Path,
+    request: Request,
+    folders: Folders,
     out: Path | None,
     files: tuple[Path, ...],
     scoring: bool,
     replace: bool,
     methods: tuple[str, ...],
-    folders: tuple[str, ...],
+    pictures: tuple[str, ...],
     question: str | None,
     **options: Any,
 ) -> None:
@@ -110,8 +104,7 @@ def command(
     With --folder, the pictures come from folders, such as renders of an old and a new version, or
     photographs, and people choose the one that looks more like a photograph.
     """
-    places = Folders.beside(data, models, models)
-    studies = places.metrics / "studies"
+    params, studies = request.params, folders.metrics / "studies"
     page = out or studies / "pairs.html"
     if page.suffix != ".html":
         raise click.BadParameter(f"{page}: the file name must end in .html", param_hint="--out")
@@ -120,9 +113,9 @@ def command(
             "--score needs the answer files, and they need --score: "
             "pbrnet study pairs --score FILE..."
         )
-    if folders and methods:
+    if pictures and methods:
         raise click.UsageError("--folder and --method exclude each other")
-    if question is not None and not folders:
+    if question is not None and not pictures:
         raise click.UsageError("--question is about pictures of folders: give --folder, too")
     if scoring:
         key = read_key(key_path_of(page))
@@ -131,13 +124,13 @@ def command(
         target = studies / "pairs.json"
         write_json(target, plain(result))
         lines = _result_lines(result, target)
-    elif folders:
+    elif pictures:
         asked = QUESTION if question is None else question
-        config = PairsConfig(folders=parse_folders(folders), question=asked, **options)
+        config = PairsConfig(folders=parse_folders(pictures), question=asked, **options)
         lines = _page_lines(write_folders_page(params.seed, config, page, replace), config, page)
     else:
         config = PairsConfig(methods=tuple(dict.fromkeys(methods)), **options)
-        lines = _page_lines(write_pairs_page(params, places, config, page, replace), config, page)
+        lines = _page_lines(write_pairs_page(params, folders, config, page, replace), config, page)
     for line in lines:
         click.echo(line)
 

@@ -7,13 +7,12 @@ from typing import Any
 
 import click
 
-from pbrnet.model.options import models_option, renders_option
+from pbrnet.model.options import folders_options, renders_option
 from pbrnet.model.studies.options import config_options
 from pbrnet.model.studies.time.results import CLOCKS, TimeResult, part_rows, verdicts
 from pbrnet.model.studies.time.study import TimeConfig, study_time
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.commands.options import common_options
-from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.commands.options import Request
 
 
 @click.command(
@@ -31,23 +30,15 @@ Writes metrics/studies/time.json and time.png.""",
 )
 @config_options(TimeConfig)
 @renders_option("Folder of the reference images.  [default: DATA/studies/time]")
-@models_option()
-@common_options
-def command(
-    params: Params,
-    data: Path,
-    models: Path,
-    renders: Path | None,
-    **options: Any,
-) -> None:
+@folders_options()
+def command(request: Request, folders: Folders, renders: Path | None, **options: Any) -> None:
     """Time every part, and compare networks and renderer at equal time.
 
     Prints seconds per view beside the paper's, and for each network whether the path tracer,
     denoised or not, is better in the same time. A network's time includes all its inputs.
     """
-    folders = Folders.beside(data, models, models)
-    config = TimeConfig(**options)
-    result, target = study_time(params, folders, config, renders or data / "studies" / "time")
+    frames = renders or request.data / "studies" / "time"
+    result, target = study_time(request.params, folders, TimeConfig(**options), frames)
     for line in _lines(result, target):
         click.echo(line)
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import click
 
-from pbrnet.model.methods import BASELINES
-from pbrnet.model.options import Decorator, models_option
+from pbrnet.model.options import Decorator, folders_options
 from pbrnet.model.studies.trials.plan import Trial, TrialConfig, TrialStudy, plan
 from pbrnet.model.studies.trials.summary import run_and_summarise
 from pbrnet.model.studies.trials.tables import plan_lines, result_lines
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.commands.options import common_options
+from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.params import Params
 
 _EPILOG = """\b
@@ -75,19 +73,18 @@ def trial_command(
 
     def make(function: Callable[..., None]) -> click.Command:
         def command(
-            params: Params,
-            data: Path,
-            models: Path,
+            request: Request,
+            folders: Folders,
             dry_run: bool,
             views: tuple[int, ...] = (),
             **given: Any,
         ) -> None:
             config = TrialConfig(given.pop("seeds"), given.pop("steps"), views)
-            folders = Folders.beside(data, models, models)
-            function(TrialRequest(params, folders, config, dry_run), **given)
+            function(TrialRequest(request.params, folders, config, dry_run), **given)
 
         command.__doc__ = function.__doc__
-        callback: Any = common_options(command)
+        where = "Folder of the backbone; another folder than the default holds metrics, too."
+        callback: Any = folders_options(where)(command)
         for option in (*_trial_options(seeds), *reversed(options)):
             callback = option(callback)
         words = f"{notes}\n" if notes else ""
@@ -99,9 +96,6 @@ def trial_command(
 
 def _trial_options(seeds: int) -> tuple[Decorator, ...]:
     return (
-        models_option(
-            "Folder of the backbone; another folder than the default holds metrics, too."
-        ),
         click.option("--dry-run", is_flag=True, help="Only list the trials and their cost."),
         click.option(
             "--steps",
@@ -115,13 +109,6 @@ def _trial_options(seeds: int) -> tuple[Decorator, ...]:
             show_default=True,
             help="Number of seeds; every variant is trained once with each.",
         ),
-    )
-
-
-def methods_option(help_text: str) -> Decorator:
-    """Option `--method`: names of trained methods, passed as a tuple `methods`."""
-    return click.option(
-        "--method", "methods", type=click.Choice(BASELINES), multiple=True, help=help_text
     )
 
 
