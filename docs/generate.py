@@ -29,7 +29,7 @@ from pbrnet.model.benchmark.score import METRICS as METRICS_OF_TASK
 from pbrnet.model.titles import METHOD_TITLES as TITLES
 from pbrnet.scenes.installation import IMPORT_FOLDER as ROOT
 
-METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (less is better)", 3)}
+METRICS = {"ssim": ("SSIM", 3), "psnr": ("PSNR, dB", 1), "flip": ("FLIP (lower is better)", 3)}
 QUICK_START = ROOT / "docs" / "data" / "quick-start.json"
 BENCHMARK = ROOT / "docs" / "data" / "benchmark.json"
 PLAN = ROOT / "docs" / "data" / "plan.json"
@@ -77,7 +77,7 @@ def reference_differences(found: dict[str, Any]) -> str:
 
 
 def _method_table(methods: dict[str, Any], intervals: dict[str, Any]) -> str:
-    rows = [["method", *(title for title, _ in METRICS.values()), "seconds an image"]]
+    rows = [["method", *(title for title, _ in METRICS.values()), "seconds per image"]]
     for name in sorted(methods, key=list(TITLES).index):
         row, cells = methods[name], []
         for metric, (_, digits) in METRICS.items():
@@ -93,7 +93,7 @@ def _method_table(methods: dict[str, Any], intervals: dict[str, Any]) -> str:
 
 def benchmark_table(found: dict[str, Any], task: Task) -> str:
     """Table of this project's submissions to a task of the open benchmark."""
-    rows = [["method", *METRICS_OF_TASK[task], "CPU seconds a view"]]
+    rows = [["method", *METRICS_OF_TASK[task], "CPU seconds per view"]]
     for one in found["tasks"][task]:
         cells = []
         for metric, digits in METRICS_OF_TASK[task].items():
@@ -112,8 +112,8 @@ def budget_parts() -> str:
     if not BUDGETS.is_file():
         return "Not measured for this version yet: `make bench ONLY=budgets`."
     found = json.loads(BUDGETS.read_text())
-    plot = "![Lowest FLIP in so many seconds, at three sizes](images/budgets.png)"
-    sheet = "![Reference and each one's best picture in a second](images/budgets.jpg)"
+    plot = "![Lowest FLIP within each time budget, at three sizes](images/budgets.png)"
+    sheet = "![Reference and the best image of each renderer within a second](images/budgets.jpg)"
     words = clay_budget_words(found)
     return f"{words}\n\n{_table(clay_budget_table(found))}\n\n{plot}\n\n{sheet}"
 
@@ -121,30 +121,30 @@ def budget_parts() -> str:
 def realism_table(found: dict[str, Any]) -> str:
     """Table of figures of rendered views beside those of photographs, and how they were made."""
     width, height = found["size"]
-    rows = [["figure of a view", "5 %", "median", "95 %", "photographs"]]
+    rows = [["measure per view", "5 %", "median", "95 %", "photographs"]]
     for one in found["figures"]:
         known = one["photographs"].replace("no published figure found", "")
         rows.append([one["figure"], *(f"{one[q]:g}" for q in ("5 %", "median", "95 %")), known])
     classes = ", ".join(f"{one['class']} {one['share']}" for one in found["classes"][:12])
     about = (
         f"{found['views']} views of {found['homes']} homes, {width}x{height}, "
-        f"{found['spp']} samples and the denoiser:"
+        f"{found['spp']} samples, denoised:"
     )
     return f"{about}\n\n{_table(rows)}\n\nPixels by NYU40 class: {classes}."
 
 
 def plan_table(found: dict[str, Any]) -> str:
     """Table of the forecast of a large release, by stage."""
-    rows = [["stage", "core-hours", "core-seconds a view"]]
-    stages = {**found["stages"], "together": found["core_hours"]}
+    rows = [["stage", "core-hours", "core-seconds per view"]]
+    stages = {**found["stages"], "total": found["core_hours"]}
     for stage, hours in stages.items():
         rows.append([stage, f"{hours:,.0f}", f"{3600 * hours / found['views']:.2f}"])
     error = found["relative_error"]
     within = "unknown" if error is None else f"{error:.0%}"
     return (
         f"`{found['recipe']}`: {found['views']:,} views of {found['scenes']:,} homes, measured on "
-        f"{found['machine']}. Frames: {found['frame_bytes'] / 1e12:.1f} TB. 95 % of the draws of "
-        f"half the measured homes predict the others within {within}.\n\n{_table(rows)}"
+        f"{found['machine']}. Frames: {found['frame_bytes'] / 1e12:.1f} TB. In 95 % of random "
+        f"splits, half of the measured homes predict the other half within {within}.\n\n{_table(rows)}"
     )
 
 

@@ -63,7 +63,7 @@ def trials_table(found: dict[str, Any]) -> Rows:
     head = [
         *(["group"] if groups else []),
         *("method", "training views", *(title for title, _ in measures.values())),
-        f"FLIP, minus that of `{reference}`",
+        f"FLIP relative to `{reference}`",
     ]
     table = [head]
     for row in rows:
@@ -82,7 +82,7 @@ def trials_table(found: dict[str, Any]) -> Rows:
 
 def illumination_table(found: dict[str, Any]) -> Rows:
     """Rows of pattern, gain and correct sign by kind of change and method."""
-    table = [["change", "views", "method", "pattern", "gain", "sign right"]]
+    table = [["change", "views", "method", "pattern", "gain", "correct sign"]]
     for name, title in CHANGES.items():
         change = found["changes"].get(name)
         if change is None or change["reference"] != "rendered":
@@ -141,7 +141,7 @@ def equal_time_table(times: dict[str, dict[str, Any]]) -> Rows:
     """
     rivals = {"planned_denoised": "joint trace, denoised", "mitsuba_denoised": "`path`, denoised"}
     head = ["size", "method", "samples", "seconds", "FLIP", *rivals.values()]
-    table = [[*head, "nearer than the joint trace of the same samples, in views"]]
+    table = [[*head, "views ahead of the joint trace with the same samples"]]
     for size, found in times.items():
         for point in found["points"]:
             if point["method"] not in ("radiosity", "plus", "hybrid"):
@@ -209,13 +209,13 @@ def clay_budget_words(found: dict[str, Any]) -> str:
     trained = ", ".join(f"`{name}` on {views}" for name, views in found["trained_views"].items())
     sentences = [
         "" if found["sizes"] == "full" else "**A trial run; its figures mean nothing.**",
-        f"{found['homes']} views of as many homes; {clock} seconds of {processors}, of which other "
+        f"One view each of {found['homes']} homes; {clock} seconds of {processors}, of which other "
         f"programs used {found['others_busy']:.1f}; Blender {found['blender']}.",
-        f"At {sizes}: reference of 2 x {spp} samples a pixel, FLIP between its halves {apart}, "
-        f"means within {100 * found['halves_apart']:.1f} %.",
-        f"The networks were trained on views of other homes: {trained}." if trained else "",
-        "Counted are the seconds of one further view of an open scene, with light plan, transport, "
-        "guides, denoiser and network; opening the scene and compiling are not.",
+        f"The reference at {sizes} has 2 x {spp} samples per pixel; FLIP between its halves is "
+        f"{apart}, and their means agree within {100 * found['halves_apart']:.1f} %.",
+        f"The networks were trained on other homes, {trained} views." if trained else "",
+        "Times are those of one further view of an open scene, with light plan, transport, guides, "
+        "denoiser and network, but without opening the scene and compiling.",
         _not_first(found["cells"]),
     ]
     return " ".join(filter(None, sentences))
@@ -226,23 +226,23 @@ def _not_first(cells: list[dict[str, Any]]) -> str:
     lost = [cell for cell in cells if cell["first"] not in ("ours", None)]
     nobody = [cell for cell in cells if cell["first"] is None]
     tried = len(cells) - len(nobody)
-    text = f"**Ours is first in {len(ours)} of the {tried} budgets in which there is a picture.**"
+    text = f"**Ours is first in {len(ours)} of the {tried} budgets in which any renderer finishes.**"
     if lost:
         words = (f"{cell['size']} in {cell['budget']:g} s ({cell['first']})" for cell in lost)
-        text += f" It is not in: {', '.join(words)}."
+        text += f" It is not first at {', '.join(words)}."
     budgets: dict[str, list[str]] = {}
     for cell in nobody:
         budgets.setdefault(cell["size"], []).append(f"{cell['budget']:g}")
     if nobody:
         words = (f"{size} in {', '.join(times)} s" for size, times in budgets.items())
-        text += f" No renderer has a picture of each home in time: {'; '.join(words)}."
+        text += f" No renderer finishes an image of every home at {'; '.join(words)}."
     return text
 
 
 def flicker_table(moves: list[dict[str, Any]]) -> Rows:
     """Rows of the mean difference of neighbouring frames over several moves."""
     methods = dict.fromkeys(name for move in moves for name in move["methods"])
-    table = [["method", "mean", "times the renderer's", f"least and most of {len(moves)} scenes"]]
+    table = [["method", "mean", "relative to the renderer", f"range over {len(moves)} scenes"]]
     for name in methods:
         known = [move["methods"] for move in moves if name in move["methods"]]
         values = [each[name]["mean"] for each in known]

@@ -109,7 +109,7 @@ METHODS: dict[str, Method] = {
     "plus": Method(
         "plus",
         f"{_NETWORKS}.plus:PlusNet",
-        "PBR-Net plus: our network without samples",
+        "PBR-Net plus: light transport, corrected by a network",
         "PBR-Net plus",
         (*GEOMETRY, "reflectance", "transport", "level"),
         _EXPOSED,
@@ -119,7 +119,7 @@ METHODS: dict[str, Method] = {
     "hybrid": Method(
         "hybrid",
         f"{_NETWORKS}.hybrid:HybridNet",
-        "PBR-Net hybrid: a few samples a pixel, denoised, corrected by a network",
+        "PBR-Net hybrid: a few samples per pixel, denoised, corrected by a network",
         "PBR-Net hybrid",
         (*GEOMETRY, "reflectance", "transport", "noisy", "samples"),
         _EXPOSED,

@@ -42,8 +42,8 @@ PAPER = {"inputs": 0.040, "illumination": 10.2, "networks": 0.145, "truths": 180
 RENDERERS = {
     "mitsuba": "Mitsuba's path tracer",
     "mitsuba_denoised": "Mitsuba's path tracer, denoised",
-    "planned": "Mitsuba with light sampling by a pilot",
-    "planned_denoised": "Mitsuba with light sampling by a pilot, denoised",
+    "planned": "Mitsuba with planned light sampling",
+    "planned_denoised": "Mitsuba with planned light sampling, denoised",
 }
 
 
