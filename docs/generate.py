@@ -144,7 +144,8 @@ def plan_table(found: dict[str, Any]) -> str:
     return (
         f"`{found['recipe']}`: {found['views']:,} views of {found['scenes']:,} homes, measured on "
         f"{found['machine']}. Frames: {found['frame_bytes'] / 1e12:.1f} TB. In 95 % of random "
-        f"splits, half of the measured homes predict the other half within {within}.\n\n{_table(rows)}"
+        f"splits, half of the measured homes predict the other half within {within}."
+        f"\n\n{_table(rows)}"
     )
 
 

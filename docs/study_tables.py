@@ -226,7 +226,7 @@ def _not_first(cells: list[dict[str, Any]]) -> str:
     lost = [cell for cell in cells if cell["first"] not in ("ours", None)]
     nobody = [cell for cell in cells if cell["first"] is None]
     tried = len(cells) - len(nobody)
-    text = f"**Ours is first in {len(ours)} of the {tried} budgets in which any renderer finishes.**"
+    text = f"**Ours is first in {len(ours)} of {tried} budgets in which any renderer finishes.**"
     if lost:
         words = (f"{cell['size']} in {cell['budget']:g} s ({cell['first']})" for cell in lost)
         text += f" It is not first at {', '.join(words)}."
