@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.fixtures.command import Run, exit_code
+
 # Two test processes share the machine: threads that wait for one another burn its time. Set before
 # anything imports numpy or torch; trainings choose for themselves.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -73,12 +75,15 @@ def shared_scenes() -> Path:
     return SHARED_SCENES
 
 
-@pytest.fixture(scope="module")
-def one_thread() -> Iterator[None]:
-    """Training takes one processor: networks as small as these only wait for one another."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "sched_getaffinity", lambda _process: {0})
-        yield
+@pytest.fixture
+def pbrnet_run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Function that runs `pbrnet` with words: exit code, output, errors."""
+
+    def run(*words: object) -> tuple[int, str, str]:
+        code = exit_code(*words)
+        return (code, *capsys.readouterr())
+
+    return run
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,6 @@ from pbrnet.model.evaluation.product import product, product_linear
 from pbrnet.model.evaluation.reference import sheet, summary
 from pbrnet.model.settings import EvaluateParams, StageTrainParams, TrainParams
 from pbrnet.model.training.train import Folders, train_network
-from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.dataset.settings import DatasetParams
 from pbrnet.pipeline.images import png_facts, read_picture
@@ -34,13 +34,11 @@ from pbrnet.scenes.color import decode_srgb
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone
+from tests.fixtures.command import Run
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.predict import box_camera, box_frames, box_room
 from tests.fixtures.predictor import untrained_models
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
-Predict = Callable[..., tuple[int, str, str]]
 SIZE = {"width": 24, "height": 18, "panorama": 16}
 SMALL = StageTrainParams(epochs=1, width=4, levels=2)
 PARAMS = Params(train=TrainParams(shading=SMALL, composition=SMALL, unet=SMALL))
@@ -328,23 +326,12 @@ FRAMES = ("--inputs", "data/inputs/box/v0.exr", "--illumination", "data/illumina
 
 @pytest.fixture()
 def predict(
-    trained: Folders,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> Callable[..., tuple[int, str, str]]:
+    trained: Folders, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pbrnet_run: Run
+) -> Run:
     """`pbrnet predict` in `tmp_path`: exit code, output, errors."""
     monkeypatch.chdir(tmp_path)
     Path("params.yaml").write_text("groundtruth: {spp: 4, block_spp: 4}\n")
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        command = ["predict", *map(str, arguments), "--models", str(trained.models)]
-        with pytest.raises(SystemExit) as ended:
-            main(command)
-        said = capsys.readouterr()
-        return int(str(ended.value.code)), said.out, said.err
-
-    return run
+    return partial(pbrnet_run, "predict", "--models", trained.models)
 
 
 @pytest.mark.slow
@@ -360,7 +347,7 @@ def test_predicting_from_frames_in_a_process_of_its_own(trained: Folders, tmp_pa
         assert image.size == (37, 23)
 
 
-def test_comparing_with_the_truth_in_the_data_folder(predict: Predict, tmp_path: Path) -> None:
+def test_comparing_with_the_truth_in_the_data_folder(predict: Run, tmp_path: Path) -> None:
     box_frames(tmp_path / "data", width=37, height=23, panorama=20)
     code, words, _ = predict(*FRAMES, "--compare", "--out", "c.png")
     assert code == 0 and "SSIM" in words and "FLIP" in words
@@ -371,7 +358,7 @@ def test_comparing_with_the_truth_in_the_data_folder(predict: Predict, tmp_path:
     assert code == 3 and "no shading and colour frames of box/v0" in errors
 
 
-def test_frames_of_two_views_are_refused(predict: Predict, tmp_path: Path) -> None:
+def test_frames_of_two_views_are_refused(predict: Run, tmp_path: Path) -> None:
     for name in ("v0", "v1"):
         box_frames(tmp_path / "data", name, width=24, height=18, panorama=16)
     code, _, errors = predict(*FRAMES[:3], FRAMES[3].replace("v0", "v1"))
@@ -385,7 +372,7 @@ def room(tmp_path: Path) -> Path:
 
 
 def test_predicting_from_a_scene_at_any_size_beside_the_truth(
-    predict: Predict, tmp_path: Path, room: Path
+    predict: Run, tmp_path: Path, room: Path
 ) -> None:
     code, words, errors = predict(room, "--view", "v0", "--size", "33x20", "--compare")
     assert code == 0, errors
@@ -421,7 +408,7 @@ def test_another_size_keeps_the_horizontal_view_and_square_pixels() -> None:
     ],
 )
 def test_what_cannot_be_predicted_is_said(
-    predict: Predict, tmp_path: Path, room: Path, arguments: tuple[str, ...], code: int, words: str
+    predict: Run, tmp_path: Path, room: Path, arguments: tuple[str, ...], code: int, words: str
 ) -> None:
     ended, _, errors = predict(*arguments)
     assert ended == code and words in errors

@@ -2,8 +2,9 @@
 
 import itertools
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +31,8 @@ from pbrnet.model.networks.hybrid import (
 from pbrnet.model.networks.objective import Batch, ExposedLoss, Setting
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.settings import StageTrainParams, TrainParams
-from pbrnet.model.training import train
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.channels import Kind
-from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.frames import read_frame, write_frame
 from pbrnet.pipeline.params import Params
@@ -46,6 +45,7 @@ from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone
+from tests.fixtures.command import exit_code
 from tests.fixtures.model import box_dataset, box_rows, made_example, write_shard
 from tests.fixtures.stages import write_room
 
@@ -57,17 +57,6 @@ SMALL = StageTrainParams(epochs=1, width=4, levels=2)
 PARAMS = Params(
     train=TrainParams(baselines=("hybrid",), shading=SMALL, composition=SMALL, hybrid=SMALL)
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread() -> Iterator[None]:
-    """Networks this small only wait for one another on two."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(train.os, "sched_getaffinity", lambda _process: {0})
-        yield
-    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
@@ -314,14 +303,8 @@ def predict(
     """`pbrnet predict --method hybrid` in `tmp_path`; its exit code."""
     monkeypatch.chdir(tmp_path)
     Path("params.yaml").write_text("groundtruth: {spp: 4, block_spp: 4, max_depth: 3}\n")
-
-    def run(*arguments: object) -> int:
-        command = ["predict", *map(str, arguments), "--models", str(trained.models)]
-        with pytest.raises(SystemExit) as ended:
-            main([*command, "--method", "hybrid"])
-        return int(str(ended.value.code))
-
-    return run
+    chosen = ("predict", "--models", trained.models, "--method", "hybrid")
+    return partial(exit_code, *chosen)
 
 
 def test_it_predicts_from_a_scene_whose_samples_it_traces(

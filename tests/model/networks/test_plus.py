@@ -25,7 +25,6 @@ from pbrnet.scenes.errors import InputError
 from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
 
-pytestmark = pytest.mark.usefixtures("one_thread")
 TRANSPORT = INPUTS["transport"].columns
 SMALL = StageTrainParams(epochs=1, width=4, levels=2)
 

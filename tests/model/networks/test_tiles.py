@@ -15,12 +15,6 @@ from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _one_thread() -> None:
-    """Networks this small only wait for one another on two."""
-    torch.set_num_threads(1)
-
-
 @pytest.fixture(scope="module")
 def example(tmp_path_factory: pytest.TempPathFactory) -> Example:
     """A view of odd size, several tiles wide and high."""

@@ -8,7 +8,6 @@ import pytest
 from click.testing import CliRunner
 
 from pbrnet.model.data.reader import Example
-from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.flicker.study import FlickerConfig, flicker, move_cameras, reproject
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.params import Params
@@ -16,6 +15,7 @@ from pbrnet.scenes.errors import InputError
 from tests.fixtures.model import made_example
 from tests.fixtures.predict import box_camera, box_room
 from tests.fixtures.predictor import untrained_models
+from tests.fixtures.study import report_in
 
 WIDTH, HEIGHT = 64, 48
 VIEW = box_camera("v0", (WIDTH, HEIGHT), (2.0, 1.0, 1.5), (0, 1, 0))
@@ -133,8 +133,7 @@ def test_the_report_shows_it_and_notes_a_damaged_one(room: Path, tmp_path: Path)
     path = Path("metrics/studies/flicker.json")
     result = json.loads(path.read_text())
     times = result["methods"]["product"]["mean"] / result["methods"]["renderer"]["mean"]
-    write_report(Places(), Params(), Path("report.html"))
-    page = Path("report.html").read_text()
+    page, _ = report_in(tmp_path, Params())
     assert (
         "Temporal stability along a camera move" in page and "a turn of 0.5° to the right" in page
     )
@@ -145,9 +144,9 @@ def test_the_report_shows_it_and_notes_a_damaged_one(room: Path, tmp_path: Path)
     assert page.count('alt="First, middle and last frame') == 1
     path.write_text(json.dumps(result | {"move": "loop"}))
     path.with_suffix(".png").write_bytes(b"no picture")
-    notes = write_report(Places(), Params(), Path("report.html"))
+    page, notes = report_in(tmp_path, Params())
     assert any("flicker.json.move: 'loop' is not one of" in note for note in notes)
-    assert "Temporal stability" not in Path("report.html").read_text()
+    assert "Temporal stability" not in page
 
 
 def test_a_wall_in_the_way_is_said(room: Path) -> None:

@@ -1,6 +1,5 @@
 """Generalisation study: division by plan, fine-tuning from trained networks, specular masks."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,20 +7,17 @@ import numpy as np
 import pytest
 
 from pbrnet.model.data.reader import Dataset, Example
-from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.generalisation import divide
 from pbrnet.model.studies.trials.results import TrialsResult
 from pbrnet.model.studies.trials.specular import measure_apart, specular_mask
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.cli import main
-from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_file, read_json
+from tests.fixtures.command import Run
 from tests.fixtures.model import box_rows, made_example, write_shard
+from tests.fixtures.study import report_in, result_in, section_of
 from tests.fixtures.training import stop_at
 from tests.fixtures.trial import PARAMS, SIZE, SMALL, folders_in, trial_workplace
-
-pytestmark = pytest.mark.usefixtures("one_thread")
 
 TINY = replace(SMALL, levels=2)
 QUICK = replace(
@@ -47,25 +43,6 @@ def folders(tmp_path: Path) -> Folders:
     lines = ["scene_id,plan", *(f"{scene},{plan}" for scene, plan in PLANS.items())]
     (tmp_path / "other" / "dataset" / "scenes.csv").write_text("\n".join(lines))
     return folders_in(tmp_path / "home")
-
-
-Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture()
-def run(
-    folders: Folders, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Run:
-    """`pbrnet study generalisation` in the workplace: exit code, output, errors."""
-    monkeypatch.chdir(folders.data.parent)
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main(["study", "generalisation", *map(str, arguments)])
-        said = capsys.readouterr()
-        return int(str(ended.value.code)), said.out, said.err
-
-    return call
 
 
 # Division
@@ -164,22 +141,17 @@ def test_regions_are_measured_by_themselves() -> None:
 # From the command to the report
 
 
-def result_of(folders: Folders) -> TrialsResult:
-    path = folders.metrics / "studies" / "generalisation.json"
-    return build(TrialsResult, read_json(path), str(path), InputError)
-
-
 @pytest.mark.slow
 def test_another_folder_from_the_command_to_the_report(
     run: Run, folders: Folders, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = ("--other", "../other", "--views", 3, "--steps", 4, "--tuning-steps", 2)
-    code, words, errors = run(*asked, "--dry-run")
+    code, words, errors = run("generalisation", *asked, "--dry-run")
     assert code == 0, errors
     assert words.count("train   ") == 3 and not folders.metrics.exists()
-    code, words, errors = run(*asked)
+    code, words, errors = run("generalisation", *asked)
     assert code == 0, errors
-    result = result_of(folders)
+    result = result_in(folders.metrics, "generalisation", TrialsResult)
     rows = {row.label: row for row in result.rows}
     assert list(rows) == [
         *("before", "before, product", "ceiling", "tuned", "tuned, product"),
@@ -216,31 +188,27 @@ def test_another_folder_from_the_command_to_the_report(
     assert rows["tuned"].metrics["flip"].gain is not None  # type: ignore[union-attr]
     assert rows["ceiling"].steps is None and rows["tuned, product"].steps == 2
 
-    root = folders.data.parent
-    target = root / "index.html"
-    write_report(Places(*(root / n for n in ("none", "models", "metrics"))), QUICK, target)
-    page = target.read_text()
-    section = page[page.index('id="study-generalisation"') : page.index('id="views"')]
+    section = section_of(report_in(folders.data.parent, QUICK)[0], "generalisation")
     assert "Fine-tuned on the source" in section and result.notes[0] in section
     assert "specular" in section
 
     steps = stop_at(monkeypatch, 10**9)
-    assert run(*asked)[0] == 0 and steps() == 0
+    assert run("generalisation", *asked)[0] == 0 and steps() == 0
     # another first training: its fine-tuning is repeated, other trainings are kept
     again = ("--other", "../other", "--views", 3, "--steps", 3, "--tuning-steps", 2)
-    assert run(*again)[0] == 0
+    assert run("generalisation", *again)[0] == 0
     assert steps() == 2 * 3 + 2 * 2 + 2 * 5
     before = studies / "before-0" / "shading.safetensors"
     before.unlink()
     (studies / "tuned-0" / "trial.json").unlink()
-    code, _, errors = run(*again)
+    code, _, errors = run("generalisation", *again)
     assert code == 3 and "no such model, but tuned-0 fine-tunes it" in errors
 
 
 def test_a_source_within_the_dataset_is_not_trained_on(run: Run, folders: Folders) -> None:
     """`a` and `b` are training plans, `t` a test plan; a scene stands for its whole plan."""
     asked = ("--source", "[abt]*0", "--views", 1, "--steps", 1, "--tuning-steps", 1)
-    code, _, errors = run(*asked)
+    code, _, errors = run("generalisation", *asked)
     assert code == 0, errors
     studies = folders.metrics / "studies" / "generalisation"
     before, tuned = (
@@ -250,7 +218,7 @@ def test_a_source_within_the_dataset_is_not_trained_on(run: Run, folders: Folder
     measured = {row["scene_id"] for row in read_json(studies / "before-0" / "trial.json")["scores"]}
     assert measured | set(tuned["scenes"]) == {"a-0", "a-1", "b-0", "b-1", "t-0"}
     assert len(tuned["plans"]) == 1 and not measured & set(tuned["scenes"])
-    result = result_of(folders)
+    result = result_in(folders.metrics, "generalisation", TrialsResult)
     assert result.scenes == len(measured)
     gloss = next(row for row in result.rows if row.label == "ceiling").metrics
     assert gloss.get("specular_flip") is None, "box rooms are matte"
@@ -276,6 +244,6 @@ def test_what_cannot_be_done_is_said(
 ) -> None:
     trial_workplace(folders.data.parent.parent / "twin-work", QUICK)
     (folders.data.parent.parent / "twin-work" / "data").rename(folders.data.parent.parent / "twin")
-    ended, _, errors = run(*arguments, "--steps", 1)
+    ended, _, errors = run("generalisation", *arguments, "--steps", 1)
     assert ended == code and words in errors, errors
     assert not folders.metrics.exists()

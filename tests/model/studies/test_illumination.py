@@ -12,19 +12,17 @@ import pytest
 
 from pbrnet.model.data.reader import Dataset, Example
 from pbrnet.model.evaluation.inference import load_networks
-from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.illumination import study
 from pbrnet.model.studies.illumination.compare import LitView, compare, direct_image, log_average
 from pbrnet.model.studies.illumination.results import IlluminationResult
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.frames import layout
 from pbrnet.pipeline.images import png_facts, read_picture
 from pbrnet.pipeline.views import CameraFile, load_cameras, save_cameras
-from pbrnet.scenes.checked import build
-from pbrnet.scenes.errors import InputError
+from tests.fixtures.command import exit_code
 from tests.fixtures.light import PARAMS, lit_workplace, room
 from tests.fixtures.predictor import untrained_models
+from tests.fixtures.study import report_in, result_in
 
 pytestmark = pytest.mark.slow
 
@@ -46,15 +44,7 @@ def run(place: Folders, *more: str) -> int:
     """Run the command in the project with few samples; return the exit code."""
     root = place.data.parent
     words = ["study", "illumination", "--spp", "4", "--params", str(root / "params.yaml")]
-    words += ["--data", str(place.data), "--models", str(place.models), *more]
-    with pytest.raises(SystemExit) as stopped:
-        main(words)
-    return int(stopped.value.code or 0)
-
-
-def result_of(place: Folders) -> IlluminationResult:
-    path = place.models / "metrics" / "studies" / "illumination.json"
-    return build(IlluminationResult, json.loads(path.read_text()), str(path), InputError)
+    return exit_code(*words, "--data", place.data, "--models", place.models, *more)
 
 
 @pytest.fixture
@@ -78,7 +68,7 @@ def test_the_study_from_end_to_end_and_again(
     assert sorted(traced) == sorted(2 * ["", "added", "lamps", "outdoors", "without"])
     said = capsys.readouterr().out
     assert "2 views of 2 test scenes" in said and "illumination.json: all figures" in said
-    result = result_of(place)
+    result = result_in(place.models / "metrics", "illumination", IlluminationResult)
     assert set(result.changes) == CHANGES
     for name, change in result.changes.items():
         assert change.views == (8 if name == "all" else 2) and not change.skipped
@@ -131,7 +121,9 @@ def test_a_killed_study_goes_on(
     assert run(place, "--views", "1", "--renders", renders) == 0
     assert len(first) == 3 and len(traced) == 2 and not set(first) & set(traced)
     assert not any(half.exists() for half in left)
-    assert result_of(place).changes["exchanged"].skipped == {"no other view": 1}
+    assert result_in(place.models / "metrics", "illumination", IlluminationResult).changes[
+        "exchanged"
+    ].skipped == {"no other view": 1}
 
 
 @pytest.mark.check
@@ -139,7 +131,7 @@ def test_light_transport_follows_the_changed_light(tmp_path: Path) -> None:
     """Computed for each light, it knows better than the panorama where it gets brighter."""
     place = lit_workplace(tmp_path, scenes=1, transport=True)
     assert run(place, "--views", "2", "--spp", "64") == 0
-    changes = result_of(place).changes
+    changes = result_in(place.models / "metrics", "illumination", IlluminationResult).changes
     for name in ("added", "lamps", "outdoors"):
         found = changes[name].methods["radiosity"]
         assert found.pattern is not None and found.pattern.value > 0.9, name
@@ -252,14 +244,12 @@ def test_the_report_shows_it_and_notes_a_damaged_one(place: Folders, tmp_path: P
     assert run(place, "--views", "1") == 0
     metrics = tmp_path / "metrics"
     shutil.copytree(place.models / "metrics", metrics)
-    places = Places(tmp_path / "data", place.models, metrics, tmp_path, tmp_path)
-    write_report(places, PARAMS, tmp_path / "report.html")
-    page = (tmp_path / "report.html").read_text()
+    page, _ = report_in(tmp_path, PARAMS)
     assert 'id="study-illumination"' in page and "lamp added at the left rear" in page
     path = metrics / "studies" / "illumination.json"
     content = json.loads(path.read_text())
     content["factor"] = "much"
     path.write_text(json.dumps(content))
-    notes = write_report(places, PARAMS, tmp_path / "report.html")
+    page, notes = report_in(tmp_path, PARAMS)
     assert any("illumination.json.factor" in note for note in notes)
-    assert 'id="study-illumination"' not in (tmp_path / "report.html").read_text()
+    assert 'id="study-illumination"' not in page

@@ -16,25 +16,24 @@ from pbrnet.model.studies.noise import noisy_truths
 from pbrnet.model.studies.trials.derived_splits import TruthImages, write_derived_split
 from pbrnet.model.studies.trials.results import TrialsResult
 from pbrnet.model.training.train import Folders, train_network
-from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.frames import read_frame
 from pbrnet.pipeline.passes.denoise import denoise, guides
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of
 from pbrnet.pipeline.views import load_cameras
-from pbrnet.scenes.checked import build, plain
+from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import load_scene
-from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import read_json
 from tests.fixtures.backbone import copy_backbone
+from tests.fixtures.command import exit_code
 from tests.fixtures.light import PARAMS as LIT
 from tests.fixtures.light import lit_workplace, room
 from tests.fixtures.model import box_rows, write_shard
+from tests.fixtures.study import result_in
 from tests.fixtures.training import stop_at
 from tests.fixtures.trial import PARAMS as TRIALS
 from tests.fixtures.trial import SIZE, SMALL, folders_in
 
-pytestmark = [pytest.mark.usefixtures("one_thread"), pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 TINY = replace(SMALL, levels=2)
 PARAMS = replace(
@@ -69,9 +68,7 @@ def run(folders: Folders, *more: object) -> tuple[int, Path]:
     root = folders.data.parent
     words = ["study", "noise", "--params", root / "params.yaml", "--data", folders.data]
     words += ["--models", folders.models, "--spp", 1, "--spp", 4, "--steps", 1, *more]
-    with pytest.raises(SystemExit) as stopped:
-        main([str(word) for word in words])
-    return int(stopped.value.code or 0), folders.models / "metrics" / "studies"
+    return exit_code(*words), folders.models / "metrics" / "studies"
 
 
 def packed(folders: Folders, name: str) -> Dataset:
@@ -80,14 +77,13 @@ def packed(folders: Folders, name: str) -> Dataset:
 
 
 def test_rows_are_judged_against_the_clean_truth(folders: Folders) -> None:
-    path = folders.models / "metrics" / "studies" / "noise.json"
-    result = build(TrialsResult, read_json(path), str(path), InputError)
+    result = result_in(folders.models / "metrics", "noise", TrialsResult)
     labels = ["1 spp", "4 spp", "1 spp, denoised", "4 spp, denoised", "clean", "truth"]
     assert [row.label for row in result.rows] == labels and result.reference == "clean"
     assert (result.views, result.split) == (2, "test")
     for row in result.rows[:-1]:
         assert (row.views, row.steps) == (4, 2) and row.metrics["flip"]
-    assert path.with_suffix(".png").is_file()
+    assert (folders.models / "metrics" / "studies" / "noise.png").is_file()
 
 
 def test_only_the_truth_differs(folders: Folders) -> None:

@@ -8,6 +8,7 @@ import struct
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ import pytest
 from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.evaluate import true_color
 from pbrnet.model.evaluation.inference import load_networks
-from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.pairs.answers import (
     MAX_BYTES,
     Answers,
@@ -35,14 +35,24 @@ from pbrnet.model.studies.pairs.study import (
     write_pairs_page,
 )
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.images import read_picture
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.tonemap import to_bytes
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.seeds import generator
-from tests.fixtures.study import answers_to, key_of, untrained, without, workplace, write
+from tests.fixtures.command import Run
+from tests.fixtures.predictor import untrained_models
+from tests.fixtures.study import (
+    NETWORKS,
+    answers_to,
+    key_of,
+    report_in,
+    section_of,
+    without,
+    workplace,
+    write,
+)
 
 METHODS = ("pbrnet", "product", "unet")
 
@@ -184,7 +194,7 @@ def test_the_seed_on_the_page_is_not_enough_to_draw_the_sides_again(
     folders: Folders, made: Path, tmp_path: Path
 ) -> None:
     """With other weights, the same seed draws another plan."""
-    untrained(tmp_path / "models", seed=1)
+    untrained_models(tmp_path / "models", NETWORKS, levels=2, width=4, seed=1)
     other = write_pairs_page(
         Params(seed=5),
         replace(folders, models=tmp_path / "models"),
@@ -395,29 +405,14 @@ def test_a_key_that_cannot_be_one_is_refused(tmp_path: Path) -> None:
     assert read_key(write(tmp_path / "k.json", plain(KEY))) == KEY
 
 
-Run = Callable[..., tuple[int, str, str]]
-
-
 @pytest.fixture()
-def run(
-    folders: Folders,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> Run:
+def run(folders: Folders, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pbrnet_run: Run) -> Run:
     """`pbrnet study pairs` in an empty folder with data and models: exit code, output, errors."""
     monkeypatch.chdir(tmp_path)
     for name in ("data", "models"):
         (tmp_path / name).symlink_to(folders.data.parent / name)
     (tmp_path / "params.yaml").write_text("seed: 0\n")
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main(["study", "pairs", *map(str, arguments)])
-        said = capsys.readouterr()
-        return int(str(ended.value.code)), said.out, said.err
-
-    return call
+    return partial(pbrnet_run, "study", "pairs")
 
 
 def test_the_command_makes_scores_and_the_report_shows(run: Run, tmp_path: Path) -> None:
@@ -441,10 +436,8 @@ def test_the_command_makes_scores_and_the_report_shows(run: Run, tmp_path: Path)
     assert "pbrnet: 0.0 % (0.0 % to 32.4 %) taken for the rendering, 8 answers" in words
     assert json.loads((studies / "pairs.json").read_text())["methods"]["product"]["mistaken"] == 8
 
-    places = Places(*(tmp_path / name for name in ("none", "models", "metrics")))
-    write_report(places, Params(), tmp_path / "index.html")
-    page = (tmp_path / "index.html").read_text()
-    section = page[page.index('id="study-pairs"') : page.index('id="views"')]
+    page, _ = report_in(tmp_path, Params())
+    section = section_of(page, "pairs")
     assert section.index("32.4 %") < section.index("67.6 %")
     assert "2 people saw 12 pairs each" in section and 'href="#study-pairs"' in page
 
@@ -466,10 +459,9 @@ def test_the_report_notes_a_damaged_result(tmp_path: Path, place: list[str], val
         inner = inner[step]
     inner[place[-1]] = value
     path = write(tmp_path / "metrics" / "studies" / "pairs.json", content)
-    places = Places(*(tmp_path / name for name in ("data", "models", "metrics")))
-    notes = write_report(places, Params(), tmp_path / "index.html")
+    page, notes = report_in(tmp_path, Params())
     assert any(str(path) in note and "pbrnet study pairs --score" in note for note in notes)
-    assert 'id="study-pairs"' not in (tmp_path / "index.html").read_text()
+    assert 'id="study-pairs"' not in page
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.pairs.answers import (
     FolderKey,
     FolderPair,
@@ -24,16 +24,15 @@ from pbrnet.model.studies.pairs.answers import (
 )
 from pbrnet.model.studies.pairs.folders import LONGEST, plan_folders, read_pair
 from pbrnet.model.studies.pairs.study import QUESTION
-from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.images import read_picture
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.seeds import generator
-from tests.fixtures.study import write
+from tests.fixtures.command import Run
+from tests.fixtures.study import report_in, section_of, write
 from tests.model.studies.test_pairs import content_of, png_of
 
-Run = Callable[..., tuple[int, str, str]]
 ORIENTATION = 0x0112  # EXIF
 
 
@@ -50,20 +49,13 @@ def folder_of(folder: Path, count: int, seed: int = 0) -> Path:
 
 
 @pytest.fixture()
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pbrnet_run: Run) -> Run:
     """`pbrnet study pairs` beside two folders of six pictures: exit code, output, errors."""
     monkeypatch.chdir(tmp_path)
     Path("params.yaml").write_text("seed: 0\n")
     for seed, name in enumerate(("old", "new")):
         folder_of(tmp_path / name, 6, seed)
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main(["study", "pairs", *map(str, arguments)])
-        said = capsys.readouterr()
-        return int(str(ended.value.code)), said.out, said.err
-
-    return call
+    return partial(pbrnet_run, "study", "pairs")
 
 
 TWO = ("--folder", "old=old", "--folder", "new=new")
@@ -216,14 +208,11 @@ def test_answers_are_scored_and_reported(run: Run, tmp_path: Path) -> None:
     result = json.loads((studies / "pairs.json").read_text())
     assert result["folders"]["new"]["chosen"] == 4 and result["question"] == QUESTION
 
-    places = Places(*(tmp_path / name for name in ("none", "models", "metrics")))
-    write_report(places, Params(), tmp_path / "index.html")
-    page = (tmp_path / "index.html").read_text()
-    section = page[page.index('id="study-pairs"') : page.index('id="views"')]
+    section = section_of(report_in(tmp_path, Params())[0], "pairs")
     assert QUESTION in section and section.index("51.0 %") < section.index("49.0 %")
     result["folders"]["new"]["chosen"] = 5
     write(studies / "pairs.json", result)
-    notes = write_report(places, Params(), tmp_path / "index.html")
+    _, notes = report_in(tmp_path, Params())
     assert any("new.chosen: 5 of 4 answers; make it again with: pbrnet study" in n for n in notes)
 
 

@@ -1,6 +1,5 @@
 """Method table: equal budgets, several trainings, scores that can be recomputed."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,20 +9,15 @@ import pytest
 from pbrnet.model.data.encoding import color_exposure
 from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.metrics import psnr
-from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.table import table_study
 from pbrnet.model.studies.trials.plan import TrialConfig, plan
 from pbrnet.model.studies.trials.results import TrialsResult
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.tonemap import tonemap
-from pbrnet.scenes.checked import build
-from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import read_json
+from tests.fixtures.command import Run
+from tests.fixtures.study import report_in, result_in, section_of
 from tests.fixtures.training import stop_at
 from tests.fixtures.trial import PARAMS, SMALL, folders_in, trial_workplace
-
-pytestmark = pytest.mark.usefixtures("one_thread")
 
 TINY = replace(SMALL, levels=2)
 METHODS = ("unet", "plus", "hybrid")
@@ -48,22 +42,6 @@ def folders(tmp_path: Path) -> Folders:
     return folders_in(tmp_path)
 
 
-@pytest.fixture()
-def run(
-    folders: Folders, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., tuple[int, str, str]]:
-    """`pbrnet study table` in the workplace: exit code, output, errors."""
-    monkeypatch.chdir(folders.data.parent)
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main(["study", "table", *map(str, arguments)])
-        said = capsys.readouterr()
-        return int(str(ended.value.code)), said.out, said.err
-
-    return call
-
-
 @pytest.mark.slow
 def test_every_method_has_the_same_views_and_steps(folders: Folders) -> None:
     trials = plan(table_study(METHODS), TABLE, folders, TrialConfig(seeds=3, steps=7, views=(4,)))
@@ -82,15 +60,16 @@ def test_every_method_has_the_same_views_and_steps(folders: Folders) -> None:
 
 @pytest.mark.slow
 def test_the_table_from_the_command_to_the_report(
-    run: Callable[..., tuple[int, str, str]], folders: Folders, monkeypatch: pytest.MonkeyPatch
+    run: Run, folders: Folders, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    code, words, errors = run("--dry-run", "--steps", 1)
+    code, words, errors = run("table", "--dry-run", "--steps", 1)
     assert code == 0, errors
     assert words.count("train   ") == 3 * 4, "three seeds unless told otherwise"
-    code, words, errors = run("--steps", 1, "--seeds", 2, "--method", "unet", "--method", "hybrid")
+    code, words, errors = run(
+        "table", "--steps", 1, "--seeds", 2, "--method", "unet", "--method", "hybrid"
+    )
     assert code == 0, errors
-    target = folders.metrics / "studies" / "table.json"
-    result = build(TrialsResult, read_json(target), "table.json", InputError)
+    result = result_in(folders.metrics, "table", TrialsResult)
     assert (result.reference, result.repeats, result.views) == ("pbrnet", 2, 4)
     rows = {row.label: row for row in result.rows}
     assert list(rows) == ["pbrnet", "product", "unet", "hybrid", "denoised", "truth"]
@@ -114,24 +93,18 @@ def test_the_table_from_the_command_to_the_report(
     assert denoised and denoised.mean == pytest.approx(np.mean(values)) and denoised.spread == 0
     assert rows["denoised"].views is None and rows["denoised"].steps is None
 
-    page_of = folders.data.parent / "index.html"
-    root = folders.data.parent
-    write_report(Places(*(root / n for n in ("none", "models", "metrics"))), TABLE, page_of)
-    page = page_of.read_text()
-    section = page[page.index('id="study-table"') : page.index('id="views"')]
+    section = section_of(report_in(folders.data.parent, TABLE)[0], "table")
     assert "One direct U-Net" in section and "standard deviation over the trainings" in section
 
     with monkeypatch.context() as context:
         steps = stop_at(context, 10**9)
-        code, _, errors = run("--steps", 1, "--seeds", 2, "--method", "unet")
+        code, _, errors = run("table", "--steps", 1, "--seeds", 2, "--method", "unet")
         assert code == 0 and steps() == 0 and errors.count("kept") == 4
 
 
-def test_a_method_that_lacks_its_samples_is_named(
-    run: Callable[..., tuple[int, str, str]], folders: Folders
-) -> None:
+def test_a_method_that_lacks_its_samples_is_named(run: Run, folders: Folders) -> None:
     trial_workplace(folders.data.parent, TABLE, noisy=False)
-    code, _, errors = run("--steps", 1, "--seeds", 1, "--method", "hybrid")
+    code, _, errors = run("table", "--steps", 1, "--seeds", 1, "--method", "hybrid")
     assert code == 3 and "noisy_color," in errors and "noisy.spp" in errors
-    code, _, errors = run("--method", "nothing")
+    code, _, errors = run("table", "--method", "nothing")
     assert code == 2 and "nothing" in errors

@@ -1,6 +1,5 @@
 """Time study: parts add up, the reference is better than the methods it is compared with."""
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.frame_store import with_samples
 from pbrnet.model.studies.time import study
 from pbrnet.model.studies.time.plot import time_figure
@@ -24,11 +22,11 @@ from pbrnet.model.studies.time.results import (
 from pbrnet.model.studies.time.study import ViewMeasurement, _parts_of
 from pbrnet.model.titles import METHOD_TITLES
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.images import read_picture
-from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.command import exit_code
 from tests.fixtures.light import PARAMS, lit_workplace
+from tests.fixtures.study import report_in, result_in
 
 
 @pytest.fixture(scope="module")
@@ -40,15 +38,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Folders:
 def run(place: Folders, *more: str) -> int:
     """Run the command in the project; return the exit code."""
     root = place.data.parent
-    words = ["study", "time", "--params", str(root / "params.yaml"), "--data", str(place.data)]
-    with pytest.raises(SystemExit) as stopped:
-        main([*words, "--models", str(place.models), *more])
-    return int(stopped.value.code or 0)
-
-
-def result_of(place: Folders) -> TimeResult:
-    path = place.models / "metrics" / "studies" / "time.json"
-    return build(TimeResult, json.loads(path.read_text()), str(path), InputError)
+    words = ("study", "time", "--params", root / "params.yaml", "--data", place.data)
+    return exit_code(*words, "--models", place.models, *more)
 
 
 def test_what_a_method_takes_is_in_its_time() -> None:
@@ -72,7 +63,7 @@ def test_the_study_from_end_to_end_and_again(
     assert run(place, *asked) == 0
     said = capsys.readouterr().out
     assert "in the paper: 10.2 s" in said and "time.json: all figures" in said
-    result = result_of(place)
+    result = result_in(place.models / "metrics", "time", TimeResult)
     assert (result.views, result.size, result.dataset_spp) == (1, (48, 40), 4)
     points = {(point.method, point.spp): point for point in result.points}
     ladder = {spp for method, spp in points if method == "mitsuba"}
@@ -110,12 +101,10 @@ def test_the_study_from_end_to_end_and_again(
 
     metrics = tmp_path / "metrics"
     shutil.copytree(place.models / "metrics", metrics)
-    places = Places(tmp_path / "data", place.models, metrics, tmp_path, tmp_path)
-    write_report(places, PARAMS, tmp_path / "report.html")
-    page = (tmp_path / "report.html").read_text()
+    page, _ = report_in(tmp_path, PARAMS)
     assert "Equal time" in page and "10.2 s" in page and "its relative standard error" in page
     (metrics / "studies" / "time.json").write_text('{"seed": 0}')
-    notes = write_report(places, PARAMS, tmp_path / "report.html")
+    _, notes = report_in(tmp_path, PARAMS)
     assert any("time.json" in note and "pbrnet study time" in note for note in notes)
 
 
@@ -124,7 +113,7 @@ def test_transport_and_samples_are_timed_at_any_number(tmp_path: Path) -> None:
     place = lit_workplace(tmp_path, scenes=1, transport=True)
     asked = ("--views", "1", "--repeats", "1", "--max-spp", "2", "--reference-spp", "64")
     assert run(place, *asked) == 0
-    result = result_of(place)
+    result = result_in(place.models / "metrics", "time", TimeResult)
     points = {(point.method, point.spp): point for point in result.points}
     assert {spp for method, spp in points if method == "hybrid"} == set(HYBRID_SAMPLES)
     parts = {name: spent.seconds for name, spent in result.parts.items()}
@@ -149,7 +138,7 @@ def test_transport_and_samples_are_timed_at_any_number(tmp_path: Path) -> None:
 def test_another_size_is_rendered_and_predicted(place: Folders) -> None:
     asked = ("--size", "64x40", "--views", "1", "--repeats", "1", "--max-spp", "1")
     assert run(place, *asked) == 0
-    result = result_of(place)
+    result = result_in(place.models / "metrics", "time", TimeResult)
     assert result.size == (64, 40) and result.reference_spp == 16
     assert (place.data / "studies" / "time" / "64x40" / "color").is_dir()
 
@@ -173,7 +162,7 @@ def test_an_interrupted_study_goes_on_after_the_last_view(
     assert run(place, *asked) == 3 and len(measured) == 1
     most = 3
     assert run(place, *asked) == 0
-    assert len(measured) == 2 and result_of(place).views == 2
+    assert len(measured) == 2 and result_in(place.models / "metrics", "time", TimeResult).views == 2
     assert not list((place.data / "studies" / "time" / "32x24").glob("*/*/*.json")), "removed"
     assert run(place, *asked) == 3, "a finished study measures again"
     assert len(measured) == 3
@@ -224,7 +213,7 @@ def test_samples_of_a_rung_fit_into_blocks() -> None:
 @pytest.mark.slow
 def test_both_networks_stand_beside_the_papers_figure(place: Folders) -> None:
     assert run(place, "--views", "1", "--repeats", "1", "--max-spp", "1", "--clock", "cpu") == 0
-    result = result_of(place)
+    result = result_in(place.models / "metrics", "time", TimeResult)
     assert result.clock == "cpu"
     rows = {row["name"]: row for row in part_rows(result)}
     assert rows["networks"]["paper"] == PAPER["networks"] == 0.145

@@ -17,7 +17,6 @@ from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.evaluate import LeakError
 from pbrnet.model.networks.build import build_network
 from pbrnet.model.networks.pbrnet import Architecture
-from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.composition import composition_study
 from pbrnet.model.studies.decomposition import decomposition_study
 from pbrnet.model.studies.loss import loss_study
@@ -27,26 +26,20 @@ from pbrnet.model.studies.trials.results import MetricEstimate, TrialsResult, Tr
 from pbrnet.model.studies.trials.runs import Log
 from pbrnet.model.studies.trials.scores import ViewScores, busiest_window, figures
 from pbrnet.model.studies.trials.summary import run_and_summarise
-from pbrnet.model.training import train
 from pbrnet.model.training.store import load_model
 from pbrnet.model.training.train import Folders, train_network
-from pbrnet.pipeline.cli import main
 from pbrnet.pipeline.images import read_picture
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import read_json
+from tests.fixtures.command import Run
 from tests.fixtures.model import box_rows, write_shard
+from tests.fixtures.study import report_in, result_in, section_of
 from tests.fixtures.training import Killed, stop_at
 from tests.fixtures.trial import PARAMS, SIZE, TRAIN, folders_in, trial_workplace
 
 QUICK = TrialConfig(steps=2)
-
-
-@pytest.fixture(autouse=True)
-def _one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Small networks are slower on two threads."""
-    monkeypatch.setattr(train.os, "sched_getaffinity", lambda _process: {0})
 
 
 @pytest.fixture(scope="module")
@@ -365,32 +358,6 @@ def test_the_sheet_is_cut_where_there_is_most_to_see() -> None:
     assert busiest_window(picture, 1.0) == (slice(0, 40), slice(0, 60))
 
 
-Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture()
-def run(
-    folders: Folders, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Run:
-    """`pbrnet study` in the workplace: exit code, output, errors."""
-    monkeypatch.chdir(folders.data.parent)
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            main(["study", *map(str, arguments)])
-        said = capsys.readouterr()
-        return int(str(ended.value.code)), said.out, said.err
-
-    return call
-
-
-def report_of(folders: Folders) -> tuple[str, list[str]]:
-    root = folders.data.parent
-    places = Places(*(root / name for name in ("none", "models", "metrics")))
-    notes = write_report(places, PARAMS, root / "index.html")
-    return (root / "index.html").read_text(), notes
-
-
 def test_loss_from_the_command_to_the_report(run: Run, folders: Folders) -> None:
     code, words, errors = run("loss", "--steps", 2, "--dry-run")
     assert code == 0, errors
@@ -402,7 +369,7 @@ def test_loss_from_the_command_to_the_report(run: Run, folders: Folders) -> None
     assert "study loss: trial 3 of 4, full-0: 12 views, 4 steps" in errors
     assert "4 views of 2 test scenes" in words
     target = folders.metrics / "studies" / "loss.json"
-    result = build(TrialsResult, read_json(target), "loss.json", InputError)
+    result = result_in(folders.metrics, "loss", TrialsResult)
     rows = {row.label: row for row in result.rows}
     assert list(rows) == ["l1", "fifth", "full", "part", "truth"]
     assert (result.reference, result.backbone, result.repeats) == ("part", "efficientnet_lite0", 1)
@@ -423,8 +390,8 @@ def test_loss_from_the_command_to_the_report(run: Run, folders: Folders) -> None
 
     code, words, _ = run("loss", "--steps", 2, "--dry-run")
     assert code == 0 and words.count("kept") == 4 and "about 0 s of training left" in words
-    page, _ = report_of(folders)
-    section = page[page.index('id="study-loss"') : page.index('id="views"')]
+    page, _ = report_in(folders.data.parent, PARAMS)
+    section = section_of(page, "loss")
     assert f"{figure.mean:.3f}" in section and "data:image/png" in section
     assert "Part-perceptual" in section and 'href="#study-loss"' in page
 
@@ -453,8 +420,8 @@ def test_decomposition_draws_its_curve(run: Run, folders: Folders) -> None:
         folders.metrics / "studies" / "decomposition" / "end_to_end-2-0" / "end_to_end.safetensors"
     )
     assert card.data.views < 12 and card.training["steps"] == 2
-    page, _ = report_of(folders)
-    section = page[page.index('id="study-decomposition"') : page.index('id="views"')]
+    page, _ = report_in(folders.data.parent, PARAMS)
+    section = section_of(page, "decomposition")
     assert "by number of training views" in section and section.count("<svg") == 2
 
 
@@ -522,10 +489,10 @@ def test_the_report_notes_a_damaged_result(
     path = folders.metrics / "studies" / "loss.json"
     path.parent.mkdir(parents=True)
     path.write_text(json.dumps(plain(build(TrialsResult, content))))
-    assert 'id="study-loss"' in report_of(folders)[0]
+    assert 'id="study-loss"' in report_in(folders.data.parent, PARAMS)[0]
     change(content)
     path.write_text(json.dumps(content))
-    page, notes = report_of(folders)
+    page, notes = report_in(folders.data.parent, PARAMS)
     assert 'id="study-loss"' not in page
     assert any(words in note and "pbrnet study loss" in note for note in notes), notes
 

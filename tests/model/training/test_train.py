@@ -27,8 +27,6 @@ from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.training import Killed, stop_at
 
-pytestmark = pytest.mark.usefixtures("one_thread")
-
 SIZE = {"width": 24, "height": 18, "panorama": 16}
 SMALL = StageTrainParams(epochs=2, width=4, levels=2)
 PARAMS = Params(
