@@ -464,7 +464,7 @@ def _rows(found: Sequence[dict[str, Any]]) -> Iterator[Row]:
     yield Row(
         NAME,
         f"budgets, of {len(found)} (image sizes x seconds), in which the lowest FLIP is ours, as a "
-        "mean over the homes; where no renderer has a picture of each home in time none counts",
+        "mean over the homes; budgets without any renderer's image of every home are not counted",
         spread([sum(row["first"] == "ours" for row in tried)]),
         unit=f"of {len(tried)}",
         goal=at_least(len(tried)),
@@ -478,7 +478,7 @@ def _rows(found: Sequence[dict[str, Any]]) -> Iterator[Row]:
             and (others := [row[group] for group in ("path", "cycles") if row[group]])
         ]
         name = f"FLIP of the best other / ours, {size}"
-        meaning = "over the budgets in which there is a picture of ours and another"
+        meaning = "over the budgets in which ours and another renderer finish an image"
         if ratios:
             yield Row(name, meaning, spread(ratios))
         else:

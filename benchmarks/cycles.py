@@ -176,7 +176,7 @@ def _compare(bench: Bench, interpreter: Path) -> Iterator[Row]:
         size = f"{view.width}x{view.height}, {sizes.clay} spp each, Blender {other.version}"
         yield Row(
             "mean of Cycles' long render / ours",
-            f"how far it is from 1 in the worst of three bands; {size}",
+            f"deviation from 1 in the worst of three bands; {size}",
             spread([difference]),
             goal=at_most(AGREE),
         )
@@ -197,7 +197,7 @@ def _rows(costs: dict[str, list[float]], spp: int, common: bool) -> Iterator[Row
         ("planned", "the ground truth's joint trace, for its colour alone", at_least(2.5)),
         ("path", "Mitsuba's `path` with `multijitter`", None),
     ):
-        for theirs, how in (("cycles", "as it comes"), ("portals", "with portals in the windows")):
+        for theirs, how in (("cycles", "by default"), ("portals", "with portals in the windows")):
             pairs = zip(costs[theirs], costs[mine], strict=True)
             yield Row(
                 f"{NAME if mine == 'planned' else 'plain path / Blender Cycles'}, {how}",

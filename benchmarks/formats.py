@@ -76,8 +76,8 @@ def compared(data: Path, views: Sequence[View], folder: Path) -> Iterator[Row]:
             spent = by_turns(ways, _TURNS)
             ours = form.title == OURS
             yield Row(
-                f"{form.title}: rows a second over EXR",
-                f"{size / len(rows) / 1e6:.2f} MB a row; all images of a row, stored types",
+                f"{form.title}: rows per second over EXR",
+                f"{size / len(rows) / 1e6:.2f} MB per row; all images of a row, stored types",
                 ratio(spent["exr"], spent["format"], "wall"),
                 clock="wall",
                 goal=at_least(5) if ours else None,

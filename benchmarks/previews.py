@@ -43,19 +43,19 @@ def preview_rows(bench: Bench) -> Iterator[Row]:
     def seconds(name: str, key: str, meaning: str) -> Row:
         return Row(name, meaning, spread([each.cpu for each in spent[key]]), "s", "cpu")
 
-    light = "direct and indirect light and the picture of `radiosity`, {}, kernels compiled"
+    light = "direct and indirect light and the image of `radiosity`, {}, kernels compiled"
     yield seconds("transport, 160x120", "small", light.format("160x120"))
     yield seconds("transport", "large", light.format(size))
     yield Row(
         "guides of few samples / guides of the ground truth",
-        f"albedo and normal of nine rays a pixel, {size}",
+        f"albedo and normal of nine rays per pixel, {size}",
         ratio(spent["fast"], spent["guides"], "cpu"),
         clock="cpu",
         goal=at_most(0.5),
     )
-    sample = f"colour of one sample a pixel for a picture, guided and denoised, {size}"
+    sample = f"colour of one sample per pixel for an image, guided and denoised, {size}"
     yield seconds("one denoised sample", "sample", sample)
-    both = f"colour and shading of one joint sample a pixel, both guided and denoised, {size}"
+    both = f"colour and shading of one joint sample per pixel, both guided and denoised, {size}"
     yield seconds("a noisy frame of one sample", "frame", both)
     # What a picture of one sample took when it was a frame with the guides of the truth.
     former = [
@@ -64,7 +64,7 @@ def preview_rows(bench: Bench) -> Iterator[Row]:
     ]
     yield Row(
         "one denoised sample / with shading and the guides of the ground truth",
-        f"the picture, and a noisy frame with the other guides, {size}",
+        f"the image, against a noisy frame with the other guides, {size}",
         ratio(spent["sample"], former, "cpu"),
         clock="cpu",
         goal=at_most(0.5),

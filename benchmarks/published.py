@@ -30,20 +30,20 @@ def published_rows(bench: Bench) -> Iterator[Row]:
     """Yield the core-hours of both images of a view, at a stated noise, home by home."""
     hours = [_core_hours(bench, name) for name in sorted(bench.views) if bench.views[name]]
     yield Row(
-        "core-hours a view",
+        "core-hours per view",
         f"colour and shading of one 640x480 view at {NOISE:.0%} relative noise, from "
-        f"{_samples(bench)} spp by noise² x time; one figure a home",
+        f"{_samples(bench)} spp by noise² x time; one value per home",
         spread(hours),
         "h",
         "cpu",
     )
     for name, figure, told in (
-        ("Hypersim", HYPERSIM, "26 vCPU-hours an image of 1024x768, by pixels"),
+        ("Hypersim", HYPERSIM, "26 vCPU-hours per image of 1024x768, by pixels"),
         ("PBRS", PBRS, "a month on 200 machines of 56 cores for 500,000 images"),
     ):
         yield Row(
             f"{name} / ours",
-            f"{figure:.1f} core-hours a view ({told}; their noise is not known) over ours",
+            f"{figure:.1f} core-hours per view ({told}; noise unknown) over ours",
             spread([figure / each for each in hours]),
         )
 

@@ -117,7 +117,7 @@ def _cheap_rows(spent: dict[str, list[Spent]], views: int) -> Iterator[Row]:
     cheap = sums(sums(spent["panorama"], spent["inputs"]), per_view)
     yield Row(
         "inputs, panorama and cameras / ground truth",
-        "one view's depth, normal, reflectance, its panorama 360 pixels wide and its share of "
+        "depth, normal and reflectance of a view, its panorama 360 pixels wide and its share of "
         f"sampling {views} views, against the joint trace above",
         ratio(cheap, spent["joint"], "cpu"),
         clock="cpu",
@@ -136,7 +136,7 @@ def _cheap_rows(spent: dict[str, list[Spent]], views: int) -> Iterator[Row]:
     yield Row(
         "environment / ground truth",
         f"a path-traced panorama {around} x {around // 2} with distance and normal, of as many "
-        "samples a pixel, against the joint trace above",
+        "samples per pixel, against the joint trace above",
         ratio(spent["environment"], spent["joint"], "cpu"),
         clock="cpu",
     )
@@ -193,8 +193,8 @@ def _camera_row(bench: Bench, scene: RenderScene) -> Row:
     spent = by_turns({"cameras": lambda: _sampled(bench, scene)}, bench.sizes.repeats)["cameras"]
     return Row(
         "camera candidates",
-        f"candidates a second that were rendered as ids and scored ({looked_at} of one home), "
-        "clearance and choice included",
+        f"candidates per second, rendered as ids and scored ({looked_at} of one home), "
+        "including clearance and selection",
         spread([looked_at / s.wall for s in spent]),
         "/s",
         "wall",
@@ -235,7 +235,7 @@ def variant_rows(bench: Bench) -> Iterator[Row]:
     """Yield the scalar variant against the active one, each in processes of its own."""
     current = str(mi.variant())
     name = f"scalar_rgb / {current}"
-    meaning = "a plain render by `path`, the kernel compiled before"
+    meaning = "a plain render by `path` with a compiled kernel"
     if current == "scalar_rgb":
         yield missing(name, meaning, "scalar_rgb is the only variant that runs here")
         return

@@ -80,7 +80,7 @@ def set_rows(bench: Bench) -> Iterator[Row]:
     for name in _SETS:
         yield Row(
             f"{name} / paper",
-            f"a view with {_shown(name)} as well, against one of `paper` alone",
+            f"a view with {_shown(name)} added, relative to one with `paper` alone",
             ratio(sums(paper, *_added(name, spent)), paper, "cpu"),
             clock="cpu",
             goal=at_most(_GOALS[name]) if name in _GOALS else None,
@@ -88,7 +88,7 @@ def set_rows(bench: Bench) -> Iterator[Row]:
     for name in ("paper", *_SETS):
         own = _columns(params, name)
         yield Row(
-            f"{name}, a row",
+            f"{name}, per row",
             f"bytes in the shards of the columns of `paper`{_and(name)}, mean of {len(views)} "
             f"views, {size}",
             spread([sum(count for column, count in sizes.items() if column in own) / 1e3]),

@@ -93,7 +93,7 @@ def _rows_at(data: Path, params: Params, size: str) -> Iterator[Row]:
     megabytes = sum(path.stat().st_size for path in folder.glob("*.parquet")) / 1e6
     yield Row(
         f"packing {size}",
-        f"{len(views)} views checked and packed, {megabytes / count:.2f} MB a row; rows a second",
+        f"{len(views)} views checked and packed, {megabytes / count:.2f} MB per row; rows/s",
         spread([len(views) / s.wall for s in written]),
         "/s",
         "wall",
@@ -117,14 +117,14 @@ def _rows_at(data: Path, params: Params, size: str) -> Iterator[Row]:
         ):
             yield Row(
                 f"shards {size}, {shown} ({clock})",
-                "rows a second over those from the five EXR files of each view",
+                "rows per second relative to the five EXR files of each view",
                 ratio(per_row[other], per_row[name], clock),
                 clock=clock,
                 # Of small images most of the time is the calls'.
                 goal=at_least(5) if clock == "wall" and size != SMALL else None,
             )
     yield Row(
-        f"rows a second {size}",
+        f"rows per second {size}",
         "pyarrow to NumPy, all images",
         spread([1 / s.wall for s in per_row["arrow"]]),
         "/s",
@@ -202,7 +202,7 @@ def _bound_row(folder: Path, frames: list[Spent], size: str) -> Row:
     rows = len(Dataset(folder, "train"))
     return Row(
         f"upper bound {size} (cpu)",
-        "the same ratio for undoing LZ4 alone: no reader of the shards is faster on a core",
+        "the same ratio for decompressing LZ4 alone, the limit of any reader on one core",
         ratio(frames, _each(spent["lz4"], rows), "cpu"),
         clock="cpu",
     )

@@ -30,7 +30,7 @@ Way = Callable[[int, int], Images]  # by samples a pixel and seed
 SAMPLERS = ("multijitter", "stratified", "orthogonal", "ldsampler")
 _SHOWN = {
     **{sampler: f"`path` with `{sampler}`" for sampler in SAMPLERS},
-    "uniform": "joint trace, all lights alike",
+    "uniform": "joint trace, uniform lights",
     "planned": "joint trace, planned lights",
 }
 _BOTH = "both images at once"
@@ -69,7 +69,7 @@ def summary(homes: Sequence[dict[str, Spread]], spp: int) -> Iterator[Row]:
         yield Row(
             shown,
             f"efficiency of colour alone over plain `path`'s with `independent`, {spp} spp each: "
-            f"geometric mean over {len(homes)} homes, the least and the most of them",
+            f"geometric mean over {len(homes)} homes, with the lowest and highest",
             _over([home[name].value for home in homes]),
             clock="cpu",
         )
@@ -77,7 +77,7 @@ def summary(homes: Sequence[dict[str, Spread]], spp: int) -> Iterator[Row]:
         yield Row(
             f"error at equal time, {shown}",
             "mean squared error of the joint trace with planned lights over plain `path`'s in the "
-            "same core-seconds: geometric mean, the least and the most",
+            "same core-seconds: geometric mean with the lowest and highest",
             _over([1 / home[name].value for home in homes]),
             clock="cpu",
             goal=_GOAL,

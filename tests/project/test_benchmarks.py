@@ -207,7 +207,7 @@ def fresh(folder: Path, sizes: str = "full") -> Results:
 
 
 ROWS = [
-    Row("reading", "rows a second", Spread(1.3, 1.2, 1.44, 5), clock="wall", goal=at_least(10)),
+    Row("reading", "rows per second", Spread(1.3, 1.2, 1.44, 5), clock="wall", goal=at_least(10)),
     Row("speed", "views", Spread(1234.5, 1000, 2000, 3), "/s", "cpu"),
     missing("other", "what the other does", "it is not here", at_least(2.5)),
 ]
@@ -217,10 +217,10 @@ def test_the_page_tells_figures_ranges_goals_and_what_is_missing(tmp_path: Path)
     run_topic(fresh(tmp_path), ROWS)
     page = (tmp_path / "page.md").read_text()
     assert "| reading | 1.3 | 1.2 to 1.44 | wall | >= 10, **missed** |" in page
-    assert "| speed | 1,234/s | 1,000/s to 2,000/s | processor |  |" in page
+    assert "| speed | 1,234/s | 1,000/s to 2,000/s | CPU |  |" in page
     assert "| other | not measured: it is not here | | | >= 2.5 |" in page
-    assert "- **reading**: rows a second." in page
-    assert "**Not complete**: not measured yet: render, previews, sets, variant" in page
+    assert "- **reading**: rows per second." in page
+    assert "**Incomplete**: not measured yet: render, previews, sets, variant" in page
     assert "trial" not in page
     kept = json.loads((tmp_path / "results.json").read_text())["topics"]["shards"]
     assert kept["complete"] and [row.get("met") for row in kept["rows"]] == [False, None, None]
@@ -232,7 +232,7 @@ def test_an_interrupted_run_leaves_its_rows_and_says_so(tmp_path: Path) -> None:
     record = json.loads((tmp_path / "results.json").read_text())
     assert len(record["topics"]["shards"]["rows"]) == 2
     assert "shards" in record["unfinished"]
-    assert "Not complete." in page_of(record)
+    assert "Incomplete." in page_of(record)
     resumed = fresh(tmp_path)
     resumed.load()
     assert not resumed.complete("shards")
@@ -286,7 +286,7 @@ def test_without_joint_traces_a_topic_that_needs_them_says_so(
 
 def test_a_trial_run_is_called_one(tmp_path: Path) -> None:
     run_topic(fresh(tmp_path, "small"), ROWS)
-    assert "its figures mean nothing" in (tmp_path / "page.md").read_text()
+    assert "ignore its figures" in (tmp_path / "page.md").read_text()
 
 
 def test_without_blender_the_row_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
