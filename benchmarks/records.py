@@ -128,7 +128,7 @@ def _score(folder: Path, recipes: Path, out: Path) -> None:
     found: dict[Task, list[dict[str, object]]] = {}
     for task, folders in submissions(dataset, folder, views, folder / "submissions").items():
         scores = [score_folder(one, rows, views, task) for one in folders]
-        click.echo(f"{task}\n{table(scores)}")
+        click.echo(f"{task}\n{chr(10).join(table(scores))}")
         for score in scores:
             summary = score.summary()
             kept = ("name", "about", "task", "metrics", "seconds")

@@ -8,10 +8,15 @@ import os
 import sys
 import tempfile
 import traceback
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import accumulate
 from typing import Any
 
 import click
 
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import MachineError, PbrnetError
 
 UNEXPECTED = 70  # exit code of a fault of pbrnet, as in sysexits.h
@@ -177,53 +182,81 @@ def main(arguments: list[str] | None = None) -> Any:
     """Run the command line; turn every failure into a message and an exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may not be text
         sys.stdout.reconfigure(errors="backslashreplace")
+    with _quiet_libraries():
+        sys.exit(_status(arguments))
+
+
+@contextmanager
+def _quiet_libraries() -> Iterator[None]:
+    """Hide warnings of libraries here and in child processes, unless Python was asked for them.
+
+    What matters of a file is in our own messages.
+    """
+    if sys.warnoptions:
+        yield
+        return
+    os.environ["PYTHONWARNINGS"] = "ignore"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        os.environ.pop("PYTHONWARNINGS", None)
+
+
+def _status(arguments: list[str] | None) -> int:
+    """Run a command and return its exit code."""
     try:
         status = cli.main(args=arguments, prog_name="pbrnet", standalone_mode=False)
     except click.ClickException as error:
         if isinstance(error, click.UsageError) and error.ctx is not None:
-            click.echo(error.ctx.get_usage(), err=True)
-        click.echo(f"Error: {_shortened(error.format_message())}", err=True)
-        sys.exit(error.exit_code)
+            say(*error.ctx.get_usage().split("\n"), err=True)
+        message = error.format_message()
+        if isinstance(error, click.MissingParameter):  # click lists choices line by line
+            message = " ".join(message.split())
+        return _failed(error.exit_code, message)
     except (KeyboardInterrupt, click.Abort):
-        click.echo(
-            "\nInterrupted. Finished files are kept; run the same command again to resume.",
+        say(
+            "",
+            "Interrupted. Finished files are kept; run the same command again to resume.",
             err=True,
         )
-        sys.exit(130)
+        return 130
     except BrokenPipeError:
         # The reader of the output has gone; keep the interpreter from reporting it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        return 1
     except PbrnetError as error:
-        click.echo(f"Error: {_shortened(str(error))}", err=True)
-        sys.exit(error.exit_code)
+        return _failed(error.exit_code, *error.args)
     except MemoryError:
-        click.echo("Error: this takes more memory than there is", err=True)
-        sys.exit(MachineError.exit_code)
+        return _failed(MachineError.exit_code, "this takes more memory than there is")
     except OSError as error:
-        name = _shortened(str(error.filename or "file"))
-        click.echo(f"Error: {name}: {os.strerror(error.errno or 0)}", err=True)
-        sys.exit(MachineError.exit_code)
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        return _failed(MachineError.exit_code, f"{_shortened(error.filename or 'file')}: {reason}")
     except Exception as error:
         if os.environ.get("PBRNET_DEBUG"):
             raise
-        click.echo(f"Error: {unexpected(error)}", err=True)
-        sys.exit(UNEXPECTED)
-    sys.exit(status if isinstance(status, int) else 0)
+        return _failed(UNEXPECTED, *unexpected(error))
+    return status if isinstance(status, int) else 0
 
 
-def _shortened(message: str) -> str:
-    """Leave the middle of long lines out, and the end of a message of many lines."""
-    lines = [
-        line if len(line) <= _LONG_LINE else f"{line[: _LONG_LINE - 300]} ... {line[-250:]}"
-        for line in message.splitlines()
-    ]
-    text = "\n".join(lines)
-    return text if len(text) <= _LONG_MESSAGE else f"{text[:_LONG_MESSAGE]} ..."
+def _failed(code: int, *lines: object) -> int:
+    """Print an error, shortened, and return its exit code."""
+    shown = list(map(_shortened, lines))
+    length = list(accumulate(map(len, shown)))
+    kept = [line for line, end in zip(shown, length, strict=True) if end <= _LONG_MESSAGE]
+    say(f"Error: {kept[0]}", *kept[1:], *(["..."] if len(kept) < len(shown) else []), err=True)
+    return code
 
 
-def unexpected(error: Exception) -> str:
-    """Keep an unexpected error's traceback in a file; return one line that says where."""
+def _shortened(line: object) -> str:
+    """Leave the middle of a long line out."""
+    text = str(line)
+    return text if len(text) <= _LONG_LINE else f"{text[: _LONG_LINE - 300]} ... {text[-250:]}"
+
+
+def unexpected(error: Exception) -> list[str]:
+    """Keep an unexpected error's traceback in a file; return lines that say where."""
     lines = str(error).strip().splitlines() or [""]
     message = f"unexpected {type(error).__name__}: {lines[0][:200]}".rstrip(": ")
     text = "".join(traceback.format_exception(error))
@@ -234,8 +267,8 @@ def unexpected(error: Exception) -> str:
         ) as file:  # fmt: skip
             file.write(f"{sys.argv}\n{text}")
     except OSError as failure:
-        return f"{message} (details could not be written: {failure.strerror})"
-    return f"{message}\nThis is a fault of pbrnet. Details to report: {file.name}"
+        return [f"{message} (details could not be written: {failure.strerror})"]
+    return [message, f"This is a fault of pbrnet. Details to report: {file.name}"]
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 _MAX_BYTES = 2**20  # of a parameter file
 _MAX_NODES = 2**17  # values in it, with all aliases written out
 _NUMBERS = (":int", ":float")
-_MAX_DIGITS = 1000  # PyYAML takes quadratic time for numbers such as 1:00:00
+_MAX_COLONS = 100  # in numbers such as 1:00:00, for which PyYAML takes quadratic time
 MAX_SEED = 2**63 - 1
 _PASSES, _NETWORKS = "pbrnet.pipeline.passes.settings", "pbrnet.model.settings"
 
@@ -198,7 +198,7 @@ class _BoundedLoader(yaml.SafeLoader):
     def construct_object(self, node: Any, deep: bool = False) -> Any:
         """Construct a value; what its tag cannot be made from is a YAML error of its line."""
         try:
-            if node.tag.endswith(_NUMBERS) and len(node.value) > _MAX_DIGITS:
+            if node.tag.endswith(_NUMBERS) and node.value.count(":") > _MAX_COLONS:
                 raise ValueError
             return super().construct_object(node, deep)
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):

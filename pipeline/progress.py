@@ -8,6 +8,8 @@ from types import TracebackType
 
 from tqdm import tqdm
 
+from pbrnet.pipeline.terminal import say, visible
+
 
 class Progress:
     """Counter of finished items, as a context manager.
@@ -45,7 +47,7 @@ class Progress:
         self.done += count
         if self._bar is not None:
             if note:
-                self._bar.set_postfix_str(note, refresh=False)
+                self._bar.set_postfix_str(visible(note), refresh=False)
             self._bar.update(count)
         elif time.monotonic() - self._printed >= self.every:
             self._print(note)
@@ -53,9 +55,9 @@ class Progress:
     def write(self, line: str) -> None:
         """Print a line without disturbing the bar."""
         if self._bar is not None:
-            self._bar.write(line, file=sys.stderr)
+            self._bar.write(visible(line), file=sys.stderr)
         else:
-            print(line, file=sys.stderr, flush=True)
+            say(line, err=True)
 
     def _print(self, note: str = "") -> None:
         self._printed = time.monotonic()
@@ -65,4 +67,4 @@ class Progress:
             f", {(self.total - self.done) / rate:.0f} s left" if 0 < self.done < self.total else ""
         )
         text = f"{self.label}: {self.done}/{self.total} {self.unit}, {rate:.2f}/s{left}"
-        print(f"{text} {note}".rstrip(), file=sys.stderr, flush=True)
+        say(f"{text} {note}".rstrip(), err=True)

@@ -22,6 +22,7 @@ from pbrnet.scenes.geometry.directions import (
 
 MAX_SIDE = 16_384  # pixels
 MAX_NUMBER = 1e7  # metres in a pose, pixels in K
+MIN_FOCAL = 1e-3  # pixels
 Matrix = tuple[tuple[float, ...], ...]
 
 
@@ -108,20 +109,11 @@ class View:
                     f"{where}: an equirectangular view is twice as wide as high and has no K"
                 )
         else:
-            self._verify_intrinsics(where)
+            check_intrinsics(self.K, f"{where}.K")
         check_pose(self.camera_to_world, f"{where}.camera_to_world")
         for name in ("pose_before", "pose_after"):
             if getattr(self, name):
                 check_pose(getattr(self, name), f"{where}.{name}")
-
-    def _verify_intrinsics(self, where: str) -> None:
-        if [len(row) for row in self.K] != [3] * 3:
-            raise ValueError(f"{where}: K must be 3x3")
-        intrinsics = np.array(self.K)
-        if np.abs(intrinsics).max() > MAX_NUMBER:
-            raise ValueError(f"{where}: K holds numbers beyond {MAX_NUMBER:g}")
-        if intrinsics[0, 0] <= 0 or intrinsics[1, 1] <= 0:
-            raise ValueError(f"{where}.K: focal lengths must be positive")
 
     @property
     def is_panorama(self) -> bool:
@@ -179,16 +171,29 @@ class CameraFile:
     collisions: dict[str, dict[str, str]] = field(default_factory=dict, metadata=OPTIONAL)
 
 
+def check_intrinsics(intrinsics: Matrix, where: str) -> None:
+    """Raise ValueError unless `intrinsics` is 3x3, upper triangular, its focal lengths possible."""
+    if [len(row) for row in intrinsics] != [3] * 3:
+        raise ValueError(f"{where}: must be 3x3")
+    values = np.array(intrinsics, dtype=np.float64)
+    if not np.abs(values).max() <= MAX_NUMBER:
+        raise ValueError(f"{where}: holds NaN or numbers beyond {MAX_NUMBER:g}")
+    if min(values[0, 0], values[1, 1]) < MIN_FOCAL:
+        raise ValueError(f"{where}: focal lengths must be {MIN_FOCAL:g} pixels or more")
+    if np.tril(values, -1).any() or values[2, 2] != 1:
+        raise ValueError(f"{where}: the last row must be 0, 0, 1, and the second begin with 0")
+
+
 def check_pose(pose: Matrix, where: str) -> None:
     """Raise ValueError unless `pose` is 4x4, a rotation and a translation within bounds."""
     if [len(row) for row in pose] != [4] * 4:
         raise ValueError(f"{where}: must be 4x4")
-    values = np.array(pose)
-    if np.abs(values).max() > MAX_NUMBER:
-        raise ValueError(f"{where}: holds numbers beyond {MAX_NUMBER:g}")
+    values = np.array(pose, dtype=np.float64)
+    if not np.abs(values).max() <= MAX_NUMBER:
+        raise ValueError(f"{where}: holds NaN or numbers beyond {MAX_NUMBER:g}")
     rotation = values[:3, :3]
     orthonormal = np.allclose(turned(rotation, rotation).T, np.eye(3), atol=1e-4)
-    if not orthonormal or np.linalg.det(rotation) < 0:
+    if not orthonormal or np.linalg.det(rotation) < 0 or values[3].tolist() != [0, 0, 0, 1]:
         raise ValueError(f"{where}: not a rotation and a translation")
 
 

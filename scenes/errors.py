@@ -6,12 +6,16 @@ from __future__ import annotations
 class PbrnetError(Exception):
     """A failure the user can act on; the command line prints its text, not a traceback.
 
-    Subclasses set `exit_code`, which the command line returns:
+    The arguments are the lines of the text, nearly always one: names in it that hold line breaks
+    begin no further line. Subclasses set `exit_code`, which the command line returns:
     1 some of the work failed, 2 bad usage or parameters, 3 bad input file, 4 the machine
     lacks something (disk space, a library, weights).
     """
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.args))
 
 
 class ParameterError(PbrnetError):

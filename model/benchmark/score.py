@@ -15,6 +15,7 @@ from pbrnet.model.benchmark.views import ViewList, truths
 from pbrnet.model.evaluation.metrics import bootstrap, measure
 from pbrnet.pipeline.export.rows import Content, DatasetRows, ViewRow
 from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.terminal import visible
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of, tonemap
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import plain
@@ -185,15 +186,15 @@ def _about(folder: Path) -> dict[str, Any]:
     return found
 
 
-def table(scores: Iterable[Score], seed: int = 0) -> str:
-    """Return submissions of one task as a table: means, intervals, seconds."""
+def table(scores: Iterable[Score], seed: int = 0) -> list[str]:
+    """Return submissions of one task as the lines of a table: means, intervals, seconds."""
     scores = list(scores)
     task = scores[0].task
     names = METRICS[task]
     lines = [["", *names, "CPU s"]]
     for score in scores:
         summary = score.summary(seed)
-        cells = [score.name]
+        cells = [visible(score.name)]
         for name, digits in names.items():
             interval = summary["metrics"][name]
             if interval is None:
@@ -206,8 +207,7 @@ def table(scores: Iterable[Score], seed: int = 0) -> str:
         cells.append("-" if score.seconds is None else f"{score.seconds:.3g}")
         lines.append(cells)
     widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
-    aligned = [
+    return [
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
         for line in lines
     ]
-    return "\n".join(aligned)

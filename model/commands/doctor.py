@@ -21,6 +21,7 @@ from pbrnet.model.settings import Baseline
 from pbrnet.pipeline.commands.options import idle_seed_option, json_option
 from pbrnet.pipeline.farm.versions import PACKED
 from pbrnet.pipeline.render import variants
+from pbrnet.pipeline.terminal import say
 
 
 @dataclass(frozen=True)
@@ -90,15 +91,12 @@ def doctor(as_json: bool) -> None:
     """Report this machine's CPUs, memory, packages, LLVM, GPU, networks and catalogues."""
     findings = examine()
     if as_json:
-        click.echo(json.dumps([asdict(finding) for finding in findings], indent=1))
+        say(*json.dumps([asdict(finding) for finding in findings], indent=1).split("\n"))
     else:
         for finding in findings:
-            status = (
-                click.style("ok  ", fg="green") if finding.ok else click.style("warn", fg="yellow")
-            )
-            click.echo(f"{status} {finding.topic:12} {finding.state}")
+            say(f"{'ok' if finding.ok else 'warn':4} {finding.topic:12} {finding.state}")
             if finding.advice:
-                click.echo(f"{'':17} {finding.advice}")
+                say(f"{'':17} {finding.advice}")
     if any(finding.topic == "packages" and not finding.ok for finding in findings):
         sys.exit(4)
 

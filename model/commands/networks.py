@@ -24,6 +24,7 @@ from pbrnet.model.titles import NETWORK_TITLES
 from pbrnet.model.training.backbone import make_backbone
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.files import atomic_file, write_json
 
 
@@ -41,7 +42,7 @@ Section backbone of params.yaml: `network`, `weights` (a VGG-19 file with torchv
 def backbone(request: Request, models: Path) -> None:
     """Prepare the pretrained feature extractor of the perceptual loss."""
     card = make_backbone(request.params.backbone, models)
-    click.echo(f"backbone: {card.network} from {card.source}, in {models}")
+    say(f"backbone: {card.network} from {card.source}, in {models}")
 
 
 @click.group(
@@ -92,7 +93,7 @@ def _training(name: str, about: str, epilog: str) -> None:
             loss = card.metrics["validation_loss"]
             seen = "" if loss is None else f", validation loss {loss:.2f}"
             size = f"{card.parameters / 1e6:.2f} M parameters"
-            click.echo(f"{models}/{one}.safetensors: {size}{seen}")
+            say(f"{models}/{one}.safetensors: {size}{seen}")
 
 
 _training(
@@ -131,10 +132,10 @@ the split or on another scene with its floor plan.""",
 def evaluate(request: Request, folders: Folders) -> None:
     """Measure the trained networks, the baselines, and reflectance x shading."""
     result = evaluation.evaluate(request.params, folders)
-    click.echo(f"{result['views']} views of {result['scenes']} {result['split']} scenes")
+    say(f"{result['views']} views of {result['scenes']} {result['split']} scenes")
     for method in evaluation.EVALUATED_METHODS:
         if method in result["methods"]:
-            click.echo(_line(method, result["methods"][method]))
+            say(_line(method, result["methods"][method]))
 
 
 def _line(method: str, values: dict[str, Any]) -> str:
@@ -192,12 +193,12 @@ def pretrained(
 ) -> None:
     """Pack trained networks for release, in half precision and with a model card."""
     for difference in pack(source, out, methods, request.data, metrics):
-        click.echo(
+        say(
             f"{', '.join(needed(difference.method))}: on {difference.views} views predictions "
             f"differ by at most {difference.worst:.5f}, on average by {difference.mean:.6f}"
         )
     size = sum(file.stat().st_size for file in out.iterdir()) / 1e6
-    click.echo(f"{out}: {size:.1f} MB")
+    say(f"{out}: {size:.1f} MB")
 
 
 @click.command(
@@ -238,12 +239,12 @@ def reference(
     """Write the figures of all methods to one flat file, and draw a contact sheet."""
     target, params = out or folders.metrics / "reference.json", request.params
     write_json(target, kept.summary(folders, params.seed))
-    click.echo(f"{target}: written")
+    say(f"{target}: written")
     if sheet is not None:
         picture = kept.sheet(params.evaluate.split, params.tone, folders, methods, views)
         with atomic_file(sheet) as partial:
             partial.write_bytes(picture)
-        click.echo(f"{sheet}: written")
+        say(f"{sheet}: written")
 
 
 @click.command(
@@ -273,5 +274,5 @@ def export(request: Request, models: Path | None, method: str, out: Path) -> Non
     networks = load_networks(found.folder, [method])
     export_onnx(networks, out)
     names = ", ".join(exported_inputs(networks))
-    click.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to {', '.join(OUTPUTS[method])}")
-    click.echo(f"{method}, networks from {found.description}")
+    say(f"{out}: {out.stat().st_size / 1e6:.1f} MB, {names} to {', '.join(OUTPUTS[method])}")
+    say(f"{method}, networks from {found.description}")

@@ -34,6 +34,7 @@ from pbrnet.pipeline.passes.denoise import Quality
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import View, intrinsics_of
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import load_scene
@@ -135,12 +136,12 @@ def predict(request: Request, **options: Any) -> int:
     with Progress(len(pictures), "predict") as progress:
         for view, draw in pictures:
             try:
-                click.echo(_write(wanted, view, draw(), len(pictures)))
+                say(*_write(wanted, view, draw(), len(pictures)))
             except InputError as error:
                 if len(pictures) == 1:
                     raise
                 failed += 1
-                click.echo(f"Error: {view.scene_id}/{view.view_id}: {error}", err=True)
+                say(f"Error: {view.scene_id}/{view.view_id}: {error}", err=True)
             progress.advance()
     return 1 if failed else 0
 
@@ -200,8 +201,8 @@ class Drawn:
 Pictures = list[tuple[View, Callable[[], Drawn]]]
 
 
-def _write(request: PictureRequest, view: View, drawn: Drawn, count: int) -> str:
-    """Write the picture of a view, and its radiance with `--exr`; returns a message."""
+def _write(request: PictureRequest, view: View, drawn: Drawn, count: int) -> list[str]:
+    """Write the picture of a view, and its radiance with `--exr`; returns lines about them."""
     name, target = f"{view.scene_id}/{view.view_id}", _target(request.out, view, count)
     facts = {
         "prediction": name,
@@ -212,11 +213,11 @@ def _write(request: PictureRequest, view: View, drawn: Drawn, count: int) -> str
     with atomic_file(target) as partial:
         partial.write_bytes(png_bytes(drawn.picture, facts))
     width, height = drawn.size
-    message = f"{target}: {name}, {width}x{height} {drawn.metrics}".rstrip()
+    lines = [f"{target}: {name}, {width}x{height} {drawn.metrics}".rstrip()]
     if request.exr:
         exr = target.with_suffix(".exr")
-        message += f"\n{exr}: {drawn.write_exr(exr, facts)}"
-    return message
+        lines.append(f"{exr}: {drawn.write_exr(exr, facts)}")
+    return lines
 
 
 def _within_seconds(request: PictureRequest) -> PictureRequest:
@@ -233,14 +234,14 @@ def _within_seconds(request: PictureRequest) -> PictureRequest:
         try:
             found = find_models(request.models, HYBRID)
         except InputError as error:
-            click.echo(f"without {HYBRID}: {error}", err=True)
+            say(f"without {HYBRID}: {error}", err=True)
         else:
             networks, methods = load_networks(found.folder, [HYBRID]), (*methods, HYBRID)
     efforts = efforts_for(views[0].width * views[0].height, methods)
     choice = choose(seconds, efforts, stopwatch(opened, views[0], params, networks))
-    click.echo(f"{choice.effort}: {choice.seconds:.2f} s a view here, of {choice.tried} measured")
+    say(f"{choice.effort}: {choice.seconds:.2f} s a view here, of {choice.tried} measured")
     if choice.seconds > seconds:
-        click.echo(f"nothing takes {seconds:g} s or less; this is the fastest", err=True)
+        say(f"nothing takes {seconds:g} s or less; this is the fastest", err=True)
     effort = choice.effort
     quality = effort.quality if effort.method in PREVIEWS else None
     return replace(request, method=effort.method, spp=effort.spp, quality=quality)
@@ -282,7 +283,7 @@ def _predictions(request: PictureRequest) -> Pictures:
     sources = _view_sources(request)
     found = find_models(request.models, request.method)
     networks = load_networks(found.folder, [found.method], request.tile or 0)
-    click.echo(f"{found.method}, networks from {found.description}")
+    say(f"{found.method}, networks from {found.description}")
 
     def draw(source: ViewSource) -> Drawn:
         example = source.load(networks.card)

@@ -8,6 +8,7 @@ import click
 
 from pbrnet.model.report.page import Places, write_report
 from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options
+from pbrnet.pipeline.terminal import say
 
 
 @click.command(
@@ -39,5 +40,5 @@ def report(request: Request, out: Path, root: Path) -> None:
         request.data, *(root / name for name in ("models", "metrics", "plots", "predictions"))
     )
     for sentence in write_report(places, request.params, out):
-        click.echo(f"note: {sentence}", err=True)
-    click.echo(f"Written: {out} ({out.stat().st_size / 1e6:.1f} MB)")
+        say(f"note: {sentence}", err=True)
+    say(f"Written: {out} ({out.stat().st_size / 1e6:.1f} MB)")

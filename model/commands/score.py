@@ -12,6 +12,7 @@ from pbrnet.model.benchmark.views import load_views, pin_views, save_views
 from pbrnet.pipeline.commands.options import FILE, FOLDER
 from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.pipeline.splits import SPLITS
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.files import write_json
 
 
@@ -89,7 +90,7 @@ def score(
         rows = DatasetRows(dataset, (split or "test",))
         views = pin_views(rows, count, pin.stem, "1")
         save_views(pin, views)
-        click.echo(f"{pin}: {len(views.views)} views of {split or 'test'}")
+        say(f"{pin}: {len(views.views)} views of {split or 'test'}")
         return
     if not folders:
         raise click.UsageError("give a FOLDER of pictures")
@@ -100,9 +101,9 @@ def score(
     first = scores[0]
     of = f" of the list {chosen.name} {chosen.version}" if chosen else ""
     scenes = len({view.scene_id for view in first.views})
-    click.echo(f"{task}: {len(first.views)} views of {scenes} scenes{of}")
-    click.echo(table(scores, seed))
+    say(f"{task}: {len(first.views)} views of {scenes} scenes{of}")
+    say(*table(scores, seed))
     if out is not None:
         about = None if chosen is None else {"name": chosen.name, "version": chosen.version}
         write_json(out, {"list": about, "scores": [score.summary(seed) for score in scores]})
-        click.echo(f"Written: {out}")
+        say(f"Written: {out}")

@@ -25,6 +25,7 @@ import torch
 from pbrnet.pipeline.channels import column_channel, remedy
 from pbrnet.pipeline.dataset.parquet import (
     check_filled,
+    check_row,
     check_types,
     fill_image,
     image_type,
@@ -34,7 +35,6 @@ from pbrnet.pipeline.dataset.parquet import (
 from pbrnet.pipeline.radiance import RADIANCE_SCALE, RADIANCES, is_scale
 from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.scenes.arrays import AnyArray, UInt8Array
-from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file, read_csv
 from pbrnet.scenes.seeds import generator
@@ -425,6 +425,7 @@ def _together(
 
 def _example(record: dict[str, Any], names: Sequence[str], numbers: Sequence[str]) -> Example:
     shapes = {name: record[name].shape[: 2 + len(column_channel(name).shape)] for name in names}
+    check_row(Path("dataset"), record)
     floats = {name: (np.dtype(np.float32), shapes[name]) for name in names if name != "valid"}
     _, images = _together(floats)
     for name, image in images.items():
@@ -433,8 +434,8 @@ def _example(record: dict[str, Any], names: Sequence[str], numbers: Sequence[str
     images["valid"] = record["valid"].reshape(shapes["valid"]) > 0
     images |= {name: np.array(record[name], np.float32) for name in numbers}
     return Example(
-        scene_id=check_name(record["scene_id"] or "", "a scene's id", "dataset", InputError),
-        view_id=check_name(record["view_id"] or "", "a view's id", "dataset", InputError),
+        scene_id=record["scene_id"],
+        view_id=record["view_id"],
         images=images,
         intrinsics=np.array(record["K"], dtype=np.float64).reshape(3, 3),
         exposure_shading=Exposure(record["exposure_shading"], record["white_shading"]),

@@ -21,6 +21,7 @@ import click
 from pbrnet.model.data.reader import Dataset, Split
 from pbrnet.model.evaluation.inference import available
 from pbrnet.pipeline.commands.options import FOLDER, Request, common_options
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_file, digest_bytes, digest_file, read_json, write_json
@@ -119,12 +120,12 @@ def command(request: Request, only: tuple[str, ...], dry_run: bool, docs: Path |
     for part in parts:
         digest = digest_bytes(*map(str.encode, (*part.arguments, *state[part.takes_models])))
         if known.get(part.name) == digest:
-            click.echo(f"{part.name}: up to date")
+            say(f"{part.name}: up to date")
         elif dry_run:
-            click.echo(f"{part.name}: {part.command}")
+            say(f"{part.name}: {part.command}")
             continue
         else:
-            click.echo(f"{part.name}: {part.command}")
+            say(f"{part.name}: {part.command}")
             if not _run(part, request):
                 failed.append(part.name)
                 continue
@@ -133,7 +134,7 @@ def command(request: Request, only: tuple[str, ...], dry_run: bool, docs: Path |
         if docs is not None and not dry_run:
             record(part, docs)
     if failed:
-        click.echo(f"failed: {', '.join(failed)}; run the same command again", err=True)
+        say(f"failed: {', '.join(failed)}; run the same command again", err=True)
     return 1 if failed else 0
 
 

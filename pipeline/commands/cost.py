@@ -22,6 +22,7 @@ from pbrnet.pipeline.costs.forecast import (
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.frames import kinds_of
 from pbrnet.pipeline.release.recipe import load_recipe
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import ParameterError
 
 
@@ -124,26 +125,24 @@ def cost(
             "frame_bytes": round(stored),
             "stages": {stage: value / 3600 for stage, value in seconds.items()},
         }
-        click.echo(json.dumps(facts, indent=2))
+        say(*json.dumps(facts, indent=2).split("\n"))
         return
-    click.echo(f"{views:,} views of {scenes:,} scenes, {params.image.width}x{params.image.height}")
-    click.echo(f"{'stage':14}{'core-hours':>12}{'s per view':>12}   views or scenes measured")
+    say(f"{views:,} views of {scenes:,} scenes, {params.image.width}x{params.image.height}")
+    say(f"{'stage':14}{'core-hours':>12}{'s per view':>12}   views or scenes measured")
     for cost in costs:
         worst = errors[cost.stage].worst
         note = "" if math.isnan(worst) else f", error within {worst:.0%}"
         spent = seconds[cost.stage]
-        click.echo(
-            f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{note}"
-        )
+        say(f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{note}")
     for kind in ("noisy", "environment", "transport"):
         if kind in kinds_of(params) and all(cost.stage != kind for cost in costs):
-            click.echo(f"{kind}: not in the sum, because the ledger has no such frames yet")
+            say(f"{kind}: not in the sum, because the ledger has no such frames yet")
     note = "error unknown: too few scenes" if math.isnan(error) else f"error within {error:.0%}"
-    click.echo(f"{'together':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")
+    say(f"{'together':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")
     if stored:
-        click.echo(f"frames: {_bytes(stored)}; the dataset's shards are about as large again")
+        say(f"frames: {_bytes(stored)}; the dataset's shards are about as large again")
     if cores:
-        click.echo(f"on {cores:,} cores: {_span(hours / cores)}, if all of them are always busy")
+        say(f"on {cores:,} cores: {_span(hours / cores)}, if all of them are always busy")
 
 
 def _show_check(found: dict[str, HeldOut], as_json: bool) -> None:
@@ -155,17 +154,17 @@ def _show_check(found: dict[str, HeldOut], as_json: bool) -> None:
             }
             for name, error in found.items()
         }
-        click.echo(json.dumps(facts, indent=2))
+        say(*json.dumps(facts, indent=2).split("\n"))
         return
-    click.echo(
+    say(
         "Error of forecasts of half of the measured scenes from the other half (100 random halves):"
     )
-    click.echo(f"{'stage':14}{'total: median':>14}{'95 % within':>14}{'scene: median':>17}")
+    say(f"{'stage':14}{'total: median':>14}{'95 % within':>14}{'scene: median':>17}")
     for name, error in found.items():
         if math.isnan(error.usual):
-            click.echo(f"{name:14}   too few scenes")
+            say(f"{name:14}   too few scenes")
             continue
-        click.echo(f"{name:14}{error.usual:>14.1%}{error.worst:>14.1%}{error.scene:>17.1%}")
+        say(f"{name:14}{error.usual:>14.1%}{error.worst:>14.1%}{error.scene:>17.1%}")
 
 
 def _bytes(count: float) -> str:

@@ -21,6 +21,7 @@ from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.inspection.datasets import inspect_diversity, inspect_realism
 from pbrnet.pipeline.inspection.describe import inspect_path
 from pbrnet.pipeline.inspection.scenes import with_leaks
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.files import atomic_file
 
 
@@ -37,7 +38,7 @@ def dataset(request: Request) -> None:
     """Check the frames of every view and pack them into Parquet shards with a dataset card."""
     summary = pack_dataset(request.data, request.params)
     for line in summary_lines(summary, request.data / "dataset"):
-        click.echo(line)
+        say(line)
 
 
 def summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
@@ -115,7 +116,7 @@ def inspect(
     """
     if verify:
         count = verify_sums(path if path.is_dir() else path.parent)
-        click.echo(f"{count} files match their checksums", err=as_json)
+        say(f"{count} files match their checksums", err=as_json)
     if diversity:
         inspection = inspect_diversity(path)
     elif realism:
@@ -124,10 +125,10 @@ def inspect(
         inspection = inspect_path(path, renders=not plan_only)
     if leaks:
         inspection = with_leaks(inspection, path)
-    click.echo(inspection.json if as_json else inspection.text)
+    say(*(inspection.json if as_json else inspection.text).split("\n"))
     if not text_only:
         target = out or Path(f"inspect-{path.absolute().stem}.png")
         picture = png_bytes(inspection.draw())
         with atomic_file(target) as partial:
             partial.write_bytes(picture)
-        click.echo(f"\nPicture: {target}", err=as_json)
+        say("", f"Picture: {target}", err=as_json)

@@ -12,6 +12,7 @@ from pbrnet.pipeline.export.parts import ExportOptions, Job, run_export
 from pbrnet.pipeline.export.registry import FORMATS
 from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.pipeline.splits import SPLITS
+from pbrnet.pipeline.terminal import say
 
 _DEFAULT = ExportOptions()
 
@@ -127,4 +128,4 @@ def export_data(
     kept = f", {done.kept} of {done.parts} parts were there already" if done.kept else ""
     views = min(done.views, len(rows.rows))  # some formats write a view's files in two parts
     left = f", {len(rows.rows) - views} left out" if views < len(rows.rows) else ""
-    click.echo(f"{views} views as {name} in {out}{left}{kept}")
+    say(f"{views} views as {name} in {out}{left}{kept}")

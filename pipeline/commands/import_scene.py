@@ -16,6 +16,7 @@ import click
 from pbrnet.pipeline.commands.options import FOLDER, PATH
 from pbrnet.pipeline.inspection.sizes import triangles_of
 from pbrnet.pipeline.limits import Limits, run_limited
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError
@@ -192,16 +193,16 @@ def import_command(
         sweep(out.parent, recursive=False)
         raise
     scene = load_scene(out)
-    click.echo(f"{path} -> {out} in {time.monotonic() - started:.1f} s")
+    say(f"{path} -> {out} in {time.monotonic() - started:.1f} s")
     for line in summary(scene):
-        click.echo(line)
+        say(line)
     for number in range(1, variants + 1):
         name = f"{scene.scene_id}-v{number}"
         place = out.with_name(f"{out.name}-v{number}")
         made = vary_scene(
             out, place, name, number, SceneParams(), derive(seed, "import", scene.scene_id)
         )
-        click.echo(f"variant {place}: light: {made.lighting}")
+        say(f"variant {place}: light: {made.lighting}")
 
 
 def _parameters(pairs: tuple[str, ...]) -> dict[str, str]:

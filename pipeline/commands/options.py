@@ -14,6 +14,7 @@ import click
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.keys import read_table, table
 from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.files import exists, resolved
 
 Command = Callable[..., Any]
@@ -106,7 +107,7 @@ def warn_of_keys(file: Path) -> None:
     known, here = table(), read_table(file)
     for name in sorted(known.keys() | here.keys()):
         if known.get(name) != here.get(name):
-            click.echo(
+            say(
                 f"{file}: {name} is {here.get(name, 'missing')}, but {known.get(name, 'missing')} "
                 "in this version of pbrnet; renew the file with: pbrnet init --update",
                 err=True,

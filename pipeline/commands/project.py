@@ -24,6 +24,7 @@ from pbrnet.pipeline.commands.options import (
 from pbrnet.pipeline.params import Params, read_yaml
 from pbrnet.pipeline.release.parameter_text import Parameter, flow, parameter_text, parameters
 from pbrnet.pipeline.release.presets import find_preset, presets
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError
 from pbrnet.scenes.files import exists, regular_file, write_text
 from pbrnet.scenes.installation import PACKAGE
@@ -54,7 +55,7 @@ def init(folder: Path, update: bool) -> None:
             raise ParameterError(f"{folder}: has {', '.join(there)} already; nothing was written")
     for name, text in texts.items():
         write_text(folder / name, text)
-    click.echo(f"{folder}: wrote {', '.join(texts)}")
+    say(f"{folder}: wrote {', '.join(texts)}")
     if not update:
         _init_dvc(folder)
 
@@ -68,7 +69,7 @@ def _init_dvc(folder: Path) -> None:
     if exists(folder / ".dvc"):
         return
     if find_spec("dvc") is None:
-        click.echo("DVC is missing; for dvc repro: pip install 'pbrnet[dvc]'. Next: pbrnet run")
+        say("DVC is missing; for dvc repro: pip install 'pbrnet[dvc]'. Next: pbrnet run")
         return
     try:
         found = subprocess.run(
@@ -88,7 +89,7 @@ def _init_dvc(folder: Path) -> None:
     )
     if done.returncode:
         raise MachineError(f"dvc init failed: {done.stderr.strip() or done.stdout.strip()}")
-    click.echo("Next: dvc repro")
+    say("Next: dvc repro")
 
 
 @click.command(
@@ -119,7 +120,7 @@ def preset(name: str | None, force: bool, target: Path, seed: int | None) -> Non
     """
     if name is None:
         for label, one in presets().items():
-            click.echo(f"{label:12} {one.title.split('. ')[0]}")
+            say(f"{label:12} {one.title.split('. ')[0]}")
         return
     found = find_preset(name)
     params = found.params()
@@ -137,7 +138,7 @@ def preset(name: str | None, force: bool, target: Path, seed: int | None) -> Non
                 "with --force"
             )
     write_text(target, text)
-    click.echo(f"{target} now holds the preset {name!r}; next: dvc repro")
+    say(f"{target} now holds the preset {name!r}; next: dvc repro")
 
 
 @click.command(
@@ -175,11 +176,11 @@ def params(
     if section and not any(_inside(one.key, section) for one in every):
         raise ParameterError(f"{section}: no such section or parameter")
     if as_json:
-        click.echo(json.dumps(rows, indent=1))
+        say(*json.dumps(rows, indent=1).split("\n"))
         return
     for row in rows:
         value = f"{row['key']} = {flow(row['value'])}"
-        click.echo(f"{value:44}  {row['from']:14}  {row['meaning']}".rstrip())
+        say(f"{value:44}  {row['from']:14}  {row['meaning']}".rstrip())
 
 
 def _inside(key: str, section: str | None) -> bool:

@@ -28,6 +28,7 @@ from pbrnet.pipeline.release.recipe import (
     sums_of,
 )
 from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import PbrnetError
 from pbrnet.scenes.files import resolved
 
@@ -79,7 +80,7 @@ def release(
     """
     if name is None:
         for label, title in recipe_names(recipes).items():
-            click.echo(f"{label:12} {title}")
+            say(f"{label:12} {title}")
         return
     recipe = load_recipe(name, recipes)
     known = load_record(name, recipes)
@@ -100,14 +101,14 @@ def release(
         known = made
     add_to_card(dataset, name, recipe, known)
     sums = sums_of(dataset)
-    click.echo(
+    say(
         f"{name} {recipe.version}: {summary.total} rows, {made.bytes / 1e6:.1f} MB, "
         f"{made.core_hours:.2f} core-hours, in {dataset}"
     )
     if record:
-        click.echo(f"recorded in {save_record(name, replace(made, sums=sums), recipes)}")
+        say(f"recorded in {save_record(name, replace(made, sums=sums), recipes)}")
     elif known is None:
-        click.echo(f"nothing to compare with; record it with: pbrnet release {name} --record")
+        say(f"nothing to compare with; record it with: pbrnet release {name} --record")
     else:
         _compared(name, recipe.version, known, sums)
     if failure is not None:
@@ -121,9 +122,9 @@ def _make(
     failure = None
     for stage in STAGES:
         try:
-            click.echo(str(stage(out, params, scheduler)))
+            say(*str(stage(out, params, scheduler)).split("\n"))
         except StageError as error:  # some views failed; the dataset holds the others
-            click.echo(str(error), err=True)
+            say(*error.args, err=True)
             failure = failure or error
     return pack_dataset(out, params), failure
 
@@ -131,7 +132,7 @@ def _make(
 def _compared(name: str, version: str, known: Record, sums: dict[str, str]) -> None:
     difference = compare(known, sums)
     if not difference:
-        click.echo(f"all {len(sums)} files have the recorded checksums")
+        say(f"all {len(sums)} files have the recorded checksums")
         return
     reasons = []
     if known.version != version:

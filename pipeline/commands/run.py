@@ -18,11 +18,12 @@ from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.pipeline.terminal import lines_of, say
 from pbrnet.scenes.errors import PbrnetError
 
 
 def _dataset(data: Path, params: Params, scheduler: str | None) -> str:
-    return "\n".join(summary_lines(pack_dataset(data, params), data / "dataset"))
+    return lines_of(summary_lines(pack_dataset(data, params), data / "dataset"))
 
 
 STAGES: dict[str, Callable[[Path, Params, str | None], object]] = {
@@ -65,14 +66,14 @@ def run(request: Request, until: str) -> None:
     say_start(request, kinds)
     failed: list[str] = []
     for number, (name, stage) in enumerate(STAGES.items(), 1):
-        click.echo(f"[{number}/{len(STAGES)}] {name}")
+        say(f"[{number}/{len(STAGES)}] {name}")
         try:
-            click.echo(str(stage(request.data, request.params, request.scheduler)))
+            say(*str(stage(request.data, request.params, request.scheduler)).split("\n"))
         except PbrnetError as error:
             if error.exit_code != StageError.exit_code:
                 raise
             failed.append(name)
-            click.echo(str(error), err=True)
+            say(*error.args, err=True)
         if name == until:
             break
     if failed:

@@ -11,6 +11,7 @@ from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
 from pbrnet.pipeline.stages.runner import Summary
 from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.pipeline.terminal import say
 
 
 @click.command(
@@ -27,7 +28,7 @@ def assets(request: Request) -> None:
     Off by default (assets.enabled): procedural homes have built-in furniture. Catalogues are the
     .sh3f files in assets.folder, or else those of the Debian packages in assets.debian.
     """
-    click.echo(str(run_assets(request.data, request.params, request.scheduler)))
+    say(*str(run_assets(request.data, request.params, request.scheduler)).split("\n"))
 
 
 @click.command(
@@ -121,4 +122,4 @@ color = _frame_command(
 
 
 def _print_summary(summary: Summary) -> None:
-    click.echo(str(summary))
+    say(*str(summary).split("\n"))

@@ -6,7 +6,6 @@ import os
 from collections.abc import Collection
 from pathlib import Path
 
-import click
 from dask.system import cpu_count
 
 from pbrnet.pipeline.commands.options import Request
@@ -15,6 +14,7 @@ from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import kinds_of
 from pbrnet.pipeline.passes.settings import GroundTruthParams
+from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.errors import InputError
 
@@ -24,7 +24,7 @@ _TRUTHS = {"shading", "color", "light"}  # of one trace, which the forecast call
 def say_start(request: Request, stages: Collection[str] = ()) -> None:
     """Print on stderr what matters of a run that is about to start; see `start_lines`."""
     for line in start_lines(request, stages):
-        click.echo(line, err=True)
+        say(line, err=True)
 
 
 def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:

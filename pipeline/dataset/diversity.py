@@ -17,6 +17,7 @@ from scipy import ndimage
 
 from pbrnet.pipeline.dataset.parquet import (
     check_filled,
+    check_rows,
     check_types,
     images_of,
     open_parquet,
@@ -109,6 +110,7 @@ def dataset_figures(shards: Sequence[Path]) -> dict[str, dict[str, Float64Array]
         if missing:
             raise InputError(f"{shard}: has no column {missing[0]!r}; pack the dataset again")
         check_types(shard, file.schema_arrow, _COLUMNS)
+        check_rows(shard, file)
         for group in range(file.metadata.num_row_groups):
             with reading(shard):
                 table = file.read_row_group(group, columns=list(_COLUMNS))

@@ -13,8 +13,10 @@ only, and lists of numbers are slow to read. With NumPy alone:
 from __future__ import annotations
 
 import io
+import math
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -25,8 +27,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pbrnet.pipeline.dataset.columns import FORMAT, dataset_columns
+from pbrnet.pipeline.views import check_intrinsics, check_pose
 from pbrnet.scenes.arrays import AnyArray, UInt8Array
-from pbrnet.scenes.checked import shown
+from pbrnet.scenes.checked import check_name, shown
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import parse_json, regular_file
 
@@ -36,6 +39,12 @@ _LONGEST_HEADER = 4096  # bytes
 _COLUMNS = dataset_columns((8, 8), (16, 8), channels=("all",), links=True)
 _TYPES = {one.name: one.type for one in _COLUMNS if not one.is_image}
 _DTYPES = ("float16", "float32", "float64", "uint8", "int32")
+_NAMES = {
+    "scene_id": "a scene's id",
+    "view_id": "a view's id",
+    "trajectory": "a trajectory's name",
+}
+_EXPOSURES = ("exposure_shading", "white_shading", "exposure_color", "white_color")
 _REMEDY = "pack it again with: pbrnet dataset"
 
 
@@ -52,10 +61,56 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def open_parquet(path: Path) -> pq.ParquetFile:
-    """Open a file for reading; raises `InputError`."""
+    """Open a file for reading; raises `InputError`, also for a column that is there twice."""
     regular_file(path, MAX_BYTES)
     with reading(path):
-        return pq.ParquetFile(path)
+        file = pq.ParquetFile(path)
+    ((name, count),) = Counter(file.schema_arrow.names).most_common(1) or [("", 0)]
+    if count > 1:
+        raise InputError(f"{path}: {count} columns are called {shown(name)}; {_REMEDY}")
+    return file
+
+
+def check_rows(path: Path, file: pq.ParquetFile) -> None:
+    """Raise `InputError` for a shard without rows, or with a row that no view has; see `check_row`.
+
+    Of the columns that `check_row` looks at, those that are absent are passed over.
+    """
+    if not file.metadata.num_rows:
+        raise InputError(f"{path}: no rows; {_REMEDY}")
+    columns = (*_NAMES, "K", "camera_to_world", *_EXPOSURES)
+    names = [name for name in columns if name in file.schema_arrow.names]
+    check_types(path, file.schema_arrow, names)
+    with reading(path):
+        table = file.read(columns=names)
+    flat = "projection" not in file.schema_arrow.names  # other views have no K
+    check_filled(path, table, {*names} - {"trajectory"} - ({"K"} if not flat else set()))
+    for row in table.to_pylist():
+        check_row(path, row)
+
+
+def check_row(path: Path, row: Mapping[str, Any]) -> None:
+    """Raise `InputError` for a row whose scalars no view has.
+
+    Ids that cannot be part of a path, `K` and `camera_to_world` that are no camera, exposures and
+    white points that are not above 0. Absent and null cells are passed over.
+    """
+    for name, what in _NAMES.items():
+        if name in row and (row[name] or name != "trajectory"):
+            check_name(row[name] or "", what, str(path), InputError)
+    try:
+        if row.get("K") is not None:
+            check_intrinsics(row["K"], "K")
+        if row.get("camera_to_world") is not None:
+            check_pose(row["camera_to_world"], "camera_to_world")
+        for name in _EXPOSURES:
+            value = row.get(name)
+            # The white point may be infinite: then nothing is clipped.
+            if value is not None and not (value > 0 and (value < math.inf or "white" in name)):
+                raise ValueError(f"{name}: {value:g} is not above 0 and finite")
+    except (TypeError, ValueError) as error:
+        name = f"{row.get('scene_id')}/{row.get('view_id')}"
+        raise InputError(f"{path}: the row {name}: {error}; {_REMEDY}") from None
 
 
 def check_types(path: Path, schema: pa.Schema, names: Iterable[str]) -> None:

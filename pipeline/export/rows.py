@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 from pbrnet.pipeline.channels import dataset_channels, remedy
 from pbrnet.pipeline.dataset.parquet import (
     check_filled,
+    check_row,
     check_types,
     images_of,
     open_parquet,
@@ -28,7 +29,6 @@ from pbrnet.pipeline.radiance import RADIANCES, is_scale
 from pbrnet.pipeline.splits import SPLITS
 from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.scenes.arrays import AnyArray, Float64Array
-from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file
 
@@ -195,9 +195,10 @@ def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:
             scale = cells.get("radiance_scale", 1.0)
             if not is_scale(scale):
                 raise InputError(f"{path}: a radiance_scale that is no power of two")
+            check_row(path, cells)
             yield ViewRow(
-                check_name(cells["scene_id"], "a scene's id", str(path), InputError),
-                check_name(cells["view_id"], "a view's id", str(path), InputError),
+                cells["scene_id"],
+                cells["view_id"],
                 cells["split"],
                 _matrix(cells["K"], 3) if flat else np.full((3, 3), np.nan),
                 _matrix(cells["camera_to_world"], 4),

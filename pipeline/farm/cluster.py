@@ -47,6 +47,7 @@ from pbrnet.pipeline.farm.scheduling import Item
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.transfer import TransferServer, TransferService
 from pbrnet.pipeline.farm.worker import Outcome
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import MachineError, ParameterError
 
 CONNECT_PATIENCE = 15.0  # seconds to look for a scheduler
@@ -156,10 +157,10 @@ class Farm:
                 "'dask scheduler', or unset DASK_SCHEDULER_ADDRESS to use this machine alone"
             ) from None
         if self.needed and not _all_see(client, self.needed):
-            print(
+            say(
                 f"note: the workers at {self.address} do not see {self.needed.parent}, which this "
                 "stage needs; it runs on local workers instead",
-                file=sys.stderr,
+                err=True,
             )
             self._close_quietly(client)
             self.address = ""
@@ -223,9 +224,7 @@ class Farm:
                     raise MachineError(
                         f"the render workers could not be started ({error})"
                     ) from error
-                print(
-                    f"note: render workers did not start ({error}); trying again", file=sys.stderr
-                )
+                say(f"note: render workers did not start ({error}); trying again", err=True)
 
     def _refill(self) -> None:
         """Start local workers in place of those that did not come back."""

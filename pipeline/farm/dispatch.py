@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import queue
-import sys
 import time
 import uuid
 from collections import deque
@@ -19,6 +18,7 @@ from pbrnet.pipeline.farm.liveness import GRACE, Liveness, restart_workers
 from pbrnet.pipeline.farm.scheduling import BatchQueue, Item
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.worker import Outcome, run_batch
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import MachineError
 
 WORKER_PATIENCE = 300.0  # seconds without a single worker before the run is given up
@@ -159,7 +159,7 @@ class Dispatch:
                 raise MachineError(f"{missing}; then {_RESUME}")
             if alone > _NOTE_AFTER and not self.noted:
                 self.noted = True
-                print(f"note: {missing}; waiting {FIRST_PATIENCE:.0f} s", file=sys.stderr)
+                say(f"note: {missing}; waiting {FIRST_PATIENCE:.0f} s", err=True)
         elif alone > WORKER_PATIENCE:
             advice = "start one with 'dask worker ADDRESS', then " if self.external else ""
             raise MachineError(f"no dask worker for {WORKER_PATIENCE:.0f} s; {advice}{_RESUME}")

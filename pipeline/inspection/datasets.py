@@ -16,7 +16,13 @@ from pbrnet.pipeline.costs.charts import draw_ledger
 from pbrnet.pipeline.costs.ledger import read_ledger_file
 from pbrnet.pipeline.costs.table import is_ledger, ledger_table
 from pbrnet.pipeline.dataset.diversity import dataset_figures, draw_figures, summary_table
-from pbrnet.pipeline.dataset.parquet import check_filled, check_types, open_parquet, reading
+from pbrnet.pipeline.dataset.parquet import (
+    check_filled,
+    check_rows,
+    check_types,
+    open_parquet,
+    reading,
+)
 from pbrnet.pipeline.frames import read_frame
 from pbrnet.pipeline.images import Picture
 from pbrnet.pipeline.inspection.drawings import counted, draw_frame, draw_previews, picture_of
@@ -191,6 +197,7 @@ def _open_shard(path: Path) -> pq.ParquetFile:
             f"{path}: Parquet, but not a shard of pbrnet: no column {', '.join(sorted(missing))}"
         )
     check_types(path, file.schema_arrow, needed)
+    check_rows(path, file)
     return file
 
 

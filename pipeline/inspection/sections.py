@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pbrnet.pipeline.images import Picture
+from pbrnet.pipeline.terminal import visible
 
 Table = list[dict[str, Any]]
 # A section is a mapping of names to values, a table, or a list of sentences.
@@ -31,11 +32,11 @@ class Inspection:
 
     @property
     def text(self) -> str:
-        """Title and sections as aligned text."""
-        parts = [self.title]
+        """Title and sections as aligned text, without control characters but line breaks."""
+        parts = [visible(self.title)]
         for name, section in self.sections.items():
             if section:
-                parts.append(f"\n{name}\n" + "\n".join(_section_lines(section)))
+                parts += ["", name, *map(visible, _section_lines(section))]
         return "\n".join(parts)
 
     @property
@@ -47,22 +48,25 @@ class Inspection:
 
 def _section_lines(section: Section) -> list[str]:
     if isinstance(section, dict):
-        width = max(len(key) for key in section)
-        return [f"  {key:{width}}  {_shorten(value)}" for key, value in section.items()]
+        width = max(len(visible(key)) for key in section)
+        return [f"  {visible(key):{width}}  {_shorten(value)}" for key, value in section.items()]
     if isinstance(section[0], str):
         return [f"  - {sentence}" for sentence in section]
     rows = [row for row in section if isinstance(row, dict)]
     names = list(rows[0])
-    table = [dict(zip(names, names, strict=True)), *rows]
-    widths = {name: max(len(str(row[name])) for row in table) for name in names}
+    table = [
+        {name: visible(value) for name, value in row.items()}
+        for row in (dict(zip(names, names, strict=True)), *rows)
+    ]
+    widths = {name: max(len(row[name]) for row in table) for name in names}
     right = {name: all(isinstance(row[name], (int, float)) for row in rows) for name in names}
     cells = [
-        [f"{row[name]!s:{'>' if right[name] else '<'}{widths[name]}}" for name in names]
+        [f"{row[name]:{'>' if right[name] else '<'}{widths[name]}}" for name in names]
         for row in table
     ]
     return ["  " + "  ".join(line).rstrip() for line in cells]
 
 
 def _shorten(value: Any, most: int = 120) -> str:
-    text = str(value)
+    text = visible(value)
     return text if len(text) <= most else f"{text[: most - 1]}…"

@@ -17,6 +17,7 @@ import pyarrow as pa
 from pbrnet.pipeline.dataset.checksums import SUMS, read_sums, write_sums
 from pbrnet.pipeline.params import Params, build_params, read_yaml
 from pbrnet.pipeline.release.presets import files_of, find_preset
+from pbrnet.pipeline.templating import plain_markdown
 from pbrnet.scenes.checked import build, check_name, plain
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import read_json, read_text, write_json, write_text
@@ -147,11 +148,12 @@ def add_to_card(dataset: Path, name: str, recipe: Recipe, record: Record | None)
 
     The cost is the record's, never that of this making: the card has equal bytes each time.
     """
+    title, version = plain_markdown(recipe.title), plain_markdown(recipe.version)
     lines = [
         "",
         "## Make it again",
         "",
-        f"Release `{name}`, version {recipe.version}: {recipe.title}. From the project's folder:",
+        f"Release `{name}`, version {version}: {title}. From the project's folder:",
         "",
         "```sh",
         f"pbrnet release {name}",
@@ -161,10 +163,10 @@ def add_to_card(dataset: Path, name: str, recipe: Recipe, record: Record | None)
     ]
     if record is not None:
         stages = sorted(record.core_seconds.items(), key=lambda item: -item[1])
-        parts = ", ".join(f"{stage} {_span(seconds)}" for stage, seconds in stages)
+        parts = ", ".join(f"{plain_markdown(stage)} {_span(seconds)}" for stage, seconds in stages)
         lines += [
             f"It took {_span(3600 * record.core_hours)} of a core ({parts}) on "
-            f"{record.machine}, {record.instruction_set}: "
+            f"{plain_markdown(record.machine)}, {plain_markdown(record.instruction_set)}: "
             f"{3600 * record.core_hours / max(record.rows, 1):.1f} core-seconds a row.",
         ]
     card = dataset / "README.md"

@@ -22,6 +22,7 @@ import drjit as dr
 import mitsuba as mi
 
 from pbrnet.pipeline.farm.settings import Variant
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import MachineError
 
 PREFERRED: tuple[Variant, ...] = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
@@ -99,9 +100,9 @@ def choose(requested: Variant = "auto") -> Variant:
         return requested
     chosen = best_variant()
     if problem := cards().problem:
-        print(f"pbrnet: {chosen} renders, not the card: {problem}", file=sys.stderr, flush=True)
+        say(f"pbrnet: {chosen} renders, not the card: {problem}", err=True)
     if chosen == "scalar_rgb":
-        print(_SCALAR_WARNING, file=sys.stderr, flush=True)
+        say(_SCALAR_WARNING, err=True)
     return chosen
 
 

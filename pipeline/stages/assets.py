@@ -28,6 +28,7 @@ from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.stages.render_jobs import use_code
+from pbrnet.pipeline.terminal import lines_of
 from pbrnet.scenes.assets.index import (
     Asset,
     AssetIndex,
@@ -111,7 +112,7 @@ class AssetSummary:
         lines += [f"  refused {piece.key}: {piece.reason}" for piece in self.index.refused[:_SHOWN]]
         if len(self.index.refused) > _SHOWN:
             lines.append(f"  and {len(self.index.refused) - _SHOWN} more, see catalogue.json")
-        return "\n".join(lines)
+        return lines_of(lines)
 
 
 def run_assets(data: Path, params: Params, scheduler: str | None = None) -> AssetSummary:
@@ -144,10 +145,10 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
         )
         save_index(root, index)
         if failures:
-            named = "\n".join(f"  {failure}" for failure in failures[:_SHOWN])
             raise AssetError(
-                f"assets: {len(failures)} pieces failed, {len(made)} made, {len(kept)} kept\n"
-                f"{named}\nEverything else is done; run the same command again to retry."
+                f"assets: {len(failures)} pieces failed, {len(made)} made, {len(kept)} kept",
+                *(f"  {failure}" for failure in failures[:_SHOWN]),
+                "Everything else is done; run the same command again to retry.",
             )
         return AssetSummary(index, len(made), len(kept), removed, time.monotonic() - started)
 

@@ -7,7 +7,6 @@ leaves no stale data, and a run with nothing to do starts no worker.
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Mapping
@@ -31,6 +30,7 @@ from pbrnet.pipeline.stages.scene_listing import (
     list_scenes,
     scene_digests,
 )
+from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import remove_partials
@@ -149,10 +149,10 @@ def _views(data: Path, expected: Mapping[str, str], plan: StagePlan) -> list[Vie
             stale.append(scene_id)
         views += file.views
     if stale:
-        print(
+        say(
             f"note: the cameras of {_some(stale)} were sampled with other parameters or in "
             "another version of the scene; to sample them again, run: pbrnet cameras",
-            file=sys.stderr,
+            err=True,
         )
     if not views and not plan.failures:
         raise InputError(
@@ -201,8 +201,8 @@ def _remove_orphans(root: Path, expected: dict[Path, Any], unreadable: set[str])
         if not any(folder.iterdir()):
             folder.rmdir()
     if foreign:
-        print(
+        say(
             f"note: kept files that this stage did not write: {_some([str(p) for p in foreign])}",
-            file=sys.stderr,
+            err=True,
         )
     return removed

@@ -28,6 +28,7 @@ from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import Failure, save_failures
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.stages.render_jobs import use_code, use_renderer
+from pbrnet.pipeline.terminal import lines_of
 from pbrnet.scenes.errors import PbrnetError
 from pbrnet.scenes.files import remove_partials
 
@@ -55,7 +56,7 @@ class Summary:
 
     def __str__(self) -> str:
         parts = [f"{self.stage}: {self.made} made, {self.kept} kept, {self.removed} removed"]
-        return "\n".join([f"{parts[0]}, {self.seconds:.1f} s", *self.notes])
+        return lines_of([f"{parts[0]}, {self.seconds:.1f} s", *self.notes])
 
 
 @dataclass(frozen=True)
@@ -204,10 +205,10 @@ def finish(
         if len(failures) > _SHOWN:
             named.append(f"  and {len(failures) - _SHOWN} more")
         raise StageError(
-            f"{plan.stage}: {len(failures)} failed, {count} made, {plan.kept} kept\n"
-            + "\n".join(named)
-            + f"\nThe whole list is in {data / 'failures' / (plan.stage + '.json')}. Everything "
-            "else is done; run the same command again to retry."
+            f"{plan.stage}: {len(failures)} failed, {count} made, {plan.kept} kept",
+            *named,
+            f"The whole list is in {data / 'failures' / (plan.stage + '.json')}. Everything "
+            "else is done; run the same command again to retry.",
         )
     seconds = time.monotonic() - started
     return Summary(plan.stage, count, plan.kept, plan.removed, seconds, tuple(notes()))

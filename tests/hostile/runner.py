@@ -244,7 +244,7 @@ def _judged(done: _Running, code: int, usage: Any) -> Outcome:
 
     def text(name: str) -> str:
         path = root / name
-        return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+        return path.read_bytes().decode("utf-8", "replace") if path.is_file() else ""
 
     errors = text("stderr").strip()
     memory = usage.ru_maxrss * 1024
@@ -259,6 +259,12 @@ def _judged(done: _Running, code: int, usage: Any) -> Outcome:
         faults.append("traceback")
     if code in (2, 3, 4) and not errors:
         faults.append("no message")
+    if sum(line.startswith("Error: ") for line in errors.split("\n")) > 1:
+        faults.append("more than one error")
+    if any("Warning" in line for line in errors.split("\n")):
+        faults.append("a warning of a library")
+    if not all(line.isprintable() for line in (errors + text("stdout")).split("\n")):
+        faults.append("control characters")
     if len(errors) > 4000:
         faults.append(f"a message of {len(errors):,} characters")
     faults += [f"outside: {line}" for line in dict.fromkeys(text("report").splitlines())]

@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from pbrnet.pipeline.costs.ledger import Ledger, ledger_path, read_ledger
-from pbrnet.pipeline.dataset.parquet import check_types, image_cell, image_type, images_of
+from pbrnet.pipeline.dataset.parquet import (
+    check_rows,
+    check_types,
+    image_cell,
+    image_type,
+    images_of,
+    open_parquet,
+)
 from pbrnet.pipeline.frames import check_frame, read_frame, read_meta, view_of
 from pbrnet.pipeline.params import load_params
 from pbrnet.pipeline.views import load_cameras
@@ -138,3 +146,60 @@ def test_ledgers_with_impossible_costs(tmp_path: Path, value: float | None) -> N
     pq.write_table(table, ledger_path(tmp_path))
     with pytest.raises(InputError, match="seconds"):
         read_ledger(tmp_path)
+
+
+EYE = np.eye(4)
+IMPOSSIBLE_ROWS = {
+    "K of zeros": ("K", np.zeros((3, 3)), "focal lengths"),
+    "K of NaN": ("K", np.full((3, 3), np.nan), "NaN"),
+    "huge K": ("K", np.diag([1e308, 1e308, 1]), "beyond"),
+    "K with another last row": ("K", np.diag([20, 20, 2]), "last row"),
+    "stretched pose": ("camera_to_world", np.diag([2, 1, 1, 1]), "not a rotation"),
+    "mirrored pose": ("camera_to_world", np.diag([-1, 1, 1, 1]), "not a rotation"),
+    "pose without a last row": ("camera_to_world", np.diag([1, 1, 1, 0]), "not a rotation"),
+    "pose of infinity": ("camera_to_world", EYE * np.inf, "NaN or numbers beyond"),
+    "exposure 0": ("exposure_color", 0.0, "not above 0"),
+    "infinite exposure": ("exposure_shading", np.inf, "not above 0 and finite"),
+    "white of NaN": ("white_color", np.nan, "not above 0"),
+    "id of two lines": ("scene_id", "a\nb", "cannot be a scene's id"),
+    "id that climbs": ("view_id", "../a", "cannot be a view's id"),
+    "trajectory that climbs": ("trajectory", "../a", "cannot be a trajectory's name"),
+    "no id": ("view_id", None, "without 'view_id'"),
+}
+SOUND = {
+    "scene_id": "a",
+    "view_id": "0",
+    "K": np.diag([20, 20, 1]),
+    "camera_to_world": EYE,
+} | dict.fromkeys(("exposure_color", "exposure_shading", "white_color"), 1.0)
+
+
+@pytest.mark.parametrize("case", IMPOSSIBLE_ROWS)
+def test_rows_that_no_view_has(tmp_path: Path, case: str) -> None:
+    name, value, words = IMPOSSIBLE_ROWS[case]
+    sound = {key: v.tolist() if hasattr(v, "tolist") else v for key, v in SOUND.items()}
+    value = value.tolist() if hasattr(value, "tolist") else value
+    sides = {"K": 3, "camera_to_world": 4}
+    kinds = dict.fromkeys((*sound, "trajectory"), pa.float64())
+    kinds |= {key: pa.list_(pa.list_(pa.float64(), n), n) for key, n in sides.items()}
+    kinds |= dict.fromkeys(("scene_id", "view_id", "trajectory"), pa.string())
+    schema = pa.schema(kinds.items())
+    path = tmp_path / "a.parquet"
+    for rows in ([sound], [sound, {**sound, name: value}]):
+        pq.write_table(pa.Table.from_pylist(rows, schema=schema), path)
+        with open_parquet(path) as file:
+            if len(rows) == 1:
+                check_rows(path, file)
+                continue
+            with pytest.raises(InputError, match=re.escape(words)):
+                check_rows(path, file)
+
+
+def test_a_shard_without_rows_or_with_a_column_twice(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"scene_id": pa.array([], pa.string())}), path)
+    with open_parquet(path) as file, pytest.raises(InputError, match="no rows"):
+        check_rows(path, file)
+    pq.write_table(pa.Table.from_arrays([pa.array(["a"])] * 2, names=["split"] * 2), path)
+    with pytest.raises(InputError, match="2 columns are called 'split'"):
+        open_parquet(path)

@@ -16,6 +16,7 @@ from pbrnet.model.studies.flicker.results import FlickerResult
 from pbrnet.model.studies.flicker.study import FlickerConfig, FlickerMeasurement, measure_move
 from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options
 from pbrnet.pipeline.images import png_bytes
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import InputError
 
 
@@ -114,8 +115,8 @@ def command(
     )
     write_result(out, result, png_bytes(study.sheet))
     for line in _lines(study):
-        click.echo(line)
-    click.echo(f"{out}, {out.with_suffix('.png')}")
+        say(line)
+    say(f"{out}, {out.with_suffix('.png')}")
 
 
 def _lines(study: FlickerMeasurement) -> list[str]:

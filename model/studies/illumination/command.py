@@ -20,6 +20,7 @@ from pbrnet.model.studies.illumination.study import IlluminationConfig, study_il
 from pbrnet.model.studies.options import config_options
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import Request
+from pbrnet.pipeline.terminal import say
 
 
 @click.command(
@@ -47,7 +48,7 @@ def command(request: Request, folders: Folders, renders: Path | None, **options:
     config = IlluminationConfig(**options)
     result, target = study_illumination(request.params, folders, config, frames)
     for line in _lines(result, target):
-        click.echo(line)
+        say(line)
 
 
 def _lines(result: IlluminationResult, target: Path) -> list[str]:

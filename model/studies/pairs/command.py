@@ -39,6 +39,7 @@ from pbrnet.model.studies.pairs.study import (
 )
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import FILE, Request
+from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.files import write_json
 
@@ -132,7 +133,7 @@ def command(
         config = PairsConfig(methods=tuple(dict.fromkeys(methods)), **options)
         lines = _page_lines(write_pairs_page(params, folders, config, page, replace), config, page)
     for line in lines:
-        click.echo(line)
+        say(line)
 
 
 def _page_lines(written: WrittenPage, config: PairsConfig, page: Path) -> list[str]:

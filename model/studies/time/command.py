@@ -13,6 +13,7 @@ from pbrnet.model.studies.time.results import CLOCKS, TimeResult, part_rows, ver
 from pbrnet.model.studies.time.study import TimeConfig, study_time
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import Request
+from pbrnet.pipeline.terminal import say
 
 
 @click.command(
@@ -40,7 +41,7 @@ def command(request: Request, folders: Folders, renders: Path | None, **options:
     frames = renders or request.data / "studies" / "time"
     result, target = study_time(request.params, folders, TimeConfig(**options), frames)
     for line in _lines(result, target):
-        click.echo(line)
+        say(line)
 
 
 def _lines(result: TimeResult, target: Path) -> list[str]:

@@ -15,6 +15,7 @@ from pbrnet.model.studies.trials.tables import plan_lines, result_lines
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.terminal import say
 
 _EPILOG = """\b
 Examples:
@@ -49,17 +50,17 @@ class TrialRequest:
             trials = plan(study, self.params, self.folders, self.config)
         if self.dry_run:
             for line in (*notes, *preparations, *plan_lines(study, trials, self.folders)):
-                click.echo(line)
+                say(line)
             return
 
         def log(line: str) -> None:
-            click.echo(line, err=True)
+            say(line, err=True)
 
         seed = self.params.seed
         result, target = run_and_summarise(study, seed, self.folders, trials, log, notes)
         for line in result_lines(result):
-            click.echo(line)
-        click.echo(f"{target}, {target.with_suffix('.png')}: shown by pbrnet report")
+            say(line)
+        say(f"{target}, {target.with_suffix('.png')}: shown by pbrnet report")
 
 
 def trial_command(

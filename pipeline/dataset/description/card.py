@@ -19,6 +19,7 @@ from pbrnet.pipeline.dataset.description.citation import NAME, VERSION, bibtex
 from pbrnet.pipeline.dataset.description.facts import DatasetFacts, percent
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.templating import templates
+from pbrnet.pipeline.terminal import visible
 from pbrnet.scenes.contract import Credit, Scene
 
 # SPDX identifiers that the Hugging Face hub knows under its own, lower-case names.
@@ -57,7 +58,6 @@ def dataset_card(
     # The split that everyone wants first.
     example = min(summary.files, key=lambda name: (not name.startswith("train"), name))
     environment = templates("pbrnet.pipeline.dataset.description", markup=False)
-    environment.filters["cell"] = _table_cell
     return environment.get_template("dataset_card.md").render(
         front_matter=_front_matter(summary, licences),
         summary=summary,
@@ -113,7 +113,7 @@ def _front_matter(summary: DatasetSummary, licences: Sequence[str]) -> str:
         ],
     }
     if known == "other":
-        matter["license_name"] = " AND ".join(licences)
+        matter["license_name"] = visible(" AND ".join(licences))
     return yaml.safe_dump(matter, sort_keys=False, allow_unicode=True).strip()
 
 
@@ -149,8 +149,3 @@ def _type_name(column: Column) -> str:
         return "list of string"
     names = {"halffloat": "float16", "float": "float32", "double": "float64"}
     return names.get(str(column.dtype), str(column.dtype))
-
-
-def _table_cell(text: object) -> str:
-    """Escape text for a cell of a Markdown table."""
-    return str(text).replace("|", "\\|").replace("\n", " ").replace("<", "&lt;")

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import pyarrow as pa
 
@@ -72,7 +73,7 @@ def write_croissant(
                 "light sources, textureless shading and path-traced colour, to learn rendering "
                 "from."
             ),
-            "license": [f"https://spdx.org/licenses/{licence}.html" for licence in licences],
+            "license": [f"https://spdx.org/licenses/{quote(licence)}.html" for licence in licences],
             "creator": [
                 {"@type": "sc:Organization", "name": AUTHORS},
                 *({"@type": "sc:Person", "name": author} for author in authors),

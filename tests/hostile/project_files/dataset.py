@@ -1,5 +1,6 @@
 """Hostile shards of datasets, and ledgers."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,12 +9,16 @@ from tests.hostile.family import Arguments, Family, Made, Victim
 from tests.hostile.mutations import LONG, damaged_bytes, deep
 from tests.hostile.project_files.base import small_params, write_ledger
 
+EXPORTS = ("colmap", "nerfstudio", "webdataset", "tum", "hypersim")
 CHECKED = (
     "inspect data/dataset --out p.png",
     "inspect data/dataset --diversity --out p.png",
     "train unet --data data --models made",
     "evaluate --data data --models models",
+    *(f"export-data --data data --out made --to {name}" for name in EXPORTS),
+    "score pictures --dataset data/dataset",
 )
+LOOKS = (0, 1, 4, 5, 6)  # commands that read every shard
 
 
 def _dataset(folder: Path) -> None:
@@ -52,6 +57,85 @@ def _column(name: str, make: Callable[[int], Any] | None, command: int = 0) -> M
         return CHECKED[command].split()
 
     return write
+
+
+def _values(name: str, value: Any, command: int) -> Made:
+    """Shards in which every row has this value in a column, of the type that it has."""
+
+    def write(folder: Path) -> Arguments:
+        import pyarrow as pa
+
+        def changed(table: Any) -> Any:
+            place, field = table.column_names.index(name), table.schema.field(name)
+            values = pa.array([value] * table.num_rows, field.type)
+            return table.set_column(place, field, values)
+
+        _rewrite(folder, changed)
+        return CHECKED[command].split()
+
+    return write
+
+
+def _twice(name: str, command: int) -> Made:
+    def write(folder: Path) -> Arguments:
+        _rewrite(folder, lambda table: table.append_column(table.field(name), table.column(name)))
+        return CHECKED[command].split()
+
+    return write
+
+
+def _without_rows(command: int) -> Made:
+    def write(folder: Path) -> Arguments:
+        _rewrite(folder, lambda table: table.slice(0, 0))
+        return CHECKED[command].split()
+
+    return write
+
+
+def _rewrite(folder: Path, change: Callable[[Any], Any]) -> None:
+    import pyarrow.parquet as pq
+
+    for shard in sorted((folder / "data" / "dataset").glob("*.parquet")):
+        pq.write_table(change(pq.read_table(shard)), shard)
+
+
+def _beside(name: str, put: Callable[[Path], object], command: str) -> Made:
+    """Something that is no regular file beside the shards."""
+
+    def write(folder: Path) -> Arguments:
+        path = folder / "data" / "dataset" / name
+        path.unlink(missing_ok=True)
+        put(path)
+        return command.split()
+
+    return write
+
+
+def _diagonal(*values: float) -> list[list[float]]:
+    return [[value if row == column else 0.0 for column in range(len(values))]
+            for row, value in enumerate(values)]  # fmt: skip
+
+
+_NAN, _INFINITY = float("nan"), float("inf")
+_IMPOSSIBLE: tuple[tuple[str, Any], ...] = (
+    ("K", _diagonal(0, 0, 0)),
+    ("K", _diagonal(_NAN, _NAN, _NAN)),
+    ("K", _diagonal(1e308, 1e308, 1)),
+    ("K", _diagonal(-20, 20, 1)),
+    ("K", _diagonal(20, 20, 0)),
+    ("camera_to_world", _diagonal(0, 0, 0, 0)),
+    ("camera_to_world", _diagonal(2, 1, 1, 1)),
+    ("camera_to_world", _diagonal(-1, 1, 1, 1)),
+    ("camera_to_world", _diagonal(_INFINITY, 1, 1, 1)),
+    ("exposure_color", 0.0),
+    ("exposure_color", _NAN),
+    ("exposure_color", -1.0),
+    ("white_color", 0.0),
+    ("scene_id", "a\nError: forged"),
+    ("scene_id", "../../outside"),
+    ("view_id", "\x1b[2J\x07"),
+    ("view_id", ""),
+)
 
 
 def _shape(text: str, command: int = 0) -> Made:
@@ -105,6 +189,30 @@ SHARDS_MADE = (
     ),
 )
 
+IMPOSSIBLE_MADE = (
+    *(
+        _values(name, value, command)
+        for number, (name, value) in enumerate(_IMPOSSIBLE)
+        for command in (LOOKS if number in (0, 7, 9, 13) else (LOOKS[number % len(LOOKS)], 1))
+    ),
+    *(_twice(name, command) for name in ("scene_id", "K", "depth") for command in LOOKS),
+    *(_without_rows(command) for command in LOOKS),
+    *(
+        _beside(name, put, "inspect data/dataset --verify --text-only")
+        for name in ("SHA256SUMS", "README.md", "rejected.csv", "scenes.csv", "test-x.parquet")
+        for put in (os.mkfifo, lambda path: path.symlink_to("/dev/zero"), Path.mkdir)
+    ),
+    *(
+        _beside("scenes.csv", put, CHECKED[3])
+        for put in (
+            os.mkfifo,
+            lambda path: path.symlink_to("/dev/zero"),
+            lambda path: path.write_text("scene_id,plan\n" + "x" * 200_000 + ",1\n"),
+            lambda path: path.write_bytes(b"scene_id,plan\n\xff,1\n"),
+        )
+    ),
+)
+
 LEDGER = "data/ledger.parquet"
 
 COSTS = (f"inspect {LEDGER} --out p.png", "cost --data data", "cost --data data --check --json")
@@ -155,8 +263,15 @@ FAMILIES = (
         _dataset,
         (Victim(SHARD, damaged_bytes, CHECKED),),
         SHARDS_MADE,
-        ends_early=CHECKED[2:],
+        ends_early=(*CHECKED[2:4], *CHECKED[7:]),
         seconds=1.5,
+    ),
+    Family(
+        "impossible rows",
+        len(IMPOSSIBLE_MADE) + 1,
+        _dataset,
+        (Victim(SHARD, damaged_bytes, CHECKED[:2]),),
+        IMPOSSIBLE_MADE,
     ),
     Family("ledgers", 80, write_ledger, (Victim(LEDGER, damaged_bytes, COSTS),), LEDGERS_MADE),
 )

@@ -4,6 +4,7 @@ import csv
 import errno
 import io
 import json
+import re
 import resource
 import shutil
 import subprocess
@@ -564,12 +565,22 @@ def test_the_card_is_a_hugging_face_card(packed: Path) -> None:
 
 def test_foreign_authors_cannot_break_the_card(tmp_path: Path) -> None:
     params = small_params()
-    credit = Credit("everything", "a|b\n# head", "<script>", "CC-BY-4.0", "elsewhere")
+    hostile = "<script>x</script> | a\n---\n# head [l](javascript:1) `\x1b[2J <!--"
+    credit = Credit("everything", hostile, hostile, hostile, hostile)
     data = make_data(tmp_path, params, scenes=1, credits=(credit,))
+    for path in (data / "scenes").glob("*/scene.json"):
+        content = json.loads(path.read_text())
+        path.write_text(json.dumps({**content, "source": {"kind": f"# {hostile}"}}))
     pack_dataset(data, params)
     text = (data / "dataset" / "README.md").read_text()
-    assert "<script>" not in text and "\n# head" not in text
-    assert "license: cc-by-4.0" in text
+    matter, _, body = text.removeprefix("---\n").partition("---\n")
+    assert yaml.safe_load(matter)["license"] == "other" and "# head" in matter
+    for found in ("<script", "<!--", "\n# head", " [l](", "\x1b", " | a "):
+        assert found not in body, found
+    (row,) = (line for line in body.splitlines() if line.count("script>x") == 4)
+    assert len(re.findall(r"(?<!\\)\|", row)) == 6
+    described = json.loads((data / "dataset" / "croissant.json").read_text())
+    assert all(re.fullmatch(r"[\w:/.%-]+", url) for url in described["license"])
 
 
 def test_croissant_names_every_shard_with_its_checksum_and_every_column(packed: Path) -> None:
