@@ -5,6 +5,7 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+from tests.fixtures.changed import changed
 from tests.hostile.family import Arguments, Made
 
 
@@ -47,11 +48,7 @@ def with_value(file: str, command: str, path: tuple[str | int, ...], value: Any)
 
     def write(folder: Path) -> Arguments:
         content = json.loads((folder / file).read_text())
-        place = content
-        for key in path[:-1]:
-            place = place[key]
-        place[path[-1]] = value
-        (folder / file).write_text(json.dumps(content))
+        (folder / file).write_text(json.dumps(changed(content, path, value)))
         return command.split()
 
     return write

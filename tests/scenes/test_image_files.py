@@ -1,7 +1,6 @@
 """Images from strangers: a list of formats, whatever a file is called, and nothing else."""
 
 import ast
-import io
 import os
 import shutil
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 from PIL import Image
 
 from pbrnet.scenes.image_files import FORMATS, UnreadableImage, open_image
+from tests.fixtures.encoded import picture
 from tests.fixtures.paths import ROOT
 
 EPS = b"""%!PS-Adobe-3.0 EPSF-3.0
@@ -50,20 +50,15 @@ def test_a_postscript_program_named_png_does_not_run(
 
 
 def test_a_bomb_is_refused_by_its_header() -> None:
-    data = io.BytesIO()
-    Image.new("1", (20_000, 20_000)).save(data, "PNG")
     with pytest.raises(UnreadableImage, match="pixels"):
-        open_image(data.getvalue())
+        open_image(picture(Image.new("1", (20_000, 20_000))))
 
 
 @pytest.mark.parametrize("cut", [0, 1, 20, 60, 200])
 def test_a_cut_file_is_refused(tmp_path: Path, cut: int) -> None:
-    data = io.BytesIO()
-    Image.fromarray(np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)).save(
-        data, "PNG"
-    )
+    noise = np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)
     with pytest.raises(UnreadableImage):
-        open_image(data.getvalue()[:cut])
+        open_image(picture(noise)[:cut])
 
 
 def test_only_regular_files_are_opened(tmp_path: Path) -> None:

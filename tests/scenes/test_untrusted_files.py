@@ -22,6 +22,7 @@ from pbrnet.scenes.geometry.mesh import Mesh, creased
 from pbrnet.scenes.importing.sandbox import Sandbox
 from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.registry import import_scene
+from tests.fixtures.encoded import zipped
 from tests.fixtures.gltf import Builder, square
 from tests.fixtures.paths import ROOT
 
@@ -84,9 +85,7 @@ def test_links_in_a_circle(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2, zipfile.ZIP_DEFLATED])
 def test_corrupt_members_of_archives(tmp_path: Path, kind: int) -> None:
     path = tmp_path / "a.sh3d"
-    with zipfile.ZipFile(path, "w", kind) as archive:
-        archive.writestr("Home.xml", " ".join(map(str, range(3000))))
-    data = bytearray(path.read_bytes())
+    data = bytearray(zipped({"Home.xml": " ".join(map(str, range(3000)))}, kind))
     data[38:60] = b"\xff" * 22
     path.write_bytes(bytes(data))
     with HomeArchive(path) as home, pytest.raises(InputError, match="damaged"):

@@ -1,12 +1,12 @@
 """Hostile COLLADA, 3DS, USD and IFC files; those of optional libraries only where these are."""
 
-import io
 import zipfile
 from importlib.util import find_spec
 from pathlib import Path
 
 from tests.fixtures import model_file as models
 from tests.fixtures import usd
+from tests.fixtures.encoded import zipped
 from tests.fixtures.ifc import house
 from tests.hostile.family import Arguments, Family, Victim
 from tests.hostile.mutations import damaged_bytes, damaged_text
@@ -32,11 +32,7 @@ def _house(folder: Path) -> None:
 
 
 def _package(folder: Path, members: dict[str, str], compression: int = zipfile.ZIP_STORED) -> None:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", compression) as package:
-        for name, text in members.items():
-            package.writestr(name, text)
-    (folder / "a.usdz").write_bytes(stream.getvalue())
+    (folder / "a.usdz").write_bytes(zipped(members, compression))
 
 
 def _cycle(folder: Path) -> Arguments:

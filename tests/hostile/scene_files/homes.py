@@ -1,12 +1,12 @@
 """Hostile homes: their XML, archives, serialised objects and the models of pieces."""
 
-import io
 import struct
 import zipfile
 from pathlib import Path
 
 from tests.fixtures import model_file as models
 from tests.fixtures import sweethome as draw
+from tests.fixtures.encoded import zipped
 from tests.fixtures.java import serialised
 from tests.hostile.family import Arguments, Family, Made, Victim
 from tests.hostile.made import entities, pack, with_link
@@ -107,9 +107,6 @@ def _parts(folder: Path) -> None:
         libraries="<library_images><image id='img'><init_from>t.png</init_from></image>"
         "</library_images>",
     )
-    inner = io.BytesIO()
-    with zipfile.ZipFile(inner, "w") as archive:
-        archive.writestr("x/box.obj", draw.BOX)
     _members(
         folder,
         draw.usual(body),
@@ -117,7 +114,7 @@ def _parts(folder: Path) -> None:
             "a.dae": textured,
             "b.3ds": models.file_3ds(nodes=(models.node_3ds("box"),)),
             "c.kmz": models.kmz(models.dae(), {"t.png": draw.quadrants()}),
-            "d.zip": inner.getvalue(),
+            "d.zip": zipped({"x/box.obj": draw.BOX}),
             "t.png": draw.quadrants(),
         },
     )

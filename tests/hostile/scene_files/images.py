@@ -1,13 +1,12 @@
 """Hostile images, as textures and skies."""
 
-import io
 import struct
 import time
-import zlib
 from pathlib import Path
 
 from PIL import Image
 
+from tests.fixtures.encoded import empty_png, picture
 from tests.hostile.family import Family, Victim
 from tests.hostile.made import with_file, with_link
 from tests.hostile.mutations import damaged_bytes
@@ -16,20 +15,11 @@ from tests.hostile.scene_files.models import MTL, OBJ
 
 
 def _picture(kind: str, **options: object) -> bytes:
-    stream = io.BytesIO()
-    Image.new("RGB", (16, 16), "red").save(stream, kind, **options)
-    return stream.getvalue()
+    return picture(Image.new("RGB", (16, 16), "red"), kind, **options)
 
 
 def _png(width: int, height: int) -> bytes:
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (
-            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        )
-
-    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    data = chunk(b"IDAT", zlib.compress(bytes(100)))
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + data + chunk(b"IEND", b"")
+    return empty_png(width, height, bytes(100))
 
 
 _EPS = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n(evil) (w) file\n{} loop\nshowpage\n"

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.fixtures import mitsuba_files as mitsuba
+from tests.fixtures.encoded import exr
 from tests.hostile.family import Arguments, Family, Made, Victim
 from tests.hostile.made import entities, with_file
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_text
@@ -34,11 +35,8 @@ def write_xml(folder: Path) -> None:
     (folder / "m.ply").write_bytes(ply_bytes())
     (folder / "t.ply").write_text(mitsuba.ply([[1, 1, -1], [2, 1, -1], [1, 1, -2]], [[0, 1, 2]]))
     (folder / "m.serialized").write_bytes(_serialized_bytes())
-    import OpenEXR
-
     pixels = np.random.default_rng(1).random((8, 16, 3)).astype(np.float32)
-    with OpenEXR.File({}, {"RGB": pixels}) as file:
-        file.write(str(folder / "sky.exr"))
+    (folder / "sky.exr").write_bytes(exr(pixels))
     (folder / "sky.hdr").write_bytes(
         b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n" + bytes([9, 9, 9, 128]) * 32
     )

@@ -27,6 +27,7 @@ from pbrnet.pipeline.tonemap import tonemap
 from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset
 from tests.fixtures.training import Killed, stop_at
+from tests.fixtures.trial import folders_in
 
 SIZE = {"width": 24, "height": 18, "panorama": 16}
 SMALL = StageTrainParams(epochs=2, width=4, levels=3)
@@ -44,7 +45,7 @@ GAMES = ("pix2pix_own", "cyclegan_own")
 
 def workplace(root: Path, train: int = 8, noisy: bool = False, **size: int) -> Folders:
     """A folder with a dataset of box rooms and a backbone."""
-    folders = Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
+    folders = folders_in(root)
     box_dataset(folders.data, train, 2, 4, noisy, **{**SIZE, **size})
     copy_backbone(folders.models)
     return folders

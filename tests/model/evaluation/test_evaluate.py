@@ -38,14 +38,11 @@ from tests.fixtures.command import Run
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.predict import box_camera, box_frames, box_room
 from tests.fixtures.predictor import untrained_models
+from tests.fixtures.trial import folders_in
 
 SIZE = {"width": 24, "height": 18, "panorama": 16}
 SMALL = StageTrainParams(epochs=1, width=4, levels=2)
 PARAMS = Params(train=TrainParams(shading=SMALL, composition=SMALL, unet=SMALL))
-
-
-def folders_in(root: Path) -> Folders:
-    return Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
 
 
 @pytest.fixture(scope="module")

@@ -65,25 +65,36 @@ def predict(*words: object) -> Result:
     return CliRunner().invoke(cli, ["predict", *map(str, words)])
 
 
+def predicted(*words: object) -> str:
+    """Predict, which must succeed; returns what is printed."""
+    done = predict(*words)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def refused(*words: object) -> str:
+    """Predict what cannot be; returns the message of its error."""
+    done = predict(*words)
+    assert isinstance(done.exception, InputError), done.output
+    return str(done.exception)
+
+
 @pytest.mark.parametrize("method", ["pbrnet", "product", "product_linear", "plus", "unet", "can"])
 def test_every_method_that_is_trained_draws(method: str) -> None:
-    done = predict(*FRAMES, "--method", method, "--compare", "--out", "p.png")
-    assert done.exit_code == 0, done.output
-    assert f"{method}, networks from models" in done.output and "SSIM" in done.output
+    output = predicted(*FRAMES, "--method", method, "--compare", "--out", "p.png")
+    assert f"{method}, networks from models" in output and "SSIM" in output
     facts = png_facts(Path("p.png").read_bytes())
     assert facts and facts["models"] == f"{method} of models"
 
 
 def test_a_method_without_networks_says_which_there_are() -> None:
-    done = predict(*FRAMES, "--method", "pix2pix")
-    assert isinstance(done.exception, InputError)
-    assert "pix2pix.safetensors: no such model" in str(done.exception)
-    assert "--method can, pbrnet, plus, product" in str(done.exception)
+    error = refused(*FRAMES, "--method", "pix2pix")
+    assert "pix2pix.safetensors: no such model" in error
+    assert "--method can, pbrnet, plus, product" in error
 
 
 def test_all_views_of_a_folder(project: Path) -> None:
-    done = predict(*FOLDERS, "--out", "pictures")
-    assert done.exit_code == 0, done.output
+    predicted(*FOLDERS, "--out", "pictures")
     assert sorted(path.name for path in Path("pictures").iterdir()) == [
         "box--v0.png", "box--v1.png",
     ]  # fmt: skip
@@ -103,14 +114,12 @@ def test_a_view_that_fails_is_named_and_the_others_are_made() -> None:
     assert done.return_value == 1
     assert "Error: box/v1" in done.output and Path("predictions/box--v0.png").is_file()
     path.unlink()
-    done = predict(*FOLDERS)
-    assert isinstance(done.exception, InputError)
-    assert "data/illumination/box/v1.exr: missing, but" in str(done.exception)
+    error = refused(*FOLDERS)
+    assert "data/illumination/box/v1.exr: missing, but" in error
 
 
 def test_all_views_of_a_scene_and_a_camera_of_ones_own(room: Path) -> None:
-    done = predict(room, "--all-views", "--size", "36x20", "--out", "out")
-    assert done.exit_code == 0, done.output
+    predicted(room, "--all-views", "--size", "36x20", "--out", "out")
     shapes = {path.name: read_picture(path.read_bytes()).shape for path in Path("out").iterdir()}
     assert shapes == {"box--east.png": (20, 36, 3), "box--north.png": (20, 36, 3)}
     words = ("--eye", "0.5,0.5,1.5", "--towards", "1,0.2,-0.2", "--size", "36x20")
@@ -122,15 +131,14 @@ def test_all_views_of_a_scene_and_a_camera_of_ones_own(room: Path) -> None:
 @pytest.mark.usefixtures("wavefront")
 def test_radiosity_needs_no_network(room: Path) -> None:
     words = ("--view", "east", "--size", "36x20", "--method", "radiosity", "--exr")
-    done = predict(room, *words, "--out", "out.png")
-    assert done.exit_code == 0, done.output
+    predicted(room, *words, "--out", "out.png")
     assert read_picture(Path("out.png").read_bytes()).shape == (20, 36, 3)
     frame = read_frame(Path("out.exr"))
     light = [frame.stack(*bands) for bands in (TRANSPORT_DIRECT, TRANSPORT_INDIRECT)]
     assert min(image.max() for image in light) > 0
     assert frame.rgb.shape == (20, 36, 3)
-    refused = predict("--method", "radiosity", *FRAMES)
-    assert refused.exit_code == 2 and "from a SCENE" in refused.output
+    done = predict("--method", "radiosity", *FRAMES)
+    assert done.exit_code == 2 and "from a SCENE" in done.output
 
 
 @pytest.mark.usefixtures("wavefront")
@@ -140,8 +148,7 @@ def test_pictures_without_a_network_take_any_number_of_samples(room: Path) -> No
     for method, few, many in (("radiosity", 1, 16), ("denoised", 2, 64)):
         for spp in (few, many):
             asked = (*view, "--method", method, "--spp", spp, "--out", f"{method}-{spp}.png")
-            done = predict(*asked)
-            assert done.exit_code == 0, done.output
+            predicted(*asked)
     best = read_frame(Path("denoised-64.exr")).rgb
     for method, few, many in (("radiosity", 1, 16), ("denoised", 2, 64)):
         pictures = [read_frame(Path(f"{method}-{spp}.exr")).rgb for spp in (few, many)]
@@ -150,10 +157,8 @@ def test_pictures_without_a_network_take_any_number_of_samples(room: Path) -> No
         ]
     assert errors["radiosity"][1] < errors["radiosity"][0] < 0.5
     assert 0 < errors["denoised"][0] < 0.5
-    refused = CliRunner().invoke(
-        cli, ["predict", *map(str, view), "--method", "radiosity", "--spp", "3"]
-    )
-    assert refused.exit_code != 0 and "takes 1, 2, 4, 8, 16, 64" in str(refused.exception)
+    done = predict(*view, "--method", "radiosity", "--spp", "3")
+    assert done.exit_code != 0 and "takes 1, 2, 4, 8, 16, 64" in str(done.exception)
     assert predict(*view, "--method", "hybrid", "--spp", "9").exit_code == 2
     for method in ("radiosity", "denoised"):
         made = []
@@ -162,19 +167,17 @@ def test_pictures_without_a_network_take_any_number_of_samples(room: Path) -> No
             assert predict(*view, *asked, "--out", f"{quality}.png").exit_code == 0
             made.append(read_picture(Path(f"{quality}.png").read_bytes()).astype(float))
         assert 0 < np.abs(made[0] - made[1]).mean() < 40, "the same picture, otherwise denoised"
-    refused = predict(*view, "--method", "plus", "--denoiser", "fast")
-    assert refused.exit_code == 2 and "for --method radiosity and denoised" in refused.output
+    done = predict(*view, "--method", "plus", "--denoiser", "fast")
+    assert done.exit_code == 2 and "for --method radiosity and denoised" in done.output
 
 
 @pytest.mark.usefixtures("wavefront")
 def test_a_time_budget_chooses_method_and_samples(room: Path) -> None:
     view = (room, "--view", "east", "--size", "36x20")
-    done = predict(*view, "--seconds", "0.2", "--out", "out.png")
-    assert done.exit_code == 0, done.output
-    said = re.search(r"(--method \w+ --spp \d+.*): (\d+\.\d+) s a view here", done.output)
-    assert said and (float(said[2]) <= 0.2 or "this is the fastest" in done.output)
-    again = predict(*view, *said[1].split(), "--out", "again.png")
-    assert again.exit_code == 0, again.output
+    output = predicted(*view, "--seconds", "0.2", "--out", "out.png")
+    said = re.search(r"(--method \w+ --spp \d+.*): (\d+\.\d+) s a view here", output)
+    assert said and (float(said[2]) <= 0.2 or "this is the fastest" in output)
+    predicted(*view, *said[1].split(), "--out", "again.png")
     same = [read_picture(Path(name).read_bytes()) for name in ("out.png", "again.png")]
     assert np.array_equal(*same), "the words printed give the same picture"
     done = predict(*view, "--seconds", "1e-6", "--out", "out.png")
@@ -182,8 +185,8 @@ def test_a_time_budget_chooses_method_and_samples(room: Path) -> None:
     assert "--spp 1 --denoiser fast: " in done.output
     for wrong, words in ((("--method", "plus"), "one or the other"), ((), "from a SCENE")):
         asked = (*view, *wrong) if wrong else FRAMES
-        refused = predict(*asked, "--seconds", "1")
-        assert refused.exit_code == 2 and words in refused.output
+        done = predict(*asked, "--seconds", "1")
+        assert done.exit_code == 2 and words in done.output
 
 
 @pytest.mark.usefixtures("wavefront")
@@ -196,11 +199,9 @@ def test_every_method_that_a_time_budget_may_choose_is_predicted(
         "pbrnet.model.commands.predict.choose", lambda *_: Choice(Effort(method, 1), 0.1, 1)
     )
     view = (room, "--view", "east", "--size", "36x20")
-    done = predict(*view, "--seconds", "2", "--out", "chosen.png")
-    assert done.exit_code == 0, done.output
-    assert f"--method {method} --spp 1: 0.10 s" in done.output
-    again = predict(*view, "--method", method, "--spp", "1", "--out", "asked.png")
-    assert again.exit_code == 0, again.output
+    output = predicted(*view, "--seconds", "2", "--out", "chosen.png")
+    assert f"--method {method} --spp 1: 0.10 s" in output
+    predicted(*view, "--method", method, "--spp", "1", "--out", "asked.png")
     same = [read_picture(Path(name).read_bytes()) for name in ("chosen.png", "asked.png")]
     assert np.array_equal(*same)
 
@@ -251,16 +252,15 @@ def test_weights_and_frames_of_nan_end_a_prediction(project: Path) -> None:
     meta = json.dumps({**read_meta(Path(FRAMES[1])), "digest": pixels_digest(pixels)})
     with OpenEXR.File({"pbrnet": meta}, pixels) as file:
         file.write("nan.exr")
-    done = predict("--inputs", "nan.exr", *FRAMES[2:])
-    assert isinstance(done.exception, InputError) and "NaN" in str(done.exception)
+    error = refused("--inputs", "nan.exr", *FRAMES[2:])
+    assert "NaN" in error
     weights = Path("models/unet.safetensors")
     write_weights(weights, {name: value * np.nan for name, value in load_file(weights).items()})
     card = weights.with_suffix(".json")
     content = json.loads(card.read_text())
     card.write_text(json.dumps({**content, "sha256": digest_file(weights)}))
-    done = predict(*FRAMES, "--method", "unet")
-    assert isinstance(done.exception, InputError)
-    assert "NaN or infinity" in str(done.exception)
+    error = refused(*FRAMES, "--method", "unet")
+    assert "NaN or infinity" in error
 
 
 @pytest.mark.parametrize("value", [0, 10**9, 64, "8"])
@@ -269,8 +269,8 @@ def test_an_absurd_card_is_refused_before_memory_is_taken(project: Path, value: 
     content = json.loads(card.read_text())
     content["architecture"]["width"] = value
     card.write_text(json.dumps(content))
-    done = predict(*FRAMES, "--method", "unet")
-    assert isinstance(done.exception, InputError) and "unet" in str(done.exception)
+    error = refused(*FRAMES, "--method", "unet")
+    assert "unet" in error
 
 
 def test_a_full_disk_ends_the_writing_of_weights(
@@ -286,18 +286,17 @@ def test_a_full_disk_ends_the_writing_of_weights(
 
 
 def test_a_camera_that_looks_straight_down_is_refused(room: Path) -> None:
-    done = predict(room, "--eye", "1,1,1", "--towards", "0,0,-1")
-    assert isinstance(done.exception, InputError) and "no up vector" in str(done.exception)
+    error = refused(room, "--eye", "1,1,1", "--towards", "0,0,-1")
+    assert "no up vector" in error
 
 
 @pytest.mark.parametrize("method", ["pbrnet", "unet", "product"])
 def test_linear_radiance_shows_as_the_prediction(method: str) -> None:
     """The EXR, photographed, is the picture, and tone-mapped what the network predicted."""
-    done = predict(*FRAMES, "--method", method, "--exr", "--out", "p.png")
-    assert done.exit_code == 0, done.output
+    output = predicted(*FRAMES, "--method", method, "--exr", "--out", "p.png")
     frame = read_frame(Path("p.exr"))
     assert frame.meta["unit"] == "shading's log-average luminance is 0.8"
-    assert "are white: their values are lower bounds" in done.output
+    assert "are white: their values are lower bounds" in output
     exposure = Exposure(**frame.meta["exposure"])
     assert (exposure.scale, exposure.white) == (1.0, 4.0)
     assert np.array_equal(read_picture(Path("p.png").read_bytes()), photograph(frame.rgb))
@@ -314,9 +313,8 @@ def test_light_transport_is_found_beside_the_panorama_or_named() -> None:
     named = [FRAMES[3].replace("illumination", kind) for kind in ("transport", "materials")]
     options = ("--transport", named[0], "--materials", named[1])
     for name, given in (("beside.png", FRAMES), ("named.png", (*elsewhere, *options))):
-        done = predict(*given, "--method", "plus", "--exr", "--out", name)
-        assert done.exit_code == 0, done.output
-        assert "unit: the scene's; 0.00% of the pixels are white" in done.output
+        output = predicted(*given, "--method", "plus", "--exr", "--out", name)
+        assert "unit: the scene's; 0.00% of the pixels are white" in output
     assert Path("beside.png").read_bytes() == Path("named.png").read_bytes()
     for given, words in (
         (elsewhere, "no transport_direct; add 'transport' to channels"),
@@ -344,8 +342,7 @@ def test_from_a_scene_only_what_the_network_takes_is_rendered(
     box_room(Path("data"), view)
     for materials in (False, True):
         untrained_models(Path("models"), ("plus",), levels=3, materials=materials)
-        done = predict("data/scenes/box", "--view", "v", "--method", "plus", "--out", "s.png")
-        assert done.exit_code == 0, done.output
+        predicted("data/scenes/box", "--view", "v", "--method", "plus", "--out", "s.png")
     assert made == [names[1], names[2], names[1]], "no panorama"
 
 
@@ -374,18 +371,16 @@ def test_tiles_draw_the_same_picture_from_the_command() -> None:
     box_frames(Path("data"), "large", width=150, height=110, panorama=16)
     words = [word.replace("v0", "large") for word in FRAMES]
     for name, more in (("whole.png", ()), ("cut.png", ("--tile", "32"))):
-        done = predict(*words, *more, "--out", name)
-        assert done.exit_code == 0, done.output
+        predicted(*words, *more, "--out", name)
     whole, cut = (read_picture(Path(name).read_bytes()) for name in ("whole.png", "cut.png"))
     assert np.abs(whole.astype(int) - cut).max() <= 1
-    done = predict(*words, "--method", "can", "--tile", "32")
-    assert isinstance(done.exception, InputError) and "leave out --tile" in str(done.exception)
+    error = refused(*words, "--method", "can", "--tile", "32")
+    assert "leave out --tile" in error
 
 
 def test_pretrained_networks_serve_where_none_are_trained(project: Path) -> None:
     Path("models").rename("weights")
-    done = predict(*FRAMES)
-    assert done.exit_code == 0, done.output
-    assert "pbrnet, networks from" in done.output and "weights (pretrained" in done.output
+    output = predicted(*FRAMES)
+    assert "pbrnet, networks from" in output and "weights (pretrained" in output
     card = json.loads(Path("weights/shading.json").read_text())
     assert card["precision"] == "float32" and card["packed_from"] == ""

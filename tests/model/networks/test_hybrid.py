@@ -48,6 +48,7 @@ from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.command import exit_code
 from tests.fixtures.model import box_dataset, box_rows, made_example, write_shard
 from tests.fixtures.stages import write_room
+from tests.fixtures.trial import folders_in
 
 NOISY = INPUTS["noisy"].columns
 LIGHT = (*NOISY, *INPUTS["transport"].columns)
@@ -254,8 +255,7 @@ def test_without_the_samples_it_says_what_to_do(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Folders:
     """The pair and the hybrid, barely trained, beside their dataset."""
-    root = tmp_path_factory.mktemp("trained")
-    folders = Folders(*(root / part for part in ("data", "models", "metrics", "plots", "models")))
+    folders = folders_in(tmp_path_factory.mktemp("trained"))
     box_dataset(folders.data, 4, 2, 4, noisy=True, **SIZE)
     copy_backbone(folders.models)
     for name in ("shading", "composition", "hybrid"):

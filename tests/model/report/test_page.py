@@ -22,6 +22,7 @@ from pbrnet.model.report.page import Places, write_report
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.frames import frame_path
 from pbrnet.pipeline.images import png_bytes
+from pbrnet.pipeline.params import Params
 from pbrnet.scenes.contract import Credit
 from tests.fixtures.dataset import add_scene, make_data, make_view, small_params
 from tests.fixtures.report import make_ledger, make_results
@@ -110,28 +111,35 @@ def blank_charts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Figure, "savefig", lambda figure, stream, **options: stream.write(blank))
 
 
-def places(root: Path) -> Places:
-    """The usual folders below `root`."""
-    return Places(
-        root / "data", root / "models", root / "metrics", root / "plots", root / "predictions"
+@pytest.fixture
+def copy(root: Path, tmp_path: Path) -> Path:
+    """A copy of the finished run, to be changed."""
+    return shutil.copytree(root, tmp_path / "copy")
+
+
+def written(root: Path, params: Params | None = None) -> tuple[str, list[str]]:
+    """The page of the run in a folder, and the notes on what it leaves out."""
+    parts = ("data", "models", "metrics", "plots", "predictions")
+    notes = write_report(
+        Places(*(root / part for part in parts)), params or small_params(), root / "index.html"
     )
+    return (root / "index.html").read_text(), notes
 
 
 @pytest.fixture(scope="module")
 def text(root: Path) -> str:
     """The page of a finished run."""
-    assert write_report(places(root), small_params(), root / "index.html") == []
-    return (root / "index.html").read_text()
-
-
-def test_a_score_at_the_top_says_whose_it_is(text: str) -> None:
-    assert "SSIM of both networks, on unseen scenes" in text
+    page, notes = written(root)
+    assert notes == []
+    return page
 
 
 def test_the_page_nests_and_has_every_section(text: str) -> None:
-    page = Page(text)
-    assert set(SECTIONS) <= page.ids
+    assert set(SECTIONS) <= Page(text).ids
     assert 'class="missing"' not in text.replace('<p class="missing">All scenes', "")
+    assert "SSIM of both networks, on unseen scenes" in text
+    assert "&lt;integrator&gt;" in text and "<integrator>" not in text, "foreign text is escaped"
+    assert "prefers-color-scheme: dark" in text and 'name="viewport"' in text
 
 
 def test_the_ledger_is_drawn(text: str) -> None:
@@ -179,10 +187,6 @@ def test_the_page_shows_all_modalities_results_and_reasons(text: str) -> None:
     assert "2 items were made more than once" in page.text
 
 
-def test_foreign_text_is_escaped(text: str) -> None:
-    assert "&lt;integrator&gt;" in text and "<integrator>" not in text
-
-
 def test_charts_are_well_formed_and_the_page_small(text: str) -> None:
     charts = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
     assert len(charts) >= 8
@@ -191,14 +195,7 @@ def test_charts_are_well_formed_and_the_page_small(text: str) -> None:
     assert len(text) < 8_000_000
 
 
-def test_light_dark_and_phone_are_provided_for(text: str) -> None:
-    assert "prefers-color-scheme: dark" in text
-    assert 'name="viewport"' in text
-
-
-def test_predictions_are_shown_with_their_authors(root: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "copy"
-    shutil.copytree(root, copy)
+def test_predictions_are_shown_with_their_authors(copy: Path) -> None:
     folder = copy / "predictions"
     folder.mkdir()
     picture = np.full((12, 16, 3), 99, np.uint8)
@@ -211,8 +208,8 @@ def test_predictions_are_shown_with_their_authors(root: Path, tmp_path: Path) ->
     (folder / "parlour--v7.png").write_bytes(png_bytes(picture, facts))
     (folder / "holiday.png").write_bytes(png_bytes(picture))
     (folder / "torn.png").write_bytes(png_bytes(picture, facts)[:60])
-    missing = write_report(places(copy), small_params(), copy / "page.html")
-    page = Page((copy / "page.html").read_text())
+    content, missing = written(copy)
+    page = Page(content)
     for words in ("parlour/v7", "SSIM 0.321, models/fine", facts["credits"][0]):
         assert words in page.text
     assert len(missing) == 2
@@ -238,15 +235,12 @@ def test_predictions_are_shown_with_their_authors(root: Path, tmp_path: Path) ->
 )
 @pytest.mark.usefixtures("blank_charts")
 def test_what_is_missing_is_named_and_the_rest_shown(
-    root: Path, tmp_path: Path, gone: tuple[str, ...], words: str
+    copy: Path, gone: tuple[str, ...], words: str
 ) -> None:
-    copy = tmp_path / "copy"
-    shutil.copytree(root, copy)
     for name in gone:
         path = copy / name
         shutil.rmtree(path) if path.is_dir() else path.unlink()
-    write_report(places(copy), small_params(), copy / "page.html")
-    page = Page((copy / "page.html").read_text())
+    page = Page(written(copy)[0])
     assert set(SECTIONS) <= page.ids
     assert words in page.text
 
@@ -267,13 +261,11 @@ def test_what_is_missing_is_named_and_the_rest_shown(
     ],
 )
 @pytest.mark.usefixtures("blank_charts")
-def test_a_damaged_part_is_named_and_the_rest_shown(root: Path, tmp_path: Path, name: str) -> None:
-    copy = tmp_path / "copy"
-    shutil.copytree(root, copy)
+def test_a_damaged_part_is_named_and_the_rest_shown(copy: Path, name: str) -> None:
     (copy / name).write_bytes(b"a,b\n\xff\x00 not what it was\n")
-    notes = write_report(places(copy), small_params(), copy / "page.html")
+    page, notes = written(copy)
     assert any(Path(name).name in note or Path(name).parent.name in note for note in notes), notes
-    assert set(SECTIONS) <= Page((copy / "page.html").read_text()).ids
+    assert set(SECTIONS) <= Page(page).ids
 
 
 def test_the_command_writes_by_rename(
@@ -399,28 +391,23 @@ def test_the_chain_has_every_stage_in_both_layouts() -> None:
                 assert x + w <= u or u + s <= x or y + h <= v or v + t <= y, "boxes overlap"
 
 
-def test_sources_kept_back_have_a_table_of_their_own(root: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "copy"
-    shutil.copytree(root, copy)
+def test_sources_kept_back_have_a_table_of_their_own(copy: Path) -> None:
     path = copy / "metrics" / "evaluation.json"
     found = json.loads(path.read_text())
     figures = found["methods"]["pbrnet"] | {"ssim": {"mean": 0.123, "low": 0.1, "high": 0.2}}
     found["kept_back"] = {"views": 3, "scenes": 1, "methods": {"pbrnet": figures}}
     path.write_text(json.dumps(found))
-    write_report(places(copy), small_params(), copy / "page.html")
-    page = Page((copy / "page.html").read_text())
+    page = Page(written(copy)[0])
     assert "Test-only sources" in page.text and "0.123" in page.text
 
 
 @pytest.mark.slow
-def test_own_exposure_shows_the_truth_by_its_own_exposure(root: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "copy"
-    shutil.copytree(root, copy)
+def test_own_exposure_shows_the_truth_by_its_own_exposure(copy: Path) -> None:
     path = copy / "metrics" / "evaluation.json"
     pages = []
     for policy in ("shared", "own"):
         path.write_text(re.sub('"exposure": "[a-z]+"', f'"exposure": "{policy}"', path.read_text()))
-        write_report(places(copy), replace(small_params(), seed=1), copy / "page.html")
-        truths = re.findall(r'src="([^"]+)" alt="Truth"', (copy / "page.html").read_text())
+        page, _ = written(copy, replace(small_params(), seed=1))
+        truths = re.findall(r'src="([^"]+)" alt="Truth"', page)
         pages.append(truths)
     assert len(pages[0]) == 4 and pages[0] != pages[1]

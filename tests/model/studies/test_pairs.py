@@ -6,7 +6,6 @@ import os
 import re
 import struct
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -41,6 +40,7 @@ from pbrnet.pipeline.tonemap import to_bytes
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.seeds import generator
+from tests.fixtures.changed import REMOVED, changed
 from tests.fixtures.command import Run
 from tests.fixtures.predictor import untrained_models
 from tests.fixtures.study import (
@@ -307,65 +307,49 @@ KEY = key_of({"pbrnet": 4})
 GOOD = answers_to(KEY, lambda index, pair: "truth")
 
 
-def changed(place: list[Any], value: Any) -> Callable[[], str]:
-    """Return a valid file with one value changed, or removed for KeyError."""
-
-    def make() -> str:
-        content = json.loads(json.dumps(GOOD))
-        inner = content
-        for step in place[:-1]:
-            inner = inner[step]
-        if value is KeyError:
-            del inner[place[-1]]
-        else:
-            inner[place[-1]] = value
-        return json.dumps(content)
-
-    return make
+def spoilt(path: list[str | int], value: Any) -> str:
+    """Return a valid file with one value exchanged, or removed."""
+    return json.dumps(changed(GOOD, path, value))
 
 
-def text(content: str) -> Callable[[], str]:
-    return lambda: content
-
-
-HOSTILE: dict[str, tuple[Callable[[], str], str]] = {
-    "nothing": (text(""), "not valid JSON"),
-    "half a file": (text(json.dumps(GOOD)[:-30]), "not valid JSON"),
-    "a list": (text("[1, 2]"), "expected a mapping"),
-    "too deep": (text("[" * 200_000), "nested too deeply"),
-    "too large": (text(json.dumps(GOOD) + " " * MAX_BYTES), "more than 1024 KiB"),
-    "a number of 9000 digits": (text('{"seed": ' + "9" * 9000 + "}"), "not valid JSON"),
-    "a key twice": (text('{"page": "a", "page": "b"}'), "'page' comes twice"),
-    "NaN": (text(json.dumps(GOOD).replace("1200", "NaN")), "NaN is not a number"),
-    "infinite time": (text(json.dumps(GOOD).replace("1200", "1e999")), r"answers\[0\]\.ms"),
-    "another study": (changed(["study"], "colours"), r"json\.study: 'colours' is not one of"),
-    "another version": (changed(["version"], 2), r"json\.version: 2"),
-    "another page": (changed(["page"], "f" * 16), r"json\.page: 'ffffffffffffffff', but the key"),
-    "a page in markup": (changed(["page"], "\x1b[31m<b>" * 99), r"json\.page: '\\x1b\[31m"),
-    "another seed": (changed(["seed"], 4), r"json\.seed: 4, but the key's is 3"),
-    "no session": (changed(["session"], KeyError), r"json\.session: missing"),
-    "a made-up session": (changed(["session"], "me"), r"session: 'me' is not 32 hex digits"),
-    "one field more": (changed(["note\x1b"], "x"), r"json\.note\?: unknown key"),
-    "no answers": (changed(["answers"], []), "4 of 4 pairs are missing, 'p0000' first"),
-    "answers that are none": (changed(["answers"], "all left"), r"json\.answers: expected a list"),
-    "a pair less": (changed(["answers", 3], KeyError), "1 of 4 pairs are missing, 'p0003'"),
-    "an unknown pair": (changed(["answers", 0, "pair"], "p9"), r"\[0\]\.pair: .* no pair 'p9'"),
-    "a pair twice": (changed(["answers", 1, "pair"], "p0000"), r"\[1\]\.pair: 'p0000' is answ.*tw"),
-    "no such side": (changed(["answers", 2, "side"], "up"), r"answers\[2\]\.side: 'up' is not"),
-    "a side as a list": (changed(["answers", 2, "side"], ["left"]), r"answers\[2\]\.side"),
-    "a side out of time": (changed(["answers", 1, "timed_out"], True), r"answers\[1\]\.timed_out"),
-    "no side in time": (changed(["answers", 1, "side"], None), r"answers\[1\]\.timed_out"),
-    "time before the start": (changed(["answers", 0, "ms"], -1), r"answers\[0\]\.ms: -1 is not"),
-    "time as text": (changed(["answers", 0, "ms"], "9"), r"answers\[0\]\.ms: expected a whole"),
-    "truth as time": (changed(["answers", 0, "ms"], True), r"answers\[0\]\.ms: expected a whole"),
+HOSTILE: dict[str, tuple[str, str]] = {
+    "nothing": ("", "not valid JSON"),
+    "half a file": (json.dumps(GOOD)[:-30], "not valid JSON"),
+    "a list": ("[1, 2]", "expected a mapping"),
+    "too deep": ("[" * 200_000, "nested too deeply"),
+    "too large": (json.dumps(GOOD) + " " * MAX_BYTES, "more than 1024 KiB"),
+    "a number of 9000 digits": ('{"seed": ' + "9" * 9000 + "}", "not valid JSON"),
+    "a key twice": ('{"page": "a", "page": "b"}', "'page' comes twice"),
+    "NaN": (json.dumps(GOOD).replace("1200", "NaN"), "NaN is not a number"),
+    "infinite time": (json.dumps(GOOD).replace("1200", "1e999"), r"answers\[0\]\.ms"),
+    "another study": (spoilt(["study"], "colours"), r"json\.study: 'colours' is not one of"),
+    "another version": (spoilt(["version"], 2), r"json\.version: 2"),
+    "another page": (spoilt(["page"], "f" * 16), r"json\.page: 'ffffffffffffffff', but the key"),
+    "a page in markup": (spoilt(["page"], "\x1b[31m<b>" * 99), r"json\.page: '\\x1b\[31m"),
+    "another seed": (spoilt(["seed"], 4), r"json\.seed: 4, but the key's is 3"),
+    "no session": (spoilt(["session"], REMOVED), r"json\.session: missing"),
+    "a made-up session": (spoilt(["session"], "me"), r"session: 'me' is not 32 hex digits"),
+    "one field more": (spoilt(["note\x1b"], "x"), r"json\.note\?: unknown key"),
+    "no answers": (spoilt(["answers"], []), "4 of 4 pairs are missing, 'p0000' first"),
+    "answers that are none": (spoilt(["answers"], "all left"), r"json\.answers: expected a list"),
+    "a pair less": (spoilt(["answers", 3], REMOVED), "1 of 4 pairs are missing, 'p0003'"),
+    "an unknown pair": (spoilt(["answers", 0, "pair"], "p9"), r"\[0\]\.pair: .* no pair 'p9'"),
+    "a pair twice": (spoilt(["answers", 1, "pair"], "p0000"), r"\[1\]\.pair: 'p0000' is answ.*tw"),
+    "no such side": (spoilt(["answers", 2, "side"], "up"), r"answers\[2\]\.side: 'up' is not"),
+    "a side as a list": (spoilt(["answers", 2, "side"], ["left"]), r"answers\[2\]\.side"),
+    "a side out of time": (spoilt(["answers", 1, "timed_out"], True), r"answers\[1\]\.timed_out"),
+    "no side in time": (spoilt(["answers", 1, "side"], None), r"answers\[1\]\.timed_out"),
+    "time before the start": (spoilt(["answers", 0, "ms"], -1), r"answers\[0\]\.ms: -1 is not"),
+    "time as text": (spoilt(["answers", 0, "ms"], "9"), r"answers\[0\]\.ms: expected a whole"),
+    "truth as time": (spoilt(["answers", 0, "ms"], True), r"answers\[0\]\.ms: expected a whole"),
 }
 
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_an_answer_file_that_does_not_fit_is_refused(name: str, tmp_path: Path) -> None:
-    make, words = HOSTILE[name]
+    content, words = HOSTILE[name]
     path = tmp_path / "bad.json"
-    path.write_text(make())
+    path.write_text(content)
     with pytest.raises(InputError, match=words) as refused:
         read_answers(path, KEY)
     assert str(refused.value).startswith(str(path))
@@ -454,11 +438,8 @@ def test_the_command_makes_scores_and_the_report_shows(run: Run, tmp_path: Path)
 )
 def test_the_report_notes_a_damaged_result(tmp_path: Path, place: list[str], value: Any) -> None:
     content = plain(score(KEY, [read_of(tmp_path, KEY, GOOD)]))
-    inner = content
-    for step in place[:-1]:
-        inner = inner[step]
-    inner[place[-1]] = value
-    path = write(tmp_path / "metrics" / "studies" / "pairs.json", content)
+    path = tmp_path / "metrics" / "studies" / "pairs.json"
+    write(path, changed(content, place, value))
     page, notes = report_in(tmp_path, Params())
     assert any(str(path) in note and "pbrnet study pairs --score" in note for note in notes)
     assert 'id="study-pairs"' not in page

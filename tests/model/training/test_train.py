@@ -26,6 +26,7 @@ from pbrnet.scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.training import Killed, stop_at
+from tests.fixtures.trial import folders_in
 
 SIZE = {"width": 24, "height": 18, "panorama": 16}
 SMALL = StageTrainParams(epochs=2, width=4, levels=2)
@@ -42,9 +43,7 @@ def workplace(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Workp
     """A folder with a dataset of box rooms and a backbone; as many as a test asks for."""
 
     def make(name: str = "work", **rows: int) -> Folders:
-        folders = Folders(
-            *(tmp_path / name / part for part in ("data", "models", "metrics", "plots", "models"))
-        )
+        folders = folders_in(tmp_path / name)
         box_dataset(folders.data, **{"train": 8, "validation": 2, "test": 4, **SIZE, **rows})
         copy_backbone(folders.models)
         return folders

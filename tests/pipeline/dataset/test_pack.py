@@ -8,7 +8,6 @@ import re
 import resource
 import shutil
 import subprocess
-import sys
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -42,6 +41,7 @@ from pbrnet.pipeline.tonemap import exposure_of
 from pbrnet.scenes.contract import Credit
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.files import digest_folder
+from tests.fixtures.command import Run
 from tests.fixtures.dataset import (
     add_scene,
     box_frames,
@@ -306,10 +306,6 @@ def test_a_shard_is_capped_and_memory_holds_one_row_group(tmp_path: Path) -> Non
     groups = pq.ParquetFile(shards[0]).metadata
     assert groups.row_group(0).num_rows == 4
     assert grown < 60, f"{grown:.0f} MB for 24 views of 0.4 MB"
-
-
-def spoil_nothing(data: Path, view: Any) -> None:
-    """Leave the view as it is."""
 
 
 def spoil(kind: str, **changes: Any) -> Any:
@@ -630,17 +626,15 @@ def test_checksums_find_what_is_damaged_missing_or_foreign(packed: Path, tmp_pat
     assert result.exit_code and isinstance(result.exception, InputError)
 
 
-def test_the_command_packs_and_tells(tmp_path: Path) -> None:
+def test_the_command_packs_and_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pbrnet_run: Run
+) -> None:
     params = small_params()
     make_data(tmp_path / "data", params, scenes=1)
     values = {"image": {"width": 32, "height": 24}, "illumination": {"width": 32}}
     (tmp_path / "params.yaml").write_text(yaml.safe_dump(values))
-    ran = subprocess.run(
-        [sys.executable, "-m", "pbrnet.pipeline.cli", "dataset"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-    )
-    assert ran.returncode == 0, ran.stderr
-    assert "3 views sampled, 3 rows" in ran.stdout
+    monkeypatch.chdir(tmp_path)
+    code, said, errors = pbrnet_run("dataset")
+    assert code == 0, errors
+    assert "3 views sampled, 3 rows" in said
     assert (tmp_path / "data" / "dataset" / "README.md").is_file()

@@ -1,6 +1,5 @@
 """Ground truth: shading and colour against analytic radiometry."""
 
-import io
 import math
 import os
 import subprocess
@@ -9,15 +8,14 @@ from pathlib import Path
 
 import mitsuba
 import numpy as np
-import OpenEXR
 import pytest
-from PIL import Image
 
 from pbrnet.pipeline.passes import groundtruth
 from pbrnet.pipeline.passes.groundtruth import block_sizes, blocks_per_launch, render_truth
 from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.encoded import exr, picture
 from tests.fixtures.params import plain_truth
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
@@ -119,9 +117,7 @@ def test_pixels_that_are_not_square_are_refused(tmp_path: Path) -> None:
 
 def png(shade: int) -> bytes:
     pixels = (np.indices((8, 8)).sum(0)[..., None] % 2 * np.array([shade, 90, 20])).astype(np.uint8)
-    stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, "PNG")
-    return stream.getvalue()
+    return picture(pixels)
 
 
 COLOURED = """
@@ -299,8 +295,6 @@ def rich_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rich")
     sky = np.full((16, 32, 3), (0.2, 0.3, 0.5), dtype=np.float32)
     sky[5, 9] = 40
-    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": sky}) as file:
-        file.write(str(folder / "sky.exr"))
     texture = (
         '<texture type="bitmap" name="reflectance"><string name="filename" '
         'value="textures/t.png"/></texture>'
@@ -311,7 +305,7 @@ def rich_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     body += quad("screen", (0, 1.5, 1.5), (0, -1, 0), (0.4, 0.4), leaf)
     body += ball("bulb", (1, 0, 2), 0.02, glow(30))
     body += '<emitter type="envmap"><string name="filename" value="textures/sky.exr"/></emitter>'
-    files = {"textures/t.png": png(200), "textures/sky.exr": (folder / "sky.exr").read_bytes()}
+    files = {"textures/t.png": png(200), "textures/sky.exr": exr(sky)}
     objects = {"room": shapes, "a": ("a",), "b": ("b",), "screen": ("screen",)}
     write_scene(folder / "scene", body, objects, files=files)
     return folder / "scene"

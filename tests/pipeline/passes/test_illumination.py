@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 import pytest
 
 from pbrnet.pipeline.channels import TINT
@@ -16,6 +15,7 @@ from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.color import REC709
 from pbrnet.scenes.contract import Portal
+from tests.fixtures.encoded import exr
 from tests.fixtures.params import plain_truth
 from tests.fixtures.render import (
     WINDOW,
@@ -250,13 +250,10 @@ def test_the_sun_keeps_its_energy_through_a_window(tmp_path: Path) -> None:
     assert energies[0] == pytest.approx(float(radiance[8, 8]) * math.pi, rel=0.03)
 
 
-def environment(folder: Path, row: int, column: int) -> bytes:
+def environment(row: int, column: int) -> bytes:
     pixels = np.full((64, 128, 3), 0.01, dtype=np.float32)
     pixels[row, column] = 500
-    path = folder / "env.exr"
-    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": pixels}) as file:
-        file.write(str(path))
-    return path.read_bytes()
+    return exr(pixels)
 
 
 @pytest.mark.parametrize("turn", [0.0, 37.0])
@@ -270,7 +267,7 @@ def test_an_environment_map_lies_where_the_render_shows_it(tmp_path: Path, turn:
             f'<transform name="to_world"><rotate x="1" angle="90"/><rotate z="1" angle="{turn}"/>'
             "</transform></emitter>"
         )
-        files = {"textures/env.exr": environment(tmp_path, 29, column)}
+        files = {"textures/env.exr": environment(29, column)}
         scene = open_scene(write_scene(tmp_path / str(column), body, portals=[WINDOW], files=files))
         view = make_view((0.1, 0.4, 1.4), (0.05, 1, 0.05), (48, 48), 40.0)
         image, _ = render_truth(scene, view, plain_truth(spp=16, max_depth=1), 3)
@@ -292,15 +289,10 @@ def test_energy_of_a_detailed_environment_map_is_kept(tmp_path: Path) -> None:
     # A speck of one texel of 2048 x 1024, far finer than the panorama's grid.
     pixels = np.zeros((1024, 2048, 3), dtype=np.float32)
     pixels[400:402, 700:702] = 1000
-    path = tmp_path / "env.exr"
-    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": pixels}) as file:
-        file.write(str(path))
     body = ball("far", (0, 0, -50), 0.1, diffuse()) + (
         '<emitter type="envmap"><string name="filename" value="textures/env.exr"/></emitter>'
     )
-    scene = open_scene(
-        write_scene(tmp_path / "s", body, files={"textures/env.exr": path.read_bytes()})
-    )
+    scene = open_scene(write_scene(tmp_path / "s", body, files={"textures/env.exr": exr(pixels)}))
     solid = 4 * (2 * math.pi / 2048) * (math.pi / 1024) * math.sin(math.pi * 401 / 1024)
     for towards in ((0, 1, 0), (0.013, 1, 0.007)):
         got = render_illumination(

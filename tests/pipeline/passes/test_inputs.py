@@ -1,12 +1,9 @@
 """Input images: analytic depth, normals, reflectance and object indices."""
 
-import io
 from pathlib import Path
 
 import numpy as np
-import OpenEXR
 import pytest
-from PIL import Image
 
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import facing_normals, render_inputs
@@ -14,6 +11,7 @@ from pbrnet.pipeline.render.scene import cast, open_scene, render_ids
 from pbrnet.pipeline.render.scene_geometry import Hits
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.encoded import exr, picture
 from tests.fixtures.render import (
     WINDOW,
     ball,
@@ -90,9 +88,7 @@ def test_known_points_land_on_their_pixels(tmp_path: Path) -> None:
 
 
 def png(pixels: list[list[tuple[int, int, int]]]) -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(np.array(pixels, dtype=np.uint8)).save(stream, "PNG")
-    return stream.getvalue()
+    return picture(np.array(pixels, dtype=np.uint8))
 
 
 def test_reflectance_is_the_texel_the_right_way_up(tmp_path: Path) -> None:
@@ -216,16 +212,13 @@ def test_cast_measures_distance_and_stops_at_glass(tmp_path: Path) -> None:
 
 def test_textures_may_be_exr(tmp_path: Path) -> None:
     pixels = np.full((4, 4, 3), (0.1, 0.25, 0.5), dtype=np.float32)
-    path = tmp_path / "t.exr"
-    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": pixels}) as file:
-        file.write(str(path))
     material = (
         '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
         '<string name="filename" value="textures/t.exr"/><boolean name="raw" value="true"/>'
         "</texture></bsdf>"
     )
     body = quad("p", (0, 2, 1.5), (0, -1, 0), (5, 5), material)
-    got = inputs(tmp_path, body, make_view(), files={"textures/t.exr": path.read_bytes()})
+    got = inputs(tmp_path, body, make_view(), files={"textures/t.exr": exr(pixels)})
     np.testing.assert_allclose(got["albedo.G"], 0.25, atol=1e-3)
 
 

@@ -1,13 +1,11 @@
 """Labels: analytic boxes, occlusion and truncation, and counts against objects rendered alone."""
 
-import io
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from pbrnet.pipeline.channels import channels_of
 from pbrnet.pipeline.frames import Channels
@@ -26,6 +24,7 @@ from pbrnet.scenes.importing.semantics import (
     NYU40_OF_CATEGORY,
     category_number,
 )
+from tests.fixtures.encoded import picture
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, write_scene
 
 pytestmark = pytest.mark.usefixtures("variant")
@@ -98,18 +97,13 @@ def test_what_the_border_cuts_is_truncation_not_occlusion(tmp_path: Path) -> Non
 
 def test_pixels_alone_are_those_of_the_object_rendered_alone(tmp_path: Path) -> None:
     """Through glass, cut-out leaves, a ball inside a box, and three boards one behind another."""
-    holes = np.full((8, 8, 4), 255, np.uint8)
-    holes[:, ::2, 3] = 0
-    stream = io.BytesIO()
-    Image.fromarray(holes, "RGBA").save(stream, "PNG")
+    opacity = np.full((8, 8), 255, np.uint8)
+    opacity[:, ::2] = 0
     leaf = (
         '<bsdf type="mask"><texture type="bitmap" name="opacity"><string name="filename" '
         'value="textures/leaf.png"/><boolean name="raw" value="true"/>'
         f'<string name="filter_type" value="nearest"/></texture>{diffuse()}</bsdf>'
     )
-    opacity = np.array(Image.open(io.BytesIO(stream.getvalue())))[..., 3]
-    grey = io.BytesIO()
-    Image.fromarray(opacity).save(grey, "PNG")
     shapes = {
         "pane": quad("pane", (0, 1, 1.5), (0, -1, 0), (3, 3), '<bsdf type="thindielectric"/>'),
         "leaf": quad("leaf", (-0.2, 1.5, 1.5), (0, -1, 0), (0.4, 0.4), leaf),
@@ -122,7 +116,7 @@ def test_pixels_alone_are_those_of_the_object_rendered_alone(tmp_path: Path) -> 
             for i in range(3)
         },
     }
-    files = {"textures/leaf.png": grey.getvalue()}
+    files = {"textures/leaf.png": picture(opacity)}
     _, seen = labels(tmp_path / "all", shapes, files=files)
     assert seen.keys() >= {"leaf", "box", "board0", "board2"} and "pane" not in seen
     for name, entry in seen.items():

@@ -1,12 +1,10 @@
 """Material images: analytic roughness, metalness, F0 and bumped normals of every BSDF type."""
 
-import io
 from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
 import pytest
-from PIL import Image
 
 from pbrnet.pipeline.channels import channels_of
 from pbrnet.pipeline.frames import Channels
@@ -18,29 +16,18 @@ from pbrnet.pipeline.render.materials import RULES
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.registry import import_scene
+from tests.fixtures.encoded import picture
 from tests.fixtures.gltf import square
 from tests.fixtures.render import ball, glow, make_view, quad, write_scene
+from tests.fixtures.xml import bitmap, bsdf
 
 pytestmark = pytest.mark.usefixtures("variant")
 
 GLASS = ((1.5 - 1) / (1.5 + 1)) ** 2  # F0 of an index of refraction of 1.5
-IOR = '<float name="int_ior" value="1.5"/><float name="ext_ior" value="1"/>'
-METAL = '<rgb name="eta" value="0.2 0.9 1.1"/><rgb name="k" value="3.9 2.5 2.1"/>'
+IOR = {"int_ior": 1.5, "ext_ior": 1.0}
+METAL = {"eta": (0.2, 0.9, 1.1), "k": (3.9, 2.5, 2.1)}
 METAL_F0 = [((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
             for n, k in ((0.2, 3.9), (0.9, 2.5), (1.1, 2.1))]  # fmt: skip
-
-
-def bsdf(plugin: str, inside: str = "", name: str = "") -> str:
-    identity = f' id="{name}"' if name else ""
-    return f'<bsdf type="{plugin}"{identity}>{inside}</bsdf>'
-
-
-def number(name: str, value: float) -> str:
-    return f'<float name="{name}" value="{value}"/>'
-
-
-def rgb(name: str, value: str) -> str:
-    return f'<rgb name="{name}" value="{value}"/>'
 
 
 def scene_of(folder: Path, body: str, **files: bytes) -> RenderScene:
@@ -59,47 +46,37 @@ def wall(material: str, towards: tuple[float, float, float] = (0, -1, 0)) -> str
     return quad("wall", (0, 2, 1.5), towards, (4, 4), material)
 
 
-def png(values: np.ndarray) -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(np.asarray(values, np.uint8)).save(stream, "PNG")
-    return stream.getvalue()
+def values_in(name: str) -> str:
+    """A texture of raw values for a property."""
+    return bitmap(name, "textures/t.png", raw=True, filter_type="nearest")
 
 
-def bitmap(name: str, file: str) -> str:
-    return (
-        f'<texture type="bitmap" name="{name}"><string name="filename" value="textures/{file}.png"'
-        '/><boolean name="raw" value="true"/><string name="filter_type" value="nearest"/></texture>'
-    )
-
-
-PLASTIC = bsdf("roughplastic", number("alpha", 0.09) + IOR)
-GOLD = bsdf("roughconductor", number("alpha", 0.16) + METAL + rgb("specular_reflectance", "0.5"))
+PLASTIC = bsdf("roughplastic", alpha=0.09, **IOR)
+GOLD = bsdf("roughconductor", alpha=0.16, **METAL, specular_reflectance=(0.5,))
 # material -> roughness, metalness, F0
 KNOWN: dict[str, tuple[str, float, float, object]] = {
     "matt": (bsdf("diffuse"), 1, 0, 0),
     "default": ("", 1, 0, 0),
-    "plastic": (bsdf("plastic", IOR + rgb("specular_reflectance", "0.5 1 0")), 0, 0,
+    "plastic": (bsdf("plastic", **IOR, specular_reflectance=(0.5, 1, 0)), 0, 0,
                 [0.5 * GLASS, GLASS, 0]),
     "rough plastic": (PLASTIC, 0.3, 0, GLASS),
-    "polarising": (bsdf("pplastic", number("alpha", 0.09) + IOR), 0.3, 0, GLASS),
-    "rough glass": (bsdf("roughdielectric", number("alpha", 0.25) + IOR), 0.5, 0, GLASS),
-    "mirror": (bsdf("conductor", '<string name="material" value="none"/>'
-                    + rgb("specular_reflectance", "0.9 0.8 0.7")), 0, 1, [0.9, 0.8, 0.7]),
+    "polarising": (bsdf("pplastic", alpha=0.09, **IOR), 0.3, 0, GLASS),
+    "rough glass": (bsdf("roughdielectric", alpha=0.25, **IOR), 0.5, 0, GLASS),
+    "mirror": (bsdf("conductor", material="none", specular_reflectance=(0.9, 0.8, 0.7)),
+               0, 1, [0.9, 0.8, 0.7]),
     "gold": (GOLD, 0.4, 1, np.multiply(METAL_F0, 0.5)),
-    "brushed": (bsdf("roughconductor", number("alpha_u", 0.16) + number("alpha_v", 0.01) + METAL),
-                0.2, 1, METAL_F0),
-    "principled": (bsdf("principled", number("roughness", 0.35)), 0.35, 0, 0.04),
-    "half metal": (bsdf("principled", rgb("base_color", "0.8 0.4 0.2") + number("roughness", 0.6)
-                        + number("metallic", 0.5) + number("eta", 1.5)),
-                   0.6, 0.5, [0.5 * (GLASS + c) for c in (0.8, 0.4, 0.2)]),
-    "tinted": (bsdf("principled", rgb("base_color", "0.5 0 0") + number("spec_tint", 1)
-                    + number("specular", 1)), 0.5, 0, [0.08 / 0.2126, 0, 0]),
-    "curtain": (bsdf("principledthin", number("roughness", 0.9)), 0.9, 0, 0),
+    "brushed": (bsdf("roughconductor", alpha_u=0.16, alpha_v=0.01, **METAL), 0.2, 1, METAL_F0),
+    "principled": (bsdf("principled", roughness=0.35), 0.35, 0, 0.04),
+    "half metal": (bsdf("principled", base_color=(0.8, 0.4, 0.2), roughness=0.6, metallic=0.5,
+                        eta=1.5), 0.6, 0.5, [0.5 * (GLASS + c) for c in (0.8, 0.4, 0.2)]),
+    "tinted": (bsdf("principled", base_color=(0.5, 0, 0), spec_tint=1.0, specular=1.0),
+               0.5, 0, [0.08 / 0.2126, 0, 0]),
+    "curtain": (bsdf("principledthin", roughness=0.9), 0.9, 0, 0),
     "two-sided": (bsdf("twosided", PLASTIC), 0.3, 0, GLASS),
-    "masked": (bsdf("mask", number("opacity", 0.7) + PLASTIC), 0.3, 0, GLASS),
-    "blend": (bsdf("blendbsdf", number("weight", 0.25) + bsdf("diffuse") + GOLD),
+    "masked": (bsdf("mask", PLASTIC, opacity=0.7), 0.3, 0, GLASS),
+    "blend": (bsdf("blendbsdf", bsdf("diffuse"), GOLD, weight=0.25),
               0.85, 0.25, np.multiply(METAL_F0, 0.125)),
-    "half nothing": (bsdf("blendbsdf", number("weight", 0.25) + bsdf("null") + GOLD),
+    "half nothing": (bsdf("blendbsdf", bsdf("null"), GOLD, weight=0.25),
                      0.4, 1, np.multiply(METAL_F0, 0.5)),
 }  # fmt: skip
 
@@ -133,9 +110,9 @@ def test_a_ball_of_known_roughness_and_nothing_around_it(tmp_path: Path) -> None
 def test_textures_are_evaluated_where_the_ray_hits(tmp_path: Path) -> None:
     halves = np.zeros((4, 4, 3))
     halves[:, :2], halves[:, 2:] = 51, 204  # 0.2 and 0.8
-    body = wall(bsdf("principled", rgb("base_color", "0.5") + bitmap("roughness", "t")
-                     + bitmap("metallic", "t")))  # fmt: skip
-    got = materials(tmp_path, body, t=png(halves))
+    textures = values_in("roughness"), values_in("metallic")
+    body = wall(bsdf("principled", *textures, base_color=(0.5,)))
+    got = materials(tmp_path, body, t=picture(halves.astype(np.uint8)))
     share = got["roughness"]
     assert sorted(np.unique(share.round(6))) == [0.2, 0.8] and np.ptp(share[:, :16]) < 1e-6
     np.testing.assert_allclose(got["metalness"], share, atol=1e-6)
@@ -146,27 +123,27 @@ def test_textures_are_evaluated_where_the_ray_hits(tmp_path: Path) -> None:
 def test_a_blend_by_a_texture_mixes_by_it(tmp_path: Path) -> None:
     mask = np.zeros((4, 4, 3))
     mask[:2] = 255
-    body = wall(bsdf("blendbsdf", bitmap("weight", "t") + bsdf("diffuse") + GOLD))
-    got = materials(tmp_path, body, t=png(mask))
+    body = wall(bsdf("blendbsdf", values_in("weight"), bsdf("diffuse"), GOLD))
+    got = materials(tmp_path, body, t=picture(mask.astype(np.uint8)))
     metal = got["metalness"]
     assert set(np.unique(metal)) == {0, 1} and 0.4 < metal.mean() < 0.6
     np.testing.assert_allclose(got["roughness"], np.where(metal == 1, 0.4, 1), atol=1e-6)
 
 
 def test_the_two_sides_of_a_material_differ(tmp_path: Path) -> None:
-    material = bsdf("twosided", PLASTIC + GOLD)
+    material = bsdf("twosided", PLASTIC, GOLD)
     for towards, metalness in (((0.0, -1.0, 0.0), 0), ((0.0, 1.0, 0.0), 1)):
         got = materials(tmp_path / str(metalness), wall(material, towards))
         assert (got["metalness"] == metalness).all()
 
 
 def test_a_material_without_a_rule_is_unknown(tmp_path: Path) -> None:
-    hair = bsdf("hair", name="fur")
+    hair = bsdf("hair", id="fur")
     got = materials(tmp_path / "a", wall(hair))
     for name in ("material_known", "roughness", "metalness", "specular.R"):
         assert (got[name] == 0).all(), name
     assert (got["material"] == 1).all()
-    blend = bsdf("blendbsdf", number("weight", 0.5) + bsdf("diffuse") + hair)
+    blend = bsdf("blendbsdf", bsdf("diffuse"), hair, weight=0.5)
     assert (materials(tmp_path / "b", wall(blend))["material_known"] == 0).all()
 
 
@@ -183,7 +160,7 @@ def test_emission_is_marked_where_a_lamp_shines_and_not_behind_it(tmp_path: Path
 
 
 def test_ids_are_in_the_order_of_the_file_and_names_are_distinct(tmp_path: Path) -> None:
-    shared = bsdf("diffuse", name="paint") + bsdf("plastic", name="unused")
+    shared = bsdf("diffuse", id="paint") + bsdf("plastic", id="unused")
     body = (
         shared
         + quad("a", (-1, 2, 1.5), (0, -1, 0), (0.4, 0.4), bsdf("diffuse"))
@@ -205,19 +182,17 @@ BUMPS = 60 + 40 * np.sin(np.arange(64) / 3)[:, None] + 30 * np.cos(np.arange(64)
 def test_bumped_normals_are_those_that_shade(kind: str, outside: bool, tmp_path: Path) -> None:
     """The radiance of a matt wall under a distant light is the cosine of its shading normal."""
     slopes = np.stack([BUMPS, BUMPS.T, np.full_like(BUMPS, 230)], axis=-1)
-    texture = (
-        f'<texture type="bitmap" name="{"normalmap" if kind == "normalmap" else "t"}">'
-        '<string name="filename" value="textures/t.png"/><boolean name="raw" value="true"/>'
-        "</texture>"
+    texture = bitmap("normalmap" if kind == "normalmap" else "t", "textures/t.png", raw=True)
+    inner = bsdf("diffuse", reflectance=(1.0,))
+    material = bsdf(
+        kind,
+        texture,
+        inner if outside else bsdf("twosided", inner),
+        use_shadowing_function=False,
     )
-    settings = '<boolean name="use_shadowing_function" value="false"/>'
-    inner = bsdf("diffuse", rgb("reflectance", "1"))
-    material = (
-        bsdf("twosided", bsdf(kind, texture + settings + inner))
-        if outside
-        else bsdf(kind, texture + settings + bsdf("twosided", inner))
-    )
-    bumps = png(slopes if kind == "normalmap" else BUMPS)
+    if outside:
+        material = bsdf("twosided", material)
+    bumps = picture((slopes if kind == "normalmap" else BUMPS).astype(np.uint8))
     for name, towards in (("front", (0.2, -1.0, 0.1)), ("back", (-0.2, 1.0, -0.1))):
         scene = scene_of(tmp_path / name, wall(material, towards), t=bumps)
         view = make_view()

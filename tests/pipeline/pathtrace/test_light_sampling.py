@@ -1,6 +1,5 @@
 """Emitter sampling and path guiding: unbiased, and less noise where most lights are hidden."""
 
-import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
-from PIL import Image
 
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.pathtrace.emitter_sampling import MAX_WEIGHTED
@@ -21,6 +19,7 @@ from pbrnet.pipeline.render.drjit_arrays import vector
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.scenes.color import luminance
 from pbrnet.scenes.contract import Portal
+from tests.fixtures.encoded import picture
 from tests.fixtures.joint import (
     ALBEDO,
     FAITHFUL,
@@ -248,10 +247,9 @@ def test_other_environments_keep_their_own_sampling_where_they_are_uneven(tmp_pa
     constant = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
     plan = plan_lights(room(tmp_path / "a", LAMP, constant).mitsuba, VIEW, (WINDOW,), 0)
     assert plan.emitters.min() == 0 and plan.sun_disc is None and plan.sun == 0
-    sky = io.BytesIO()
-    Image.fromarray(np.full((8, 16, 3), 200, dtype=np.uint8)).save(sky, "PNG")
-    picture = '<emitter type="envmap"><string name="filename" value="sky.png"/></emitter>'
-    under_map = room(tmp_path / "b", LAMP, picture, files={"sky.png": sky.getvalue()})
+    sky = picture(np.full((8, 16, 3), 200, dtype=np.uint8))
+    envmap = '<emitter type="envmap"><string name="filename" value="sky.png"/></emitter>'
+    under_map = room(tmp_path / "b", LAMP, envmap, files={"sky.png": sky})
     plan = plan_lights(under_map.mitsuba, VIEW, (WINDOW,), 0)
     assert plan.emitters.min() > 0 and plan.portals.sum() > 0
 

@@ -1,14 +1,12 @@
 """Recorded launches that find surfaces and textures: the same bits as launches traced anew."""
 
 import gc
-import io
 import weakref
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
@@ -16,6 +14,7 @@ from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.raycast import wavefront
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View
+from tests.fixtures.encoded import picture
 from tests.fixtures.render import ball, diffuse, make_view, quad, write_scene
 
 pytestmark = pytest.mark.usefixtures("wavefront")
@@ -46,9 +45,7 @@ def room(folder: Path, *more: str) -> RenderScene:
         quad("pane", (0, 1.5, 1.5), (0, -1, 0), (1, 1), GLASS),
         ball("ball", (-0.5, 2, 0.5), 0.4, diffuse(0.2)),
     )
-    picture = io.BytesIO()
-    Image.fromarray(NOISE).save(picture, "PNG")
-    files = {"textures/t.png": picture.getvalue()}
+    files = {"textures/t.png": picture(NOISE)}
     return open_scene(write_scene(folder, "".join((*walls, *more)), files=files))
 
 

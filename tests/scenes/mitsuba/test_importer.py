@@ -8,7 +8,6 @@ from pathlib import Path
 
 import mitsuba as mi
 import numpy as np
-import OpenEXR
 import pytest
 from click.testing import CliRunner
 from PIL import Image
@@ -27,15 +26,18 @@ from pbrnet.scenes.importing.materials.textures import read_rgbe
 from pbrnet.scenes.mitsuba.values import snake
 from pbrnet.scenes.reconstruction.orientation import guess_scale, upright
 from pbrnet.scenes.registry import import_scene
+from tests.fixtures.encoded import empty_png, exr
 from tests.fixtures.mitsuba_files import (
     LAMP_0_6,
     SENSOR_0_6,
     ply,
     room,
+    scene_text,
     usual,
     wall_with_hole,
     write,
 )
+from tests.fixtures.xml import bitmap, bsdf, emitter, texture
 
 pytestmark = pytest.mark.usefixtures("few_walks")
 
@@ -44,6 +46,9 @@ TEXTURED = (
     '<bsdf type="diffuse"><texture name="reflectance" type="bitmap">'
     '<string name="filename" value="{}"/></texture></bsdf>'
 )
+SPHERE = '<shape type="sphere"><float name="radius" value="{}"/></shape>'
+IMAGE = texture("bitmap", filename="b.png")
+VEIL = '<spectrum name="opacity" value=".4"/>'
 MOVED = '<shape type="cube"><transform name="toWorld">{}</transform></shape>'
 TRIANGLE_SHAPE = '<shape type="ply" id="thing"><string name="filename" value="t.ply"/></shape>'
 
@@ -371,8 +376,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sky = np.full((16, 32, 3), 0.2, dtype=np.float32)
     sky[2:6, 4:9] = (20, 15, 8)
     sky[8:] = 0.05
-    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": sky}) as file:
-        file.write(str(folder / "sky.exr"))
+    (folder / "sky.exr").write_bytes(exr(sky))
     angle = np.linspace(0, np.pi, 13)
     lines = [f"v {0.3 * np.cos(a)} {y} {0.3 * np.sin(a)}" for y in (0, 1) for a in angle]
     lines += [f"vt {a / np.pi} {y}" for y in (0, 1) for a in angle]
@@ -435,99 +439,82 @@ def test_names_are_spelled_as_today(old: str, new: str) -> None:
     assert snake(old) == new
 
 
-MATERIALS = {
-    "roughdiffuse": ('<bsdf type="roughdiffuse"><rgb name="reflectance" value=".3"/>'
-                     '<float name="alpha" value="0.4"/></bsdf>', "replaced by diffuse"),
-    "ext_eta": ('<bsdf type="roughconductor"><float name="alpha" value="0.1"/>'
-                '<float name="extEta" value="1"/><rgb name="eta" value="1.6,.9,.5"/>'
-                '<rgb name="k" value="9,6,5"/></bsdf>', ""),
-    "ashikhmin": ('<bsdf type="roughconductor"><string name="distribution" value="as"/>'
-                  '<float name="alphaU" value=".1"/><float name="alphaV" value=".3"/></bsdf>',
+MATERIALS = {  # a material in the words of version 0.6, and what is said of its import
+    "roughdiffuse": (bsdf("roughdiffuse", reflectance=(0.3,), alpha=0.4), "replaced by diffuse"),
+    "ext_eta": (bsdf("roughconductor", alpha=0.1, extEta=1.0, eta=(1.6, 0.9, 0.5), k=(9, 6, 5)),
+                ""),
+    "ashikhmin": (bsdf("roughconductor", distribution="as", alphaU=0.1, alphaV=0.3),
                   "replaced by beckmann: 'as'"),
-    "metal": ('<bsdf type="conductor"><string name="material" value="Unobtainium"/></bsdf>',
-              "perfect mirror: 'Unobtainium'"),
-    "negative eta": ('<bsdf type="conductor"><rgb name="eta" value="1.4,.2,-.01"/>'
-                     '<spectrum name="k" value="-.02,2,3"/></bsdf>',
+    "metal": (bsdf("conductor", material="Unobtainium"), "perfect mirror: 'Unobtainium'"),
+    "negative eta": (bsdf("conductor", '<rgb name="eta" value="1.4,.2,-.01"/>'
+                          '<spectrum name="k" value="-.02,2,3"/>'),
                      "measured metal became 0: 1.4,.2,-.01, -.02,2,3"),
-    "phong": ('<bsdf type="phong"><float name="exponent" value="50"/>'
-              '<rgb name="diffuseReflectance" '
-              'value=".4"/><rgb name="specularReflectance" value=".2"/></bsdf>', "phong was"),
-    "ward": ('<bsdf type="ward"><string name="variant" value="balanced"/><float name="alphaU" '
-             'value=".1"/><float name="alphaV" value=".2"/></bsdf>',
-             "ward was replaced"),
-    "coating": ('<bsdf type="coating"><float name="intIOR" value="1.7"/><bsdf type="diffuse">'
-                '<rgb name="reflectance" value=".4,.1,.1"/></bsdf></bsdf>', "replaced by plastic"),
-    "coated metal": ('<bsdf type="roughcoating"><float name="alpha" value=".1"/>'
-                     '<bsdf type="conductor"/></bsdf>', "clear coat"),
-    "mixture": ('<bsdf type="mixturebsdf"><string name="weights" value="0.5, 0.3"/>'
-                '<bsdf type="diffuse"/><bsdf type="conductor"/></bsdf>', "replaced by blendbsdf"),
-    "blend": ('<bsdf type="blendbsdf"><float name="weight" value=".3"/><bsdf type="diffuse"/>'
-              '<bsdf type="dielectric"/></bsdf>', ""),
-    "bump": ('<bsdf type="bumpmap"><texture type="bitmap"><string name="filename" value="b.png"/>'
-             '</texture><bsdf type="plastic"/></bsdf>', ""),
-    "scaled bump": ('<bsdf type="bumpmap"><texture type="scale"><float name="scale" value="3"/>'
-                    '<texture type="bitmap"><string name="filename" value="b.png"/></texture>'
-                    '</texture><bsdf type="diffuse"/></bsdf>', "factor of a scaled texture"),
-    "difftrans": ('<bsdf type="difftrans"><rgb name="transmittance" value=".5"/></bsdf>',
-                  "difftrans was replaced"),
-    "hk": ('<bsdf type="hk"><string name="material" value="skin1"/></bsdf>', "'hk'"),
-    "mask": ('<bsdf type="mask"><spectrum name="opacity" value=".4"/><bsdf type="twosided">'
-             '<bsdf type="diffuse"/></bsdf></bsdf>', ""),
-    "two sided mask": ('<bsdf type="twosided"><bsdf type="mask"><spectrum name="opacity" '
-                       'value=".4"/><bsdf type="diffuse"/></bsdf></bsdf>', ""),
-    "cut out": ('<bsdf type="mask"><texture name="opacity" type="bitmap"><string name="filename" '
-                'value="a.png"/></texture><bsdf type="diffuse"/></bsdf>', "alpha channel: a.png"),
-    "grid": ('<bsdf type="diffuse"><texture name="reflectance" type="gridtexture"/></bsdf>',
-             "grid texture"),
-    "checkerboard": ('<bsdf type="diffuse"><texture name="reflectance" type="checkerboard">'
-                     '<float name="uscale" value="4"/></texture></bsdf>', ""),
-    "trilinear": ('<bsdf type="diffuse"><texture name="reflectance" type="bitmap"><string '
-                  'name="filename" value="b.png"/><string name="filterType" value="ewa"/>'
-                  '<float name="gamma" value="2.2"/><float name="maxAnisotropy" value="8"/>'
-                  '</texture></bsdf>', "replaced by bilinear: 'ewa'"),
-    "scaled": ('<bsdf type="diffuse"><texture name="reflectance" type="scale"><float name="scale" '
-               'value=".5"/><texture type="bitmap"><string name="filename" value="b.png"/>'
-               '</texture></texture></bsdf>', ""),
-    "vertex colours": ('<bsdf type="diffuse"><texture name="reflectance" '
-                       'type="vertexcolors"/></bsdf>',
+    "phong": (bsdf("phong", exponent=50.0, diffuseReflectance=(0.4,), specularReflectance=(0.2,)),
+              "phong was"),
+    "ward": (bsdf("ward", variant="balanced", alphaU=0.1, alphaV=0.2), "ward was replaced"),
+    "coating": (bsdf("coating", bsdf("diffuse", reflectance=(0.4, 0.1, 0.1)), intIOR=1.7),
+                "replaced by plastic"),
+    "coated metal": (bsdf("roughcoating", bsdf("conductor"), alpha=0.1), "clear coat"),
+    "mixture": (bsdf("mixturebsdf", bsdf("diffuse"), bsdf("conductor"), weights="0.5, 0.3"),
+                "replaced by blendbsdf"),
+    "blend": (bsdf("blendbsdf", bsdf("diffuse"), bsdf("dielectric"), weight=0.3), ""),
+    "bump": (bsdf("bumpmap", IMAGE, bsdf("plastic")), ""),
+    "scaled bump": (bsdf("bumpmap", texture("scale", IMAGE, scale=3.0), bsdf("diffuse")),
+                    "factor of a scaled texture"),
+    "difftrans": (bsdf("difftrans", transmittance=(0.5,)), "difftrans was replaced"),
+    "hk": (bsdf("hk", material="skin1"), "'hk'"),
+    "mask": (bsdf("mask", VEIL, bsdf("twosided", bsdf("diffuse"))), ""),
+    "two sided mask": (bsdf("twosided", bsdf("mask", VEIL, bsdf("diffuse"))), ""),
+    "cut out": (bsdf("mask", bitmap("opacity", "a.png"), bsdf("diffuse")), "alpha channel: a.png"),
+    "grid": (bsdf("diffuse", texture("gridtexture", name="reflectance")), "grid texture"),
+    "checkerboard": (bsdf("diffuse", texture("checkerboard", name="reflectance", uscale=4.0)), ""),
+    "trilinear": (bsdf("diffuse", bitmap("reflectance", "b.png", filterType="ewa", gamma=2.2,
+                                         maxAnisotropy=8.0)), "replaced by bilinear: 'ewa'"),
+    "scaled": (bsdf("diffuse", texture("scale", IMAGE, scale=0.5, name="reflectance")), ""),
+    "vertex colours": (bsdf("diffuse", texture("vertexcolors", name="reflectance")),
                        "mesh vertices"),
-    "missing texture": ('<bsdf type="diffuse"><texture name="reflectance" type="bitmap">'
-                        '<string name="filename" value="gone.png"/></texture></bsdf>',
-                        "'gone.png'"),
-    "absolute path": ('<bsdf type="diffuse"><texture name="reflectance" type="bitmap"><string '
-                      'name="filename" value="C:\\\\art\\\\B.PNG"/></texture></bsdf>',
-                      "as 'b.png'"),
-    "spectrum": ('<bsdf type="diffuse"><spectrum name="reflectance" '
-                 'value="400:.1 500:.2 600:.6 700:.7"/></bsdf>', "measured spectrum"),
-    "srgb": ('<bsdf type="diffuse"><srgb name="reflectance" value="#ff8000"/></bsdf>', ""),
-    "too bright": ('<bsdf type="diffuse"><rgb name="reflectance" value="1.5"/></bsdf>', "clipped"),
-    "unknown": ('<bsdf type="marzipan"/>', "'marzipan'"),
-    "unknown property": ('<bsdf type="diffuse"><float name="sweetness" value="1"/></bsdf>',
-                         "'sweetness'"),
-    "glass": ('<bsdf type="dielectric"><string name="intIOR" value="water"/></bsdf>', ""),
-    "odd glass": ('<bsdf type="roughdielectric"><string name="intIOR" value="jelly"/>'
-                  '<string name="distribution" value="phong"/></bsdf>', "'jelly'"),
-    "plastic": ('<bsdf type="roughplastic"><boolean name="nonlinear" value="true"/>'
-                '<float name="alphaU" value=".1"/><float name="alphaV" value=".2"/></bsdf>',
-                "made isotropic"),
+    "missing texture": (bsdf("diffuse", bitmap("reflectance", "gone.png")), "'gone.png'"),
+    "absolute path": (bsdf("diffuse", bitmap("reflectance", r"C:\\art\\B.PNG")), "as 'b.png'"),
+    "spectrum": (bsdf("diffuse", '<spectrum name="reflectance" value="400:.1 500:.2 600:.7"/>'),
+                 "measured spectrum"),
+    "srgb": (bsdf("diffuse", '<srgb name="reflectance" value="#ff8000"/>'), ""),
+    "too bright": (bsdf("diffuse", reflectance=(1.5,)), "clipped"),
+    "unknown": (bsdf("marzipan"), "'marzipan'"),
+    "unknown property": (bsdf("diffuse", sweetness=1.0), "'sweetness'"),
+    "glass": (bsdf("dielectric", intIOR="water"), ""),
+    "odd glass": (bsdf("roughdielectric", intIOR="jelly", distribution="phong"), "'jelly'"),
+    "plastic": (bsdf("roughplastic", nonlinear=True, alphaU=0.1, alphaV=0.2), "made isotropic"),
 }  # fmt: skip
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", MATERIALS)
-def test_old_materials_load_and_their_changes_are_named(tmp_path: Path, name: str) -> None:
-    bsdf, change = MATERIALS[name]
-    (tmp_path / "in").mkdir()
-    Image.new("RGB", (8, 8), (90, 120, 200)).save(tmp_path / "in" / "b.png")
-    Image.new("RGBA", (8, 8), (90, 120, 200, 128)).save(tmp_path / "in" / "a.png")
-    shape = (
-        f'<shape type="cube" id="thing">{bsdf}<transform name="toWorld"><scale value="0.3"/>'
-        '<translate x="2" y="0.5" z="-1.5"/></transform></shape>'
+@pytest.fixture(scope="module")
+def old_materials(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """A room with a cube of each material."""
+    folder = tmp_path_factory.mktemp("materials")
+    (folder / "in").mkdir()
+    Image.new("RGB", (8, 8), (90, 120, 200)).save(folder / "in" / "b.png")
+    Image.new("RGBA", (8, 8), (90, 120, 200, 128)).save(folder / "in" / "a.png")
+    cubes = "".join(
+        f'<shape type="cube" id="cube{n}">{made}<transform name="toWorld"><scale value="0.1"/>'
+        f'<translate x="{0.3 + 0.48 * (n % 8)}" y="0.5" z="{-0.5 - 0.48 * (n // 8)}"/></transform>'
+        "</shape>"
+        for n, (made, _) in enumerate(MATERIALS.values())
     )
-    scene = imported(tmp_path, usual(shape))
-    assert not change or said(scene, change), scene.changes
-    image = render(loads(scene), 4)
+    return imported(folder, usual(cubes))
+
+
+@pytest.mark.slow
+def test_old_materials_load_and_render(old_materials: Scene) -> None:
+    shown = {shape for thing in old_materials.objects for shape in thing.shapes}
+    assert shown >= {f"cube{n}" for n in range(len(MATERIALS))}
+    image = render(loads(old_materials), 4)
     assert np.isfinite(image).all() and image.mean() > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name, (_, change) in MATERIALS.items() if change])
+def test_changes_of_old_materials_are_named(old_materials: Scene, name: str) -> None:
+    assert said(old_materials, MATERIALS[name][1]), old_materials.changes
 
 
 def test_no_surface_is_black_from_behind(tmp_path: Path) -> None:
@@ -548,23 +535,18 @@ def test_spectra_of_constant_value_are_grey() -> None:
     assert red[0] > 0.3 and red[0] > 3 * red[1] and red[0] > 10 * red[2]
 
 
-EMITTERS = {
-    "spectrum": ('<emitter type="constant"><spectrum name="radiance" value="2.5"/></emitter>',
-                 "environment", ""),
-    "sky": ('<emitter type="sky"><vector name="sunDirection" x="1" y="1" z="-1"/>'
-            '<float name="turbidity" value="4"/><integer name="resolution" value="256"/></emitter>',
-            "sky", ""),
-    "sun": ('<emitter type="sun"><vector name="sunDirection" x="1" y="1" z="-1"/>'
-            '<float name="sunRadiusScale" value="3"/></emitter>', "sun", ""),
-    "point": ('<emitter type="point"><point name="position" x="1" y="2" z="-1"/>'
-              '<spectrum name="intensity" value="2"/></emitter>', "point", ""),
-    "collimated": ('<emitter type="collimated"/><emitter type="point"/>', "point", "'collimated'"),
-    "blackbody": ('<emitter type="constant"><blackbody name="radiance" temperature="5000K" '
-                  'scale="0.001"/></emitter>', "environment", "blackbody"),
-    "missing sky": ('<emitter type="envmap"><string name="filename" value="gone.exr"/>'
-                    '<float name="scale" value="3"/></emitter>', "environment", "'gone.exr'"),
-    "unnamed sky": ('<emitter type="envmap"><string name="filename" value="$sky"/></emitter>',
-                    "environment", "'$sky'"),
+SUN = '<vector name="sunDirection" x="1" y="1" z="-1"/>'
+EMITTERS = {  # an emitter, the kind of light it becomes, and what is said of its import
+    "spectrum": (emitter("constant", '<spectrum name="radiance" value="2.5"/>'), "environment", ""),
+    "sky": (emitter("sky", SUN, turbidity=4.0, resolution=256), "sky", ""),
+    "sun": (emitter("sun", SUN, sunRadiusScale=3.0), "sun", ""),
+    "point": (emitter("point", '<point name="position" x="1" y="2" z="-1"/>'
+                      '<spectrum name="intensity" value="2"/>'), "point", ""),
+    "collimated": (emitter("collimated") + emitter("point"), "point", "'collimated'"),
+    "blackbody": (emitter("constant", '<blackbody name="radiance" temperature="5000K" '
+                          'scale="0.001"/>'), "environment", "blackbody"),
+    "missing sky": (emitter("envmap", filename="gone.exr", scale=3.0), "environment", "'gone.exr'"),
+    "unnamed sky": (emitter("envmap", filename="$sky"), "environment", "'$sky'"),
 }  # fmt: skip
 
 
@@ -796,173 +778,95 @@ def test_the_grey_and_white_room(shared_scenes: Path, tmp_path: Path) -> None:
         assert (np.array(portal.polygon).mean(axis=0) - centre) @ portal.normal > 0
 
 
-def bad(folder: Path, name: str) -> Path:
-    """Write the hostile or broken scene called `name`; returns the file to import."""
-    folder.mkdir(parents=True, exist_ok=True)
-    texture = TEXTURED
-    shape = '<shape type="{}" id="x"><string name="filename" value="{}"/></shape>'
-    files: dict[str, bytes | str] = {}
-    body, head = usual(), ""
-    match name:
-        case "broken xml":
-            return _raw(folder, "<scene version='0.6.0'>\n<shape type='cube'>\n</scene>")
-        case "binary garbage":
-            return _raw(folder, bytes(range(256)) * 16)
-        case "empty file":
-            return _raw(folder, "")
-        case "another root":
-            return _raw(folder, "<html/>")
-        case "no version":
-            return _raw(folder, "<scene><shape type='cube'/></scene>")
-        case "unknown encoding":
-            return _raw(folder, "<?xml version='1.0' encoding='utL-8'?><scene version='3.0.0'/>")
-        case "entity bomb":
-            head = '<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>\n'
-            body += "&b;"
-        case "outside entity":
-            head = '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>\n'
-            body += "&a;"
-        case "too deep":
-            body = "<bsdf type='twosided'>" * 80 + "</bsdf>" * 80
-        case "too many elements":
-            body = "<float/>" * 300_001
-        case "empty scene":
-            body = ""
-        case "missing mesh":
-            body += shape.format("obj", "gone.obj")
-        case "mesh climbs out":
-            body += shape.format("obj", "../../../etc/passwd")
-        case "texture climbs out":
-            body += f"<shape type='cube'>{texture.format('../secret.png')}</shape>"
-        case "link climbs out":
-            (folder / "link.ply").symlink_to("/etc/passwd")
-            body += shape.format("ply", "link.ply")
-        case "include cycle":
-            files["a.xml"] = '<scene version="0.6.0"><include filename="b.xml"/></scene>'
-            files["b.xml"] = '<scene version="0.6.0"><include filename="a.xml"/></scene>'
-            body += '<include filename="a.xml"/>'
-        case "missing include":
-            body += '<include filename="gone.xml"/>'
-        case "nan vertices":
-            files["n.ply"] = TRIANGLE.replace("2.0 1.0", "nan 1.0")
-            body += shape.format("ply", "n.ply")
-        case "bad index":
-            files["n.ply"] = TRIANGLE.replace("3 0 1 2", "3 0 1 7")
-            body += shape.format("ply", "n.ply")
-        case "huge ply":
-            files["h.ply"] = TRIANGLE.replace("element vertex 3", "element vertex 4000000000")
-            body += shape.format("ply", "h.ply")
-        case "truncated ply":
-            files["t.ply"] = (
-                b"ply\nformat binary_little_endian 1.0\nelement vertex 900\nproperty float x\n"
-                b"property float y\nproperty float z\nelement face 1\n"
-                b"property list uchar int vertex_indices\nend_header\n" + bytes(100)
-            )
-            body += shape.format("ply", "t.ply")
-        case "not a ply":
-            files["t.ply"] = b"\x89PNG" + bytes(64)
-            body += shape.format("ply", "t.ply")
-        case "obj bad index":
-            files["o.obj"] = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"
-            body += shape.format("obj", "o.obj")
-        case "obj of words":
-            files["o.obj"] = "v zero one two\nf 1 2 3\n"
-            body += shape.format("obj", "o.obj")
-        case "truncated serialized":
-            whole = serialized([(np.eye(3), np.array([[0, 1, 2]]))])
-            files["s.serialized"] = whole[: len(whole) // 2]
-            body += shape.format("serialized", "s.serialized")
-        case "serialized bomb":
-            claim = struct.pack("<I", 0x1000) + b"\0" + struct.pack("<QQ", 1 << 40, 1 << 40)
-            data = struct.pack("<HH", 0x041C, 4) + zlib.compress(claim + bytes(10**6))
-            files["s.serialized"] = data + struct.pack("<QI", 0, 1)
-            body += shape.format("serialized", "s.serialized")
-        case "serialized index":
-            files["s.serialized"] = serialized([(np.eye(3), np.array([[0, 1, 2]]))])
-            body += shape.format("serialized", "s.serialized").replace(
-                "</shape>", '<integer name="shapeIndex" value="5"/></shape>'
-            )
-        case "unknown shape":
-            body += '<shape type="teapot"/>'
-        case "unknown reference":
-            body += '<shape type="cube"><ref id="nobody"/></shape>'
-        case "circular material":
-            body += '<bsdf type="twosided" id="m"><ref id="m"/></bsdf>'
-            body += '<shape type="cube"><ref id="m"/></shape>'
-        case "circular instance":
-            body += (
-                '<shape type="shapegroup" id="g"><shape type="instance"><ref id="g"/></shape>'
-                '</shape><shape type="instance"><ref id="g"/></shape>'
-            )
-        case "id used twice":
-            body += '<bsdf type="diffuse" id="m"/><bsdf type="plastic" id="m"/>'
-        case "words for numbers":
-            body += '<shape type="sphere"><float name="radius" value="big"/></shape>'
-        case "infinite number":
-            body += '<shape type="sphere"><float name="radius" value="inf"/></shape>'
-        case "flat transform":
-            body += MOVED.format('<scale value="0"/>')
-        case "impossible camera":
-            body = body.replace('value="60"', 'value="400"')
-        case "negative colour":
-            body += '<shape type="cube"><bsdf type="diffuse">'
-            body += '<rgb name="reflectance" value="-1"/></bsdf></shape>'
-        case "half a vector":
-            body += MOVED.format('<translate value="1,2"/>')
-        case _:
-            raise AssertionError(name)
-    for file, content in files.items():
-        data = content.encode() if isinstance(content, str) else content
-        (folder / file).write_bytes(data)
-    return write(folder, body, head=head)
-
-
-def _raw(folder: Path, content: bytes | str) -> Path:
-    path = folder / "scene.xml"
-    path.write_bytes(content.encode() if isinstance(content, str) else content)
-    return path
-
-
-BAD = {
-    "broken xml": "scene.xml:3: is not well-formed",
-    "binary garbage": "scene.xml",
-    "empty file": "scene.xml",
-    "another root": "<scene>",
-    "no version": "version",
-    "unknown encoding": "utL-8",
-    "entity bomb": "entities",
-    "outside entity": "entities",
-    "too deep": "nested more than",
-    "too many elements": "limit of 300,000 elements",
-    "empty scene": "no shapes",
-    "missing mesh": "'gone.obj' is missing",
-    "mesh climbs out": "outside the scene's folder",
-    "texture climbs out": "outside the scene's folder",
-    "link climbs out": "outside the scene's folder",
-    "include cycle": "includes itself",
-    "missing include": "'gone.xml' is missing",
-    "nan vertices": "vertex 1 is not a finite number",
-    "bad index": "vertex that does not exist",
-    "huge ply": "claims 4,000,000,000",
-    "truncated ply": "truncated",
-    "not a ply": "not a PLY",
-    "obj bad index": "does not exist",
-    "obj of words": "damaged line of numbers",
-    "truncated serialized": "truncated",
-    "serialized bomb": "claims",
-    "serialized index": "mesh 5 does not exist",
-    "unknown shape": "'teapot'",
-    "unknown reference": "'nobody'",
-    "circular material": "inside themselves",
-    "circular instance": "inside themselves",
-    "id used twice": "used twice",
-    "words for numbers": "'big' is not a number",
-    "infinite number": "not a finite number",
-    "flat transform": "determinant",
-    "impossible camera": "field of view",
-    "negative colour": "cannot be negative",
-    "half a vector": "1 or 3 values",
+CUT_PLY = (
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 900\nproperty float x\n"
+    b"property float y\nproperty float z\nelement face 1\n"
+    b"property list uchar int vertex_indices\nend_header\n" + bytes(100)
+)
+ONE_MESH = serialized([(np.eye(3), np.array([[0, 1, 2]]))])
+CLAIM = struct.pack("<I", 0x1000) + b"\0" + struct.pack("<QQ", 1 << 40, 1 << 40)
+BOMB = struct.pack("<HH", 0x041C, 4) + zlib.compress(CLAIM + bytes(10**6))
+DAMAGED: dict[str, bytes | str] = {  # files beside a bad scene
+    "a.xml": '<scene version="0.6.0"><include filename="b.xml"/></scene>',
+    "b.xml": '<scene version="0.6.0"><include filename="a.xml"/></scene>',
+    "nan.ply": TRIANGLE.replace("2.0 1.0", "nan 1.0"),
+    "index.ply": TRIANGLE.replace("3 0 1 2", "3 0 1 7"),
+    "huge.ply": TRIANGLE.replace("element vertex 3", "element vertex 4000000000"),
+    "cut.ply": CUT_PLY,
+    "png.ply": b"\x89PNG" + bytes(64),
+    "index.obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n",
+    "words.obj": "v zero one two\nf 1 2 3\n",
+    "cut.serialized": ONE_MESH[: len(ONE_MESH) // 2],
+    "bomb.serialized": BOMB + struct.pack("<QI", 0, 1),
+    "one.serialized": ONE_MESH,
 }
+
+
+def in_room(more: str) -> str:
+    """The text of a scene: a room, and something bad in it."""
+    return scene_text(usual(more))
+
+
+def mesh_of(file: str, more: str = "", kind: str = "") -> str:
+    kind = kind or file.rpartition(".")[2]
+    return in_room(f'<shape type="{kind}"><string name="filename" value="{file}"/>{more}</shape>')
+
+
+def with_entity(entity: str) -> str:
+    return scene_text(usual("&a;"), head=f"<!DOCTYPE x [<!ENTITY a {entity}>]>\n")
+
+
+BAD: dict[str, tuple[bytes | str, str]] = {  # the scene file, and what is said of it
+    "broken xml": ("<scene version='0.6.0'>\n<shape type='cube'>\n</scene>",
+                   "scene.xml:3: is not well-formed"),
+    "binary garbage": (bytes(range(256)) * 16, "scene.xml"),
+    "empty file": ("", "scene.xml"),
+    "another root": ("<html/>", "<scene>"),
+    "no version": ("<scene><shape type='cube'/></scene>", "version"),
+    "unknown encoding": ("<?xml version='1.0' encoding='utL-8'?><scene version='3.0.0'/>",
+                         "utL-8"),
+    "entity bomb": (with_entity('"aaaa"><!ENTITY b "&a;&a;&a;"'), "entities"),
+    "outside entity": (with_entity('SYSTEM "file:///etc/passwd"'), "entities"),
+    "too deep": (scene_text("<bsdf type='twosided'>" * 80 + "</bsdf>" * 80), "nested more than"),
+    "too many elements": (scene_text("<float/>" * 300_001), "limit of 300,000 elements"),
+    "empty scene": (scene_text(""), "no shapes"),
+    "missing mesh": (mesh_of("gone.obj"), "'gone.obj' is missing"),
+    "mesh climbs out": (mesh_of("../../../etc/passwd", kind="obj"), "outside the scene's folder"),
+    "texture climbs out": (scene_text(usual(bsdf=TEXTURED.format("../secret.png"))),
+                           "outside the scene's folder"),
+    "link climbs out": (mesh_of("link.ply"), "outside the scene's folder"),
+    "include cycle": (in_room('<include filename="a.xml"/>'), "includes itself"),
+    "missing include": (in_room('<include filename="gone.xml"/>'), "'gone.xml' is missing"),
+    "nan vertices": (mesh_of("nan.ply"), "vertex 1 is not a finite number"),
+    "bad index": (mesh_of("index.ply"), "vertex that does not exist"),
+    "huge ply": (mesh_of("huge.ply"), "claims 4,000,000,000"),
+    "truncated ply": (mesh_of("cut.ply"), "truncated"),
+    "not a ply": (mesh_of("png.ply"), "not a PLY"),
+    "obj bad index": (mesh_of("index.obj"), "does not exist"),
+    "obj of words": (mesh_of("words.obj"), "damaged line of numbers"),
+    "truncated serialized": (mesh_of("cut.serialized"), "truncated"),
+    "serialized bomb": (mesh_of("bomb.serialized"), "claims"),
+    "serialized index": (mesh_of("one.serialized", '<integer name="shapeIndex" value="5"/>'),
+                         "mesh 5 does not exist"),
+    "unknown shape": (in_room('<shape type="teapot"/>'), "'teapot'"),
+    "unknown reference": (in_room('<shape type="cube"><ref id="nobody"/></shape>'), "'nobody'"),
+    "circular material": (in_room('<bsdf type="twosided" id="m"><ref id="m"/></bsdf>'
+                                  '<shape type="cube"><ref id="m"/></shape>'), "inside themselves"),
+    "circular instance": (in_room('<shape type="shapegroup" id="g"><shape type="instance">'
+                                  '<ref id="g"/></shape></shape>'
+                                  '<shape type="instance"><ref id="g"/></shape>'),
+                          "inside themselves"),
+    "id used twice": (in_room('<bsdf type="diffuse" id="m"/><bsdf type="plastic" id="m"/>'),
+                      "used twice"),
+    "words for numbers": (in_room(SPHERE.format("big")), "'big' is not a number"),
+    "infinite number": (in_room(SPHERE.format("inf")), "not a finite number"),
+    "flat transform": (in_room(MOVED.format('<scale value="0"/>')), "determinant"),
+    "impossible camera": (in_room("").replace('value="60"', 'value="400"'), "field of view"),
+    "negative colour": (in_room('<shape type="cube"><bsdf type="diffuse">'
+                                '<rgb name="reflectance" value="-1"/></bsdf></shape>'),
+                        "cannot be negative"),
+    "half a vector": (in_room(MOVED.format('<translate value="1,2"/>')), "1 or 3 values"),
+}  # fmt: skip
 
 
 def test_missing_meshes_are_counted(tmp_path: Path) -> None:
@@ -980,7 +884,12 @@ def test_missing_meshes_are_counted(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_bad_files_are_refused_with_a_clear_message(tmp_path: Path, name: str) -> None:
-    path = bad(tmp_path / "in", name)
+    content, message = BAD[name]
+    path = tmp_path / "in" / "scene.xml"
+    path.parent.mkdir()
+    (path.parent / "link.ply").symlink_to("/etc/passwd")
+    for file, data in {**DAMAGED, path.name: content}.items():
+        (path.parent / file).write_bytes(data.encode() if isinstance(data, str) else data)
     out = tmp_path / "scenes" / "out"
     started = time.process_time()
     result = CliRunner().invoke(cli, ["import", str(path), "--out", str(out)])
@@ -988,7 +897,7 @@ def test_bad_files_are_refused_with_a_clear_message(tmp_path: Path, name: str) -
     error = result.exception
     assert isinstance(error, InputError), result.exception
     assert error.exit_code == 3
-    assert BAD[name] in str(error)
+    assert message in str(error)
     assert "scene.xml" in str(error) or str(tmp_path) in str(error)
     assert not out.exists()
     assert not list(out.parent.glob(".partial*")) if out.parent.exists() else True
@@ -1010,19 +919,10 @@ def test_unknown_kinds_and_foreign_folders_are_refused(tmp_path: Path) -> None:
     assert (tmp_path / "precious" / "letter.txt").read_text() == "keep me"
 
 
-def png(width: int, height: int) -> bytes:
-    """A PNG that claims a size and holds nothing."""
-    size = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    chunks = ((b"IHDR", size), (b"IDAT", zlib.compress(b"")), (b"IEND", b""))
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        for kind, data in chunks
-    )
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "content", [b"\x89PNG\r\n\x1a\n" + bytes(30), png(40_000, 40_000), png(64, 64), b""],
+    "content",
+    [b"\x89PNG\r\n\x1a\n" + bytes(30), empty_png(40_000, 40_000), empty_png(64, 64), b""],
     ids=["garbage", "1.6 billion pixels", "no pixels", "empty"],
 )  # fmt: skip
 def test_a_damaged_texture_is_named_and_replaced(tmp_path: Path, content: bytes) -> None:
@@ -1036,10 +936,8 @@ def test_a_damaged_texture_is_named_and_replaced(tmp_path: Path, content: bytes)
 def test_a_truncated_environment_map_is_named_and_replaced(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     sky = np.random.default_rng(0).random((64, 128, 3), dtype=np.float32)
-    path = tmp_path / "in" / "sky.exr"
-    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": sky}) as file:
-        file.write(str(path))
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    whole = exr(sky)
+    (tmp_path / "in" / "sky.exr").write_bytes(whole[: len(whole) // 2])
     emitter = '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
     scene = imported(tmp_path, SENSOR_0_6 + room(without=("north",)) + emitter)
     assert said(scene, "environment map", "sky.exr")

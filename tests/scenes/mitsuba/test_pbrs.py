@@ -4,7 +4,6 @@ import math
 import shutil
 import struct
 import zlib
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.directions import pixel_directions
 from pbrnet.scenes.mitsuba.pbrs import read_cameras, read_lamps
 from pbrnet.scenes.registry import import_scene
+from tests.fixtures.encoded import picture
 
 HOUSE = "pbrs/0004d52d1aeeb8ae6de39d6bd993e992"
 CAMERA = "2 1.5 -1  0 -0.196116 0.980581  0 0.980581 0.196116  0.5534 0.433896  7.25"
@@ -92,15 +92,8 @@ def house(folder: Path, tables: bool = True) -> Path:
             "index,model_id,fine_grained_class,coarse_grained_class,empty_struct_obj\n"
             "28,124,wall_lamp,indoor_lamp,2\n1,67,armchair,chair,2\n"
         )
-        (above / "wallp_0.jpg").write_bytes(wallpaper())
+        (above / "wallp_0.jpg").write_bytes(picture(Image.new("RGB", (8, 8)), "JPEG"))
     return path
-
-
-def wallpaper() -> bytes:
-    """A small JPEG."""
-    stream = BytesIO()
-    Image.new("RGB", (8, 8), (200, 190, 180)).save(stream, "JPEG")
-    return stream.getvalue()
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ from xml.etree import ElementTree
 
 import mitsuba as mi
 import numpy as np
-import OpenEXR
 import pytest
 from PIL import Image
 
@@ -16,50 +15,42 @@ from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.registry import import_scene
 from tests.fixtures import mitsuba_files as files
+from tests.fixtures.encoded import exr
+from tests.fixtures.xml import bitmap, bsdf, emitter
 
-BITMAP = (
-    '<texture type="bitmap" name="{}"><string name="filename" value="textures/a.png"/>{}</texture>'
-)
+PICTURE = "textures/a.png"
+MATT = bsdf("diffuse")
 # The materials of the scenes on Benedikt Bitterli's page and of Mitsuba's documentation.
 MATERIALS = {
-    "floor": '<bsdf type="twosided"><bsdf type="roughplastic"><float name="alpha" value="0.1"/>'
-    '<string name="distribution" value="ggx"/><float name="intIOR" value="1.5"/>'
-    '<boolean name="nonlinear" value="true"/>'
-    + BITMAP.format("diffuseReflectance", '<string name="filterType" value="trilinear"/>'
-                    '<float name="uscale" value="4"/><string name="gamma" value="srgb"/>')
-    + "</bsdf></bsdf>",
-    "leaf": '<bsdf type="mask">' + BITMAP.format("opacity", "")
-    + '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf></bsdf>',
-    "veil": '<bsdf type="twosided"><bsdf type="mask"><float name="opacity" value="0.4"/>'
-    '<bsdf type="diffuse"/></bsdf></bsdf>',
-    "tap": '<bsdf type="roughconductor"><string name="material" value="Cu"/></bsdf>',
-    "pan": '<bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/>'
-    '<rgb name="specularReflectance" value="0.9"/></bsdf></bsdf>',
-    "steel": '<bsdf type="roughconductor"><float name="extEta" value="1"/>'
-    '<rgb name="eta" value="1.65746, 0.880369, 0.521229"/>'
-    '<rgb name="k" value="9.22387, 6.26952, 4.837"/></bsdf>',
-    "glass": '<bsdf type="dielectric"><string name="intIOR" value="bk7"/></bsdf>',
-    "paint": '<bsdf type="plastic"><spectrum name="diffuseReflectance" '
-    'value="400:0.1, 550:0.4, 700:0.8"/></bsdf>',
-    "bump": '<bsdf type="bumpmap"><float name="scale" value="3"/>' + BITMAP.format("map", "")
-    + '<bsdf type="twosided"><bsdf type="diffuse"/></bsdf></bsdf>',
-    "old gloss": '<bsdf type="phong"><float name="exponent" value="50"/></bsdf>',
-    "brushed": '<bsdf type="ward"><float name="alphaU" value="0.1"/>'
-    '<float name="alphaV" value="0.2"/></bsdf>',
-    "curtain": '<bsdf type="difftrans"><rgb name="transmittance" value="0.5"/></bsdf>',
-    "mixed": '<bsdf type="blendbsdf"><float name="weight" value="0.3"/><bsdf type="diffuse"/>'
-    '<bsdf type="roughconductor"/></bsdf>',
-    "xyz": '<bsdf type="diffuse"><xyz name="reflectance" value="0.3 0.4 0.2"/></bsdf>',
+    "floor": bsdf("twosided", bsdf(
+        "roughplastic", bitmap("diffuseReflectance", PICTURE, filterType="trilinear", uscale=4.0,
+                               gamma="srgb"),
+        alpha=0.1, distribution="ggx", intIOR=1.5, nonlinear=True)),
+    "leaf": bsdf("mask", bitmap("opacity", PICTURE), bsdf("twosided", MATT)),
+    "veil": bsdf("twosided", bsdf("mask", MATT, opacity=0.4)),
+    "tap": bsdf("roughconductor", material="Cu"),
+    "pan": bsdf("twosided", bsdf("conductor", material="none", specularReflectance=(0.9,))),
+    "steel": bsdf("roughconductor", extEta=1.0, eta=(1.65746, 0.880369, 0.521229),
+                  k=(9.22387, 6.26952, 4.837)),
+    "glass": bsdf("dielectric", intIOR="bk7"),
+    "paint": bsdf("plastic", '<spectrum name="diffuseReflectance" '
+                  'value="400:0.1, 550:0.4, 700:0.8"/>'),
+    "bump": bsdf("bumpmap", bitmap("map", PICTURE), bsdf("twosided", MATT), scale=3.0),
+    "old gloss": bsdf("phong", exponent=50.0),
+    "brushed": bsdf("ward", alphaU=0.1, alphaV=0.2),
+    "curtain": bsdf("difftrans", transmittance=(0.5,)),
+    "mixed": bsdf("blendbsdf", MATT, bsdf("roughconductor"), weight=0.3),
+    "xyz": bsdf("diffuse", '<xyz name="reflectance" value="0.3 0.4 0.2"/>'),
 }  # fmt: skip
 LIGHTS = {
-    "sky": '<emitter type="sunsky"><float name="turbidity" value="3"/>'
-    '<vector name="sunDirection" x="0.3" y="0.7" z="0.2"/></emitter>',
-    "map": '<emitter type="envmap"><string name="filename" value="textures/sky.exr"/></emitter>',
-    "lamp that hangs": '<emitter type="spot"><transform name="toWorld">'
-    '<lookat origin="2,2,-1" target="2,0,-1"/></transform>'
-    '<spectrum name="intensity" value="400:2, 700:4"/></emitter>',
-    "even": '<emitter type="constant"><blackbody name="radiance" temperature="5000K"/></emitter>',
-}
+    "sky": emitter("sunsky", '<vector name="sunDirection" x="0.3" y="0.7" z="0.2"/>',
+                   turbidity=3.0),
+    "map": emitter("envmap", filename="textures/sky.exr"),
+    "lamp that hangs": emitter("spot", '<transform name="toWorld">'
+                               '<lookat origin="2,2,-1" target="2,0,-1"/></transform>'
+                               '<spectrum name="intensity" value="400:2, 700:4"/>'),
+    "even": emitter("constant", '<blackbody name="radiance" temperature="5000K"/>'),
+}  # fmt: skip
 KINDS = {"sky": {"sun", "sky"}, "map": {"environment"}, "lamp that hangs": {"spot"},
          "even": {"environment"}}  # fmt: skip
 FRAME = (
@@ -90,9 +81,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (made / "textures").mkdir()
     noise = np.random.default_rng(0).integers(0, 255, (8, 8, 3), dtype=np.uint8)
     Image.fromarray(noise).save(made / "textures" / "a.png")
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with OpenEXR.File(header, {"RGB": np.full((8, 16, 3), 0.5, np.float32)}) as file:
-        file.write(str(made / "textures" / "sky.exr"))
+    (made / "textures" / "sky.exr").write_bytes(exr(np.full((8, 16, 3), 0.5, np.float32)))
     return made
 
 

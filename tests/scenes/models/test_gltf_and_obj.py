@@ -6,6 +6,7 @@ import math
 import resource
 import struct
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -37,6 +38,8 @@ from pbrnet.scenes.models.options import READERS, ModelOptions
 from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.photometry import LUMEN
 from pbrnet.scenes.registry import import_scene
+from tests.fixtures.changed import changed
+from tests.fixtures.encoded import empty_png
 from tests.fixtures.gltf import SQUARE, SQUARE_FACES, SQUARE_UV, Builder, square
 from tests.fixtures.imported import CORNERS, RULED, look_down, ruler, values
 
@@ -265,9 +268,8 @@ def test_transmission_becomes_glass(
 @pytest.mark.parametrize("kind", ["point", "spot"])
 def test_candela_become_our_radiant_intensity(tmp_path: Path, kind: str) -> None:
     made = square()
-    light = {"type": kind, "intensity": 100.0, "color": [1, 0.5, 0.25]}
-    made.json["extensions"] = {"KHR_lights_punctual": {"lights": [light]}}
-    made.node(extensions={"KHR_lights_punctual": {"light": 0}}, translation=[1, 2, 3])
+    lamp = made.light(kind, 100.0, color=[1, 0.5, 0.25])
+    made.node(extensions=lamp, translation=[1, 2, 3])
     scene = imported(made, tmp_path)
     # 100 cd at 1.6e-5 of our units a lumen.
     assert np.allclose(values(scene, kind, "intensity"), [[1.6e-3, 0.8e-3, 0.4e-3]])
@@ -276,10 +278,7 @@ def test_candela_become_our_radiant_intensity(tmp_path: Path, kind: str) -> None
 
 def test_a_point_light_of_known_candela_gives_the_illuminance_of_its_law(tmp_path: Path) -> None:
     made = square()
-    made.json["extensions"] = {
-        "KHR_lights_punctual": {"lights": [{"type": "point", "intensity": 80.0}]}
-    }
-    made.node(extensions={"KHR_lights_punctual": {"light": 0}}, translation=[4, 2, 4])
+    made.node(extensions=made.light("point", 80.0), translation=[4, 2, 4])
     set_variant("auto")
     scene = mi.load_file(str(imported(made, tmp_path).xml), optimize=False, parallel=False)
     si = scene.ray_intersect(mi.Ray3f([4.0, -4.0, 1.0], [0.0, 0.0, -1.0]))
@@ -290,11 +289,8 @@ def test_a_point_light_of_known_candela_gives_the_illuminance_of_its_law(tmp_pat
 
 def test_a_directional_light_shines_along_its_minus_z_in_lux(tmp_path: Path) -> None:
     made = square()
-    made.json["extensions"] = {
-        "KHR_lights_punctual": {"lights": [{"type": "directional", "intensity": 5000}]}
-    }
     # A quarter turn about +X takes -Z to +Y: turn the other way to shine down.
-    made.node(extensions={"KHR_lights_punctual": {"light": 0}}, rotation=[-HALF, 0, 0, HALF])
+    made.node(extensions=made.light("directional", 5000), rotation=[-HALF, 0, 0, HALF])
     scene = imported(made, tmp_path)
     assert np.allclose(values(scene, "directional", "irradiance"), 5000 * LUMEN)
     (way,) = values(scene, "directional", "direction")
@@ -319,10 +315,7 @@ def test_emission_in_display_units_is_raised_and_said(tmp_path: Path) -> None:
 
 def test_a_single_object_stands_on_the_floor_of_a_room_of_its_own(tmp_path: Path) -> None:
     made = Builder()
-    box = np.array([[x, y, z] for x in (0, 1) for y in (5, 6.2) for z in (0, 0.8)], dtype=float)
-    faces = [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0,
-             6, 4, 1, 5, 7, 1, 7, 3]  # fmt: skip
-    made.node(mesh=made.mesh(box, faces), name="Cupboard")
+    made.node(mesh=made.box((0, 5, 0), (1, 6.2, 0.8)), name="Cupboard")
     scene = imported(made, tmp_path)
     (room,) = scene.rooms
     (cupboard,) = [thing for thing in scene.objects if thing.name == "Cupboard"]
@@ -340,10 +333,7 @@ def test_a_single_object_stands_on_the_floor_of_a_room_of_its_own(tmp_path: Path
 
 
 def a_box(made: Builder, low: float, name: str, **node: Any) -> None:
-    box = np.array([[x, low + y, z] for x in (0, 0.5) for y in (0, 0.4) for z in (0, 0.4)])
-    faces = [0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5, 0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6, 0, 2, 6, 0,
-             6, 4, 1, 5, 7, 1, 7, 3]  # fmt: skip
-    made.node(mesh=made.mesh(box, faces), name=name, **node)
+    made.node(mesh=made.box((0, low, 0), (0.5, low + 0.4, 0.4)), name=name, **node)
 
 
 @pytest.mark.parametrize(
@@ -369,15 +359,19 @@ def test_a_single_object_is_named_for_its_file_or_nodes(
     assert found == expected
 
 
+def obj_box(*sides: float) -> str:
+    x, y, z = sides
+    text = "".join(f"v {a} {b} {c}\n" for a in (0, x) for b in (0, y) for c in (0, z))
+    return text + "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
+
+
 @pytest.mark.parametrize(
     "scale, up, height", [(0.01, "y", 0.8), (0.01, "z", 0.6), (0.0254, "x", 1.27)]
 )
 def test_units_and_axis_are_those_that_were_given(
     tmp_path: Path, scale: float, up: str, height: float
 ) -> None:
-    text = "".join(f"v {x} {y} {z}\n" for x in (0, 50) for y in (0, 80) for z in (0, 60))
-    text += "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
-    (tmp_path / "chair.obj").write_text(text)
+    (tmp_path / "chair.obj").write_text(obj_box(50, 80, 60))
     scene = import_scene(tmp_path / "chair.obj", tmp_path / "out", scale=scale, up=up)
     (chair,) = [thing for thing in scene.objects if thing.category == "chair"]
     assert chair.bbox_max[2] - chair.bbox_min[2] == pytest.approx(height)
@@ -388,11 +382,8 @@ def test_units_and_axis_are_those_that_were_given(
 def test_sketchup_states_its_unit_in_a_comment(tmp_path: Path, unit: str, metres: float) -> None:
     """A box of 2.6 m is a room in any unit; of other candidates none is clearly better."""
     sides = [np.round(side / metres, 3) for side in (5.0, 2.6, 4.0)]
-    corners = [(x, y, z) for x in (0, sides[0]) for y in (0, sides[1]) for z in (0, sides[2])]
-    text = f"# Exported from SketchUp\n# File units = {unit}\n\n"
-    text += "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
-    text += "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
-    (tmp_path / "a.obj").write_text(text)
+    head = f"# Exported from SketchUp\n# File units = {unit}\n\n"
+    (tmp_path / "a.obj").write_text(head + obj_box(*sides))
     scene = import_scene(tmp_path / "a.obj", tmp_path / "out")
     (room,) = scene.rooms
     assert room.ceiling_z - room.floor_z == pytest.approx(2.6, abs=0.01)
@@ -438,10 +429,7 @@ def test_a_group_of_things_is_told_from_a_thing_of_parts(
     tmp_path: Path, names: tuple[str, ...], apart: float, expected: int
 ) -> None:
     made = Builder()
-    corners = np.array([[x, y, z] for x in (0, 5) for y in (0, 2.7) for z in (0, 4)], dtype=float)
-    faces = [0, 3, 1, 0, 2, 3, 4, 7, 6, 4, 5, 7, 0, 5, 4, 0, 1, 5, 2, 7, 3, 2, 6, 7, 0, 6, 2, 0,
-             4, 6, 1, 7, 5, 1, 3, 7]  # fmt: skip
-    made.node(mesh=made.mesh(corners, faces), name="shell")
+    made.node(mesh=made.box((0, 0, 0), (5, 2.7, 4), room=True), name="shell")
     parts = []
     for number, name in enumerate(names):
         a_box(made, 0.1, name, root=False, translation=[0.5 + apart * number, 0, 1.5])
@@ -453,10 +441,7 @@ def test_a_group_of_things_is_told_from_a_thing_of_parts(
 
 def test_a_building_keeps_its_own_rooms(tmp_path: Path) -> None:
     made = Builder()
-    corners = np.array([[x, y, z] for x in (0, 5) for y in (0, 2.7) for z in (0, 4)], dtype=float)
-    faces = [0, 3, 1, 0, 2, 3, 4, 7, 6, 4, 5, 7, 0, 5, 4, 0, 1, 5, 2, 7, 3, 2, 6, 7, 0, 6, 2, 0,
-             4, 6, 1, 7, 5, 1, 3, 7]  # fmt: skip
-    made.node(mesh=made.mesh(corners, faces), name="shell")
+    made.node(mesh=made.box((0, 0, 0), (5, 2.7, 4), room=True), name="shell")
     made.node(mesh=made.mesh(0.5 * SQUARE + [2, 0.7, 2]), name="Desk")
     scene = imported(made, tmp_path)
     (room,) = scene.rooms
@@ -468,10 +453,7 @@ def test_a_building_keeps_its_own_rooms(tmp_path: Path) -> None:
 def test_poles_far_apart_in_an_unlikely_unit_are_no_scene(tmp_path: Path) -> None:
     """No room, and metres are no likelier than centimetres: it is asked for, not guessed."""
     made = Builder()
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 90) for z in (0, 1)], dtype=float)
-    faces = [0, 3, 1, 0, 2, 3, 4, 7, 6, 4, 5, 7, 0, 5, 4, 0, 1, 5, 2, 7, 3, 2, 6, 7, 0, 6, 2, 0,
-             4, 6, 1, 7, 5, 1, 3, 7]  # fmt: skip
-    pole = made.mesh(corners, faces)
+    pole = made.box((0, 0, 0), (1, 90, 1), room=True)
     for x in (0, 150):
         made.node(mesh=pole, translation=[x, 0, 0])
     with pytest.raises(InputError, match=r"no room was found in a scene 151 m .*--scale 0\.01"):
@@ -482,12 +464,7 @@ def test_poles_far_apart_in_an_unlikely_unit_are_no_scene(tmp_path: Path) -> Non
 def test_a_file_against_its_stated_up_axis_asks_for_up_and_scale(tmp_path: Path) -> None:
     """Millimetres with +Z up, as converters of CAD formats write them: 9 m high by the standard."""
     made = Builder()
-    low, high = np.array([0.0, 0, 0]), np.array([4000.0, 9000, 2500])
-    shell = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1])
-                      for z in (low[2], high[2])])  # fmt: skip
-    faces = [0, 3, 1, 0, 2, 3, 4, 7, 6, 4, 5, 7, 0, 5, 4, 0, 1, 5, 2, 7, 3, 2, 6, 7, 0, 6, 2, 0,
-             4, 6, 1, 7, 5, 1, 3, 7]  # fmt: skip
-    made.node(mesh=made.mesh(shell, faces))
+    made.node(mesh=made.box((0, 0, 0), (4000, 9000, 2500), room=True))
     with pytest.raises(InputError, match=r"\+Z points up: --up z --scale 0\.001 \(millimetres"):
         imported(made, tmp_path)
     (room,) = imported(made, tmp_path, scale=0.001, up="z").rooms
@@ -561,96 +538,60 @@ def test_options_of_a_map_move_the_coordinates() -> None:
     assert np.allclose((found.to_uv @ [0.5, 0.75, 0, 1])[:2], [1.1, -0.2])
 
 
-def _edited(**changed: Any) -> Any:
-    def edit(made: Builder, folder: Path) -> None:
-        made.json.update(changed)
+Edit = Callable[[Builder], None]
+FIRST = ("meshes", 0, "primitives", 0)
+
+
+def _edited(*path: str | int, to: Any) -> Edit:
+    """The file's JSON with one part exchanged."""
+
+    def edit(made: Builder) -> None:
+        made.json = changed(made.json, path, to)
 
     return edit
 
 
-def _cycle(made: Builder, folder: Path) -> None:
-    made.json["nodes"][0]["children"] = [1]
-    made.json["nodes"].append({"children": [0]})
+def _buffer(length: int, uri: str) -> Edit:
+    return _edited("buffers", to=[{"byteLength": length, "uri": uri}])
 
 
-def _chain(made: Builder, folder: Path) -> None:
-    made.json["nodes"] = [{"children": [i + 1]} for i in range(2000)] + [{}]
+def _index(made: Builder) -> None:
+    made.json = changed(made.json, (*FIRST, "indices"), made.accessor([0, 1, 99], "u2"))
 
 
-def _beyond(made: Builder, folder: Path) -> None:
-    made.json["bufferViews"][0]["byteLength"] = 10**6
-
-
-def _overrun(made: Builder, folder: Path) -> None:
-    made.json["accessors"][0]["count"] = 50_000_000
-
-
-def _index(made: Builder, folder: Path) -> None:
-    made.json["meshes"][0]["primitives"][0]["indices"] = made.accessor([0, 1, 99], "u2")
-
-
-def _nan(made: Builder, folder: Path) -> None:
+def _nan(made: Builder) -> None:
     bad = SQUARE.copy()
     bad[1, 1] = np.nan
-    made.json["meshes"][0]["primitives"][0]["attributes"]["POSITION"] = made.accessor(bad)
+    place = (*FIRST, "attributes", "POSITION")
+    made.json = changed(made.json, place, made.accessor(bad))
 
 
-def _climb(made: Builder, folder: Path) -> None:
-    made.json["buffers"] = [{"byteLength": 4, "uri": "../../../../etc/passwd"}]
-
-
-def _climb_coded(made: Builder, folder: Path) -> None:
-    made.json["buffers"] = [{"byteLength": 4, "uri": "..%2f..%2f..%2fetc%2fpasswd"}]
-
-
-def _net(made: Builder, folder: Path) -> None:
-    made.json["buffers"] = [{"byteLength": 4, "uri": "https://example.org/a.bin"}]
-
-
-def _short_data(made: Builder, folder: Path) -> None:
-    made.json["buffers"] = [{"byteLength": 10**8, "uri": "data:;base64,AAAA"}]
-
-
-def _bad_base64(made: Builder, folder: Path) -> None:
-    made.json["buffers"] = [{"byteLength": 4, "uri": "data:;base64,####"}]
-
-
-def _rotation(made: Builder, folder: Path) -> None:
-    made.json["nodes"][0]["rotation"] = [0, 0, 0, 0]
-
-
-def _texture_index(made: Builder, folder: Path) -> None:
-    made.json["materials"][0]["pbrMetallicRoughness"] = {"baseColorTexture": {"index": 7}}
-
-
-def _instanced(made: Builder, folder: Path) -> None:
-    made.json["nodes"] = [{"mesh": 0} for _ in range(2_000)]
-    made.json["scenes"][0]["nodes"] = list(range(2_000)) * 2
-
-
-HOSTILE: dict[str, tuple[Any, str]] = {
-    "cycle": (_cycle, "tree"),
-    "a chain of 2000 nodes": (_chain, "deep"),
-    "view beyond the buffer": (_beyond, "truncated or damaged"),
-    "accessor beyond the view": (_overrun, "end at byte"),
+CHAIN = [{"children": [i + 1]} for i in range(2000)] + [{}]
+HOSTILE: dict[str, tuple[Edit, str]] = {
+    "cycle": (_edited("nodes", to=[{"children": [1]}, {"children": [0]}]), "tree"),
+    "a chain of 2000 nodes": (_edited("nodes", to=CHAIN), "deep"),
+    "view beyond the buffer": (_edited("bufferViews", 0, "byteLength", to=10**6),
+                               "truncated or damaged"),
+    "accessor beyond the view": (_edited("accessors", 0, "count", to=50_000_000), "end at byte"),
     "index beyond the vertices": (_index, "does not exist"),
     "NaN": (_nan, "not a finite number"),
-    "a path that climbs": (_climb, "outside"),
-    "a coded path that climbs": (_climb_coded, "outside"),
-    "a buffer on the net": (_net, "not downloaded"),
-    "a short data URI": (_short_data, "declares"),
-    "a damaged data URI": (_bad_base64, "data URI"),
-    "a quaternion of zero": (_rotation, "quaternion"),
-    "a texture that is not there": (_texture_index, "integer"),
-    "version 1": (_edited(asset={"version": "1.0"}), "version"),
-    "no asset": (_edited(asset=None), "no 'asset'"),
-    "an unknown extension": (_edited(extensionsRequired=["VENDOR_x"]), "VENDOR_x"),
-    "an extension that is no text": (_edited(extensionsRequired=[["VENDOR_x"]]), "VENDOR_x"),
-    "nodes that are no list": (_edited(nodes={"a": 1}), "list of objects"),
-    "a scene number that is text": (_edited(scene="x"), "integer"),
-    "an empty file of nodes": (_edited(nodes=[], scenes=[{"nodes": []}]), "no surfaces"),
-    "a node many times": (_instanced, "referenced twice"),
-}
+    "a path that climbs": (_buffer(4, "../../../../etc/passwd"), "outside"),
+    "a coded path that climbs": (_buffer(4, "..%2f..%2f..%2fetc%2fpasswd"), "outside"),
+    "a buffer on the net": (_buffer(4, "https://example.org/a.bin"), "not downloaded"),
+    "a short data URI": (_buffer(10**8, "data:;base64,AAAA"), "declares"),
+    "a damaged data URI": (_buffer(4, "data:;base64,####"), "data URI"),
+    "a quaternion of zero": (_edited("nodes", 0, "rotation", to=[0, 0, 0, 0]), "quaternion"),
+    "a texture that is not there": (_edited("materials", 0, "pbrMetallicRoughness",
+                                            to={"baseColorTexture": {"index": 7}}), "integer"),
+    "version 1": (_edited("asset", to={"version": "1.0"}), "version"),
+    "no asset": (_edited("asset", to=None), "no 'asset'"),
+    "an unknown extension": (_edited("extensionsRequired", to=["VENDOR_x"]), "VENDOR_x"),
+    "an extension that is no text": (_edited("extensionsRequired", to=[["VENDOR_x"]]), "VENDOR_x"),
+    "nodes that are no list": (_edited("nodes", to={"a": 1}), "list of objects"),
+    "a scene number that is text": (_edited("scene", to="x"), "integer"),
+    "an empty file of nodes": (_edited("scenes", to=[{"nodes": []}]), "no surfaces"),
+    "a node many times": (_edited("scenes", 0, "nodes", to=[0] * 4000), "referenced twice"),
+}  # fmt: skip
 
 
 def _refused(path: Path, tmp_path: Path, message: str) -> None:
@@ -667,7 +608,7 @@ def _refused(path: Path, tmp_path: Path, message: str) -> None:
 def test_hostile_gltf_is_refused_with_a_reason(tmp_path: Path, name: str) -> None:
     edit, message = HOSTILE[name]
     made = square()
-    edit(made, tmp_path)
+    edit(made)
     _refused(made.save(tmp_path / "in" / "model.gltf"), tmp_path, message)
 
 
@@ -710,10 +651,8 @@ def test_a_file_of_nothing_but_clear_glass_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_image_of_a_billion_pixels_is_not_decoded(tmp_path: Path) -> None:
-    header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + b"IHDR"
-    header += struct.pack(">IIBBBBB", 40_000, 40_000, 8, 2, 0, 0, 0)
-    bomb = header + struct.pack(">I", 0) + struct.pack(">I", 0) + b"IDAT" + struct.pack(">I", 0)
-    uri = "data:image/png;base64," + base64.b64encode(bomb).decode()
+    bomb = base64.b64encode(empty_png(40_000, 40_000)).decode()
+    uri = f"data:image/png;base64,{bomb}"
     made = square(pbrMetallicRoughness={"baseColorTexture": {"index": 0}})
     made.json["images"] = [{"uri": uri}]
     made.json["textures"] = [{"source": 0}]

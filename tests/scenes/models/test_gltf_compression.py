@@ -1,6 +1,5 @@
 """Compressed glTF: Draco and meshopt geometry, Basis Universal and WebP images, instances."""
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from pbrnet.scenes.models.gltf.reader import read_gltf
 from pbrnet.scenes.models.model import Model
 from pbrnet.scenes.opened_files import OpenedFiles
 from tests.fixtures import ktx
+from tests.fixtures.encoded import picture
 from tests.fixtures.gltf import SQUARE, SQUARE_FACES, SQUARE_UV, Builder, square
 
 
@@ -176,9 +176,8 @@ def _textured(data: bytes, extension: str, fallback: bool = False) -> Builder:
     image = made.add("images", {"bufferView": made.view(data)})
     texture: dict[str, Any] = {"extensions": {extension: {"source": image}}}
     if fallback:
-        green = io.BytesIO()
-        Image.new("RGB", (2, 2), (0, 200, 0)).save(green, "PNG")
-        texture["source"] = made.add("images", {"bufferView": made.view(green.getvalue())})
+        green = picture(Image.new("RGB", (2, 2), (0, 200, 0)))
+        texture["source"] = made.add("images", {"bufferView": made.view(green)})
     else:
         made.json["extensionsRequired"] = [extension]
     made.add("textures", texture)
@@ -209,9 +208,8 @@ def test_a_damaged_texture_is_replaced_by_the_plain_colour(tmp_path: Path) -> No
 
 
 def test_webp_textures_are_read(tmp_path: Path) -> None:
-    stream = io.BytesIO()
-    Image.new("RGB", (4, 4), (10, 20, 200)).save(stream, "WEBP", lossless=True)
-    assert not read(_textured(stream.getvalue(), "EXT_texture_webp"), tmp_path)[1]
+    webp = picture(Image.new("RGB", (4, 4), (10, 20, 200)), "WEBP", lossless=True)
+    assert not read(_textured(webp, "EXT_texture_webp"), tmp_path)[1]
     assert _stored(tmp_path) == (10, 20, 200)
 
 

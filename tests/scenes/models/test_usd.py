@@ -1,14 +1,11 @@
 """USD and USDZ: unit, up axis, instances, visibility, materials, lights, packages, damage."""
 
-import io
 import math
 import os
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from pbrnet.scenes import child_process
 from pbrnet.scenes.contract import Scene
@@ -16,6 +13,7 @@ from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.photometry import LUMEN
 from pbrnet.scenes.registry import import_scene
 from tests.fixtures import usd
+from tests.fixtures.encoded import picture, zipped
 from tests.fixtures.imported import CORNERS, RULED, look_down, ruler, values
 
 pytestmark = pytest.mark.usefixtures("few_walks")
@@ -170,9 +168,7 @@ def tiles(file: str, transform: str = "") -> str:
 
 
 def png() -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(ruler()).resize((64, 64), Image.Resampling.NEAREST).save(stream, "PNG")
-    return stream.getvalue()
+    return picture(np.kron(ruler(), np.ones((16, 16, 1), np.uint8)))
 
 
 @INSTALLED
@@ -180,11 +176,8 @@ def png() -> bytes:
 def test_an_image_lies_the_right_way_round(tmp_path: Path, packed: bool) -> None:
     (tmp_path / "in").mkdir()
     if packed:
-        stream = io.BytesIO()
-        with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as package:
-            package.writestr("room.usda", tiles("textures/ruler.png"))
-            package.writestr("textures/ruler.png", png())
-        scene = imported(tmp_path, stream.getvalue(), "room.usdz")
+        members = {"room.usda": tiles("textures/ruler.png"), "textures/ruler.png": png()}
+        scene = imported(tmp_path, zipped(members), "room.usdz")
         expected = RULED
     else:
         (tmp_path / "in" / "ruler.png").write_bytes(png())
@@ -315,12 +308,9 @@ def test_files_are_refused_with_a_reason(tmp_path: Path, name: str) -> None:
 
 @INSTALLED
 def test_a_package_that_leads_out_is_refused(tmp_path: Path) -> None:
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as package:
-        package.writestr("room.usda", WHOLE)
-        package.writestr("../evil.png", b"")
+    package = zipped({"room.usda": WHOLE, "../evil.png": b""})
     with pytest.raises(InputError, match="a path that leads out"):
-        imported(tmp_path, stream.getvalue(), "a.usdz")
+        imported(tmp_path, package, "a.usdz")
 
 
 def test_without_the_library_the_error_says_what_to_install(

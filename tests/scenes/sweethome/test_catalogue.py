@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import time
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,6 +36,7 @@ from pbrnet.scenes.sweethome.catalogue.library import UnusablePiece, read_librar
 from pbrnet.scenes.sweethome.catalogue.properties import parse_properties
 from pbrnet.scenes.sweethome.furnishing.lamps import USUAL
 from tests.fixtures import catalogue as draw
+from tests.fixtures.encoded import zipped
 from tests.fixtures.geometry import Solids, crossings, floating
 
 NOWHERE = Provenance("test.sh3f", "0" * 64, "Test library", "2.1", "example.org", "")
@@ -150,8 +150,7 @@ def test_files_that_are_no_catalogues_are_refused(tmp_path: Path, library: Path)
         with pytest.raises(InputError, match=name):
             read_library(path)
     climbing = tmp_path / "climbing.sh3f"
-    with zipfile.ZipFile(climbing, "w") as archive:
-        archive.writestr("../../evil.obj", "v 0 0 0")
+    climbing.write_bytes(zipped({"../../evil.obj": "v 0 0 0"}))
     with pytest.raises(InputError, match="leads out"):
         read_library(climbing)
     other = draw.pack(tmp_path / "other.sh3f", "id=nothing\n", {})

@@ -4,9 +4,8 @@ import io
 import math
 import struct
 import time
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -20,6 +19,7 @@ from pbrnet.scenes.formats.obj_model import read_obj_model
 from pbrnet.scenes.registry import import_scene
 from pbrnet.scenes.sweethome.building.cutouts import UnreadablePath, path_region
 from tests.fixtures import sweethome as draw
+from tests.fixtures.encoded import empty_png, zipped
 
 SECONDS = 10.0
 
@@ -37,152 +37,106 @@ def bring(folder: Path, xml: str | bytes, members: dict[str, str | bytes] | None
     return import_scene(path, folder / "out", lamps="home")
 
 
-def refused(folder: Path, path: Path, words: str) -> None:
-    """The import fails with `words`, and leaves nothing behind."""
-    before = sorted(folder.iterdir())
-    with pytest.raises(InputError, match=words):
-        import_scene(path, folder / "out")
-    assert sorted(folder.iterdir()) == before
+USUAL = draw.packed(draw.usual())
 
 
-def huge_png() -> bytes:
-    """A PNG that claims to be a billion pixels."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return (struct.pack(">I", len(data)) + kind + data
-                + struct.pack(">I", zlib.crc32(kind + data)))  # fmt: skip
-
-    head = struct.pack(">IIBBBBB", 40_000, 25_000, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0"))
+def cut(share: float) -> bytes:
+    return USUAL[: int(share * len(USUAL))]
 
 
-def test_not_a_zip(tmp_path: Path) -> None:
-    path = tmp_path / "test.sh3d"
-    path.write_bytes(b"GIF89a" + bytes(1000))
-    refused(tmp_path, path, "not a Sweet Home 3D file")
+def with_size(size: int) -> bytes:
+    """A home whose archive states another size of `Home.xml`."""
+    true, stated = (struct.pack("<I", one) for one in (len(draw.usual()), size))
+    return USUAL.replace(true, stated)
 
 
-def test_empty_file(tmp_path: Path) -> None:
-    path = tmp_path / "test.sh3d"
-    path.write_bytes(b"")
-    refused(tmp_path, path, "not a Sweet Home 3D file")
-
-
-@pytest.mark.parametrize("share", [0.3, 0.7, 0.99])
-def test_truncated(tmp_path: Path, share: float) -> None:
-    path = draw.pack(tmp_path / "test.sh3d", draw.usual())
-    data = path.read_bytes()
-    path.write_bytes(data[: int(share * len(data))])
-    refused(tmp_path, path, "not a Sweet Home 3D file|damaged")
-
-
-def test_damaged_member(tmp_path: Path) -> None:
-    path = draw.pack(tmp_path / "test.sh3d", draw.usual())
-    data = bytearray(path.read_bytes())
-    data[60:90] = bytes(30)
-    path.write_bytes(bytes(data))
-    refused(tmp_path, path, "damaged")
-
-
-def test_damaged_old_homes_are_refused_with_a_remedy(tmp_path: Path) -> None:
-    path = tmp_path / "test.sh3d"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("Home", b"\xac\xed\x00\x05")
-    refused(tmp_path, path, "damaged Java objects.*save it again")
-
-
-def test_some_other_zip(tmp_path: Path) -> None:
-    path = tmp_path / "test.sh3d"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("word/document.xml", "<a/>")
-    refused(tmp_path, path, "no Home.xml")
-
-
-@pytest.mark.parametrize("name", ["../evil", "/etc/evil", "a/../../evil", "..\\evil", "C:evil"])
-def test_paths_that_lead_out(tmp_path: Path, name: str) -> None:
-    path = draw.pack(tmp_path / "test.sh3d", draw.usual(), {name: "x"})
-    refused(tmp_path, path, "leads out")
-
-
-def test_zip_bomb(tmp_path: Path) -> None:
-    path = draw.pack(tmp_path / "test.sh3d", b"<home>" + b" " * (30 * 2**20) + b"</home>")
-    refused(tmp_path, path, "zip bombs")
-
-
-def test_home_that_is_too_large(tmp_path: Path) -> None:
-    path = draw.pack(tmp_path / "test.sh3d", b"<home>" + b" " * (40 * 2**20) + b"</home>")
-    refused(tmp_path, path, "at most")
-
-
-def test_lying_sizes(tmp_path: Path) -> None:
-    path = draw.pack(tmp_path / "test.sh3d", draw.usual())
-    data = path.read_bytes()
-    size = struct.pack("<I", len(draw.usual()))
-    path.write_bytes(data.replace(size, struct.pack("<I", 100)))
-    refused(tmp_path, path, "damaged|not of the size")
-
-
-def test_too_many_members(tmp_path: Path) -> None:
-    members: dict[str, str | bytes] = {str(number): "" for number in range(20_001)}
-    path = draw.pack(tmp_path / "test.sh3d", draw.usual(), members)
-    refused(tmp_path, path, "files inside")
-
-
-def test_encrypted(tmp_path: Path) -> None:
-    path = draw.pack(tmp_path / "test.sh3d", draw.usual())
-    data = bytearray(path.read_bytes())
+def encrypted() -> bytes:
+    data = bytearray(USUAL)
     data[6] |= 1  # the flag in the member's own header
-    at = data.index(b"PK\x01\x02")
-    data[at + 8] |= 1
-    path.write_bytes(bytes(data))
-    refused(tmp_path, path, "damaged or encrypted")
+    data[data.index(b"PK\x01\x02") + 8] |= 1
+    return bytes(data)
+
+
+def spaces(megabytes: int) -> bytes:
+    return draw.packed(b"<home>" + b" " * (megabytes * 2**20) + b"</home>")
+
+
+def with_body(body: str) -> Callable[[], bytes]:
+    return lambda: draw.packed(draw.home(body))
+
+
+def with_member(name: str) -> Callable[[], bytes]:
+    return lambda: draw.packed(draw.usual(), {name: "x"})
+
+
+MANY: dict[str, str | bytes] = {str(number): "" for number in range(20_001)}
+LONG = "<home>" + "<a/>" * 1_100_000 + "</home>"
+NO_HOME = "not a Sweet Home 3D file"
+FILES: dict[str, tuple[Callable[[], bytes], str]] = {  # the home file, and what is said of it
+    "not a zip": (lambda: b"GIF89a" + bytes(1000), NO_HOME),
+    "empty": (lambda: b"", NO_HOME),
+    "cut early": (lambda: cut(0.3), f"{NO_HOME}|damaged"),
+    "cut late": (lambda: cut(0.7), f"{NO_HOME}|damaged"),
+    "cut at its end": (lambda: cut(0.99), f"{NO_HOME}|damaged"),
+    "a damaged member": (lambda: USUAL[:60] + bytes(30) + USUAL[90:], "damaged"),
+    "a damaged old home": (lambda: zipped({"Home": b"\xac\xed\x00\x05"}),
+                           "damaged Java objects.*save it again"),
+    "some other zip": (lambda: zipped({"word/document.xml": "<a/>"}), "no Home.xml"),
+    "a relative path": (with_member("../evil"), "leads out"),
+    "an absolute path": (with_member("/etc/evil"), "leads out"),
+    "a path by way of a folder": (with_member("a/../../evil"), "leads out"),
+    "a path of Windows": (with_member("..\\evil"), "leads out"),
+    "a drive": (with_member("C:evil"), "leads out"),
+    "a zip bomb": (lambda: spaces(30), "zip bombs"),
+    "a home that is too large": (lambda: spaces(40), "at most"),
+    "a lie about its size": (lambda: with_size(100), "damaged|not of the size"),
+    "too many members": (lambda: draw.packed(draw.usual(), MANY), "files inside"),
+    "an encrypted member": (encrypted, "damaged or encrypted"),
+    "too many elements": (lambda: zipped({"Home.xml": LONG}), "elements"),
+}  # fmt: skip
+XML = {
+    "<!DOCTYPE a [<!ENTITY b 'c'><!ENTITY d '&b;&b;&b;'>]><home>&d;</home>": "refused",
+    "<!DOCTYPE a [<!ENTITY b SYSTEM 'file:///etc/passwd'>]><home>&b;</home>": "refused",
+    "<home><wall></home>": "damaged",
+    "": "damaged",
+    "<building/>": "root is <building>",
+    "<home version='new'/>": "version='new'",
+    "<?xml version='1.0' encoding='no-such'?><home/>": "damaged",
+}
+BODIES = {
+    draw.wall("w", (0, 0), (100, 0), thickness="nan"): "thickness='nan'",
+    draw.wall("w", (0, 0), (1e30, 0)): "xEnd",
+    draw.wall("w", (0, 0), (100, 0), thickness=-5): "0 or more",
+    draw.wall("w", (0, 0), (100, 0), leftSideColor="red"): "a colour",
+    draw.wall("w", (0, 0), (100, 0), arcExtent=100): "arcExtent",
+    "<wall id='w'/>": "xStart",
+    draw.piece(model="m", width="inf"): "width",
+    draw.piece(model="m", modelRotation="1 0 0"): "9 numbers",
+    draw.piece(model="m", angle="1;2"): "angle",
+    "<level id='a' name='a' elevation='x' floorThickness='1' height='1'/>": "elevation",
+    "<room><point x='0'/></room>": "y=None",
+    "<room>" + "<point x='0' y='0'/>" * 5001 + "</room>": "points",
+    "<furnitureGroup name='g'>" * 40 + "</furnitureGroup>" * 40: "groups",
+}
 
 
 @pytest.mark.parametrize(
-    "text, words",
+    ("make", "words"),
     [
-        ("<!DOCTYPE a [<!ENTITY b 'c'><!ENTITY d '&b;&b;&b;'>]><home>&d;</home>", "refused"),
-        ("<!DOCTYPE a [<!ENTITY b SYSTEM 'file:///etc/passwd'>]><home>&b;</home>", "refused"),
-        ("<home><wall></home>", "damaged"),
-        ("", "damaged"),
-        ("<building/>", "root is <building>"),
-        ("<home version='new'/>", "version='new'"),
-        ("<?xml version='1.0' encoding='no-such'?><home/>", "damaged"),
+        *(pytest.param(*case, id=name) for name, case in FILES.items()),
+        *(pytest.param(partial(draw.packed, text), words) for text, words in XML.items()),
+        *(pytest.param(with_body(body), words) for body, words in BODIES.items()),
+        (with_body(""), "empty"),
     ],
 )
-def test_bad_xml(tmp_path: Path, text: str, words: str) -> None:
-    refused(tmp_path, draw.pack(tmp_path / "test.sh3d", text), words)
-
-
-def test_too_many_elements(tmp_path: Path) -> None:
-    text = "<home>" + "<a/>" * 1_100_000 + "</home>"
+def test_hostile_homes_are_refused_and_leave_nothing(
+    tmp_path: Path, make: Callable[[], bytes], words: str
+) -> None:
     path = tmp_path / "test.sh3d"
-    with zipfile.ZipFile(path, "w") as archive:  # stored, or it would be taken for a bomb
-        archive.writestr("Home.xml", text)
-    refused(tmp_path, path, "elements")
-
-
-@pytest.mark.parametrize(
-    "body, words",
-    [
-        (draw.wall("w", (0, 0), (100, 0), thickness="nan"), "thickness='nan'"),
-        (draw.wall("w", (0, 0), (1e30, 0)), "xEnd"),
-        (draw.wall("w", (0, 0), (100, 0), thickness=-5), "0 or more"),
-        (draw.wall("w", (0, 0), (100, 0), leftSideColor="red"), "a colour"),
-        (draw.wall("w", (0, 0), (100, 0), arcExtent=100), "arcExtent"),
-        ("<wall id='w'/>", "xStart"),
-        (draw.piece(model="m", width="inf"), "width"),
-        (draw.piece(model="m", modelRotation="1 0 0"), "9 numbers"),
-        (draw.piece(model="m", angle="1;2"), "angle"),
-        ("<level id='a' name='a' elevation='x' floorThickness='1' height='1'/>", "elevation"),
-        ("<room><point x='0'/></room>", "y=None"),
-        ("<room>" + "<point x='0' y='0'/>" * 5001 + "</room>", "points"),
-        ("<furnitureGroup name='g'>" * 40 + "</furnitureGroup>" * 40, "groups"),
-        ("", "empty"),
-    ],
-)
-def test_bad_values_are_named(tmp_path: Path, body: str, words: str) -> None:
-    refused(tmp_path, draw.pack(tmp_path / "test.sh3d", draw.home(body)), words)
+    path.write_bytes(make())
+    with pytest.raises(InputError, match=words):
+        import_scene(path, tmp_path / "out")
+    assert sorted(tmp_path.iterdir()) == [path]
 
 
 def said(scene: Scene) -> str:
@@ -277,7 +231,9 @@ def test_endless_polygons() -> None:
         read_obj_model(text.encode(), "ring.obj", lambda name: {})
 
 
-@pytest.mark.parametrize("data", [huge_png(), b"GIF89a", b"", b"\x89PNG\r\n\x1a\n" + bytes(50)])
+@pytest.mark.parametrize(
+    "data", [empty_png(40_000, 25_000), b"GIF89a", b"", b"\x89PNG\r\n\x1a\n" + bytes(50)]
+)
 def test_bad_images_give_way_to_colour(tmp_path: Path, data: bytes) -> None:
     texture = "<texture attribute='floorTexture' name='t' width='10' height='10' image='t'/>"
     xml = draw.home(draw.box_walls(0, 0, 420, 320) + draw.room(10, 10, 400, 300, texture))

@@ -3,7 +3,6 @@
 import random
 import struct
 import time
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from pbrnet.scenes.sweethome.home import Home
 from pbrnet.scenes.sweethome.java_home import home_xml
 from pbrnet.scenes.sweethome.reader import read_home
 from tests.fixtures import sweethome as draw
+from tests.fixtures.encoded import zipped
 from tests.fixtures.java import Java, boxed, content, model, serialised
 
 
@@ -135,9 +135,7 @@ def test_the_newest_list_of_furniture_counts() -> None:
 @pytest.mark.slow
 def test_an_old_home_comes_in_as_a_room(tmp_path: Path) -> None:
     path = tmp_path / "old.sh3d"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("Home", serialised(a_home()))
-        archive.writestr("1/box.obj", draw.BOX)
+    path.write_bytes(zipped({"Home": serialised(a_home()), "1/box.obj": draw.BOX}))
     scene = import_scene(path, tmp_path / "scene", lamps="home")
     assert len(scene.rooms) == 1 and len(scene.portals) == 1
     assert [one.name for one in scene.objects if not one.is_structure] == ["Caisse"]
