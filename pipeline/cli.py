@@ -26,7 +26,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Project": {
         "init": (
             "pbrnet.pipeline.commands.project:init",
-            "Make a folder a project: parameters, stages, DVC.",
+            "Turn a folder into a project: parameters, stages, DVC.",
         ),
         "preset": (
             "pbrnet.pipeline.commands.project:preset",
@@ -73,7 +73,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "train": ("pbrnet.model.commands.networks:train", "Train a network or a baseline."),
         "evaluate": (
             "pbrnet.model.commands.networks:evaluate",
-            "Measure the networks on the test scenes.",
+            "Evaluate the networks on the test scenes.",
         ),
         "report": ("pbrnet.model.commands.report:report", "Write a self-contained HTML report."),
     },
@@ -103,7 +103,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "score": (
             "pbrnet.model.commands.score:score",
-            "Score pictures of a list of views against the truth.",
+            "Score images of a list of views against the ground truth.",
         ),
         "pretrained": (
             "pbrnet.model.commands.networks:pretrained",
@@ -111,7 +111,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "reference": (
             "pbrnet.model.commands.networks:reference",
-            "Save a run's metrics and pictures as reference.",
+            "Save a run's metrics and images as reference.",
         ),
         "export": (
             "pbrnet.model.commands.networks:export",
@@ -123,7 +123,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "export-data": (
             "pbrnet.pipeline.commands.export_data:export_data",
-            "Write the dataset in a format of other projects.",
+            "Write the dataset in a format of another project.",
         ),
         "cost": ("pbrnet.pipeline.commands.cost:cost", "Forecast the core-hours of a run."),
         "doctor": (
@@ -169,7 +169,7 @@ Examples:
   pbrnet import room.xml --out data/scenes/room
   pbrnet inspect data/dataset
 
-Exit codes: 0 success, 1 some scenes or views failed, 2 wrong usage or parameters, 3 wrong input
+Exit codes: 0 success, 1 some scenes or views failed, 2 wrong usage or parameters, 3 bad input
 file, 4 the machine lacks something, 70 a fault of pbrnet, 130 interrupted.
 Shell completion: eval "$(_PBRNET_COMPLETE=bash_source pbrnet)" (or zsh_source, fish_source).""",
 )

@@ -31,7 +31,7 @@ from pbrnet.scenes.files import atomic_file, write_json
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet backbone                      VGG-19 if its weights are available, else EfficientNet-Lite0
+  pbrnet backbone                      VGG-19 if its weights are available, or EfficientNet-Lite0
   pbrnet backbone --models /tmp/other  write to another folder
 
 Section backbone of params.yaml: `network`, `weights` (a VGG-19 file with torchvision's names),
@@ -56,7 +56,7 @@ Examples:
   pbrnet train shading --data data/room --models models/room \\
       --from models/shading.safetensors      fine-tune on another dataset
 
-A training run that was interrupted resumes from its last checkpoint."""
+An interrupted training resumes from its last checkpoint."""
 )
 def train() -> None:
     """Train a network with the parameters in section train.NAME of params.yaml."""
@@ -110,7 +110,7 @@ for _name in BASELINES:
     _training(_name, f"Baseline: {NETWORK_TITLES[_name]}.", f"Example: pbrnet train {_name}")
 _training(
     "baselines",
-    "All networks in train.baselines, one after the other.",
+    "All networks in train.baselines, one after another.",
     """\b
 Examples:
   pbrnet train baselines               the networks in train.baselines of params.yaml
@@ -125,12 +125,12 @@ Examples:
   pbrnet evaluate --models models/room --data data/room
   pbrnet evaluate --models weights --data data/room     the pretrained networks
 
-Measures every method whose networks are in the folder. Fails if a network was trained on a scene of
-the split or on another scene with its floor plan.""",
+Evaluates every method whose networks are in the folder. Fails if a network was trained on a scene
+of the split or on another scene with its floor plan.""",
 )
 @folders_options()
 def evaluate(request: Request, folders: Folders) -> None:
-    """Measure the trained networks, the baselines, and reflectance x shading."""
+    """Evaluate the trained networks, the baselines, and reflectance x shading."""
     result = evaluation.evaluate(request.params, folders)
     say(f"{result['views']} views of {result['scenes']} {result['split']} scenes")
     for method in evaluation.EVALUATED_METHODS:
@@ -151,7 +151,7 @@ def _line(method: str, values: dict[str, Any]) -> str:
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet pretrained                        the two networks in models/, to weights/
+  pbrnet pretrained                        pack the two networks of models/ into weights/
   pbrnet pretrained --method plus --method hybrid     networks of other methods
   pbrnet pretrained --from models/room --out /tmp/room --metrics models/room
 
@@ -172,7 +172,7 @@ licences and results. Fails if predictions would change visibly or the folder wo
     type=FOLDER,
     default=Path("weights"),
     show_default=True,
-    help="Folder to write; replaces packed networks in it.",
+    help="Folder to write; packed networks in it are replaced.",
 )
 @methods_option(
     PREDICTABLE,
@@ -185,7 +185,7 @@ licences and results. Fails if predictions would change visibly or the folder wo
     type=FOLDER,
     default=Path("metrics"),
     show_default=True,
-    help="Folder of evaluation.json, for the results in the model card.",
+    help="Folder with evaluation.json, for the results in the model card.",
 )
 @common_options
 def pretrained(
@@ -209,7 +209,7 @@ Examples:
   python -c "import json; print(json.load(open('metrics/reference.json'))['methods']['plus'])"
 
 Reads the results of `pbrnet evaluate` and, for the sheet, the dataset. The sheet has a row for each
-view, from the best to the worst of the first method, with the truth on the left."""
+view, from the best to the worst of the first method, with the ground truth on the left."""
 )
 @click.option(
     "--out",
@@ -236,7 +236,7 @@ def reference(
     methods: tuple[str, ...],
     views: int,
 ) -> None:
-    """Write the figures of all methods to one flat file, and draw a contact sheet."""
+    """Write the figures of all methods to one flat JSON file, and draw a contact sheet."""
     target, params = out or folders.metrics / "reference.json", request.params
     write_json(target, kept.summary(folders, params.seed))
     say(f"{target}: written")
@@ -256,7 +256,7 @@ Examples:
   python examples/onnx_predict.py model.onnx data/inputs/S/V.exr data/illumination/S/V.exr
 
 The model takes columns of the dataset, at any image size, and returns shading and colour as display
-values; plus and hybrid radiance and colour. Requires extra packages: pip install 'pbrnet[onnx]'"""
+values, or radiance and colour for plus and hybrid. Requires: pip install 'pbrnet[onnx]'"""
 )
 @click.option("--onnx", "out", type=FILE, required=True, metavar="FILE", help="File to write.")
 @click.option(

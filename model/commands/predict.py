@@ -59,16 +59,16 @@ Examples:
   pbrnet predict --inputs data/inputs/home-0000 --illumination data/illumination/home-0000
 
 VIEW is a view_id in the camera file, by default data/cameras/SCENE.json.
-The networks are those in models/, or the pretrained networks of pbrnet if that has none.
---method radiosity takes none: a preview by light transport, of any scene and size. Nor does
+Networks are read from models/, or the pretrained networks are used if it has none.
+--method radiosity needs no network: a preview by light transport, for any scene and size. Nor does
 --method denoised: samples of our path tracer and Open Image Denoise, for comparison.
---seconds measures on the first view what fits, which takes longer than the pictures, and keeps
-to it for all.
---compare reads the true images from the data folder, or renders them.
+--seconds benchmarks the first view, which takes longer than rendering it, then reuses the chosen
+settings for all views.
+--compare reads the ground truth from the data folder, or renders it.
 docs/use.md describes the values of --exr. `pbrnet report` shows all images in predictions/."""
 )
 @click.argument("scene", type=FOLDER, required=False)
-@click.option("--view", "views", multiple=True, help="View of the camera file (repeatable).")
+@click.option("--view", "views", multiple=True, help="View in the camera file (repeatable).")
 @click.option("--all-views", is_flag=True, help="All views of the camera file.")
 @click.option("--camera", type=FILE, default=None, help="Camera file of the scene.")
 @click.option("--eye", metavar="X,Y,Z", help="Position of a new camera, in metres, Z up.")
@@ -83,7 +83,7 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
     type=click.IntRange(1, MOST_DENOISED),
     default=None,
     help="Samples per pixel of hybrid (1 to 8), radiosity (1, 2, 4, 8, 16, 64) or denoised.  "
-    "[default: as it was trained, by the image's size, 16]",
+    "[default: as trained, by image size, 16]",
 )
 @click.option(
     "--denoiser",
@@ -97,25 +97,25 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
     "--seconds",
     type=click.FloatRange(0, min_open=True),
     default=None,
-    help="The best picture in so many seconds a view: choose --method, --spp and --denoiser.",
+    help="Time budget per view: choose --method, --spp and --denoiser with the lowest error.",
 )
 @size_option("Render the inputs at this size.")
 @click.option(
     "--method",
     type=click.Choice((*PREDICTABLE, *PREVIEWS)),
     default=None,
-    help="Method that predicts colour.  [default: pbrnet, else a trained method]",
+    help="Method that computes colour.  [default: pbrnet, or a trained method]",
 )
 @click.option(
     "--tile",
     type=click.IntRange(MIN_TILE),
     default=None,
     metavar="N",
-    help="Predict large images in tiles of N pixels a side, with less memory.",
+    help="Predict large images in tiles of N x N pixels, with less memory.",
 )
 @click.option("--exr", is_flag=True, help="Also write linear radiance as OpenEXR.")
 @click.option(
-    "--compare", "with_truth", is_flag=True, help="Show the truth and the error next to it."
+    "--compare", "with_truth", is_flag=True, help="Show the ground truth and the error as well."
 )
 @click.option(
     "--out",
@@ -225,7 +225,7 @@ def _within_seconds(request: PictureRequest) -> PictureRequest:
     seconds, params = request.seconds, request.params
     assert seconds is not None
     if request.method or request.spp or request.quality:
-        raise click.UsageError("--seconds chooses --method and --spp; give one or the other")
+        raise click.UsageError("--seconds chooses --method and --spp; do not combine them")
     scene, views = _preview_views(request, "--seconds")
     opened = Preview(scene, params, request.data).scene
     networks: Networks | None = None
@@ -239,9 +239,9 @@ def _within_seconds(request: PictureRequest) -> PictureRequest:
             networks, methods = load_networks(found.folder, [HYBRID]), (*methods, HYBRID)
     efforts = efforts_for(views[0].width * views[0].height, methods)
     choice = choose(seconds, efforts, stopwatch(opened, views[0], params, networks))
-    say(f"{choice.effort}: {choice.seconds:.2f} s a view here, of {choice.tried} measured")
+    say(f"{choice.effort}: {choice.seconds:.2f} s per view, chosen from {choice.tried} settings")
     if choice.seconds > seconds:
-        say(f"nothing takes {seconds:g} s or less; this is the fastest", err=True)
+        say(f"no setting takes {seconds:g} s or less; this is the fastest", err=True)
     effort = choice.effort
     quality = effort.quality if effort.method in PREVIEWS else None
     return replace(request, method=effort.method, spp=effort.spp, quality=quality)
@@ -270,14 +270,14 @@ def _previews(request: PictureRequest) -> Pictures:
 def _preview_views(request: PictureRequest, what: str) -> tuple[Path, list[View]]:
     """Scene and views of the request; raises `UsageError` for frames."""
     if request.scene is None or request.gives_frames:
-        raise click.UsageError(f"{what} computes from a SCENE, not from frames")
+        raise click.UsageError(f"{what} requires a SCENE, not frames")
     return request.scene, _scene_views(request, request.scene)
 
 
 def _predictions(request: PictureRequest) -> Pictures:
     """Pictures by networks."""
     if request.quality:
-        raise click.UsageError(f"--denoiser is for --method {' and '.join(PREVIEWS)}")
+        raise click.UsageError(f"--denoiser applies only to --method {' and '.join(PREVIEWS)}")
     if (request.spp or 0) > MAX_SAMPLES:
         raise click.UsageError(f"--spp: networks take at most {MAX_SAMPLES} samples per pixel")
     sources = _view_sources(request)
@@ -320,7 +320,7 @@ def _view_sources(request: PictureRequest) -> list[ViewSource]:
     of_scene = (request.size, request.views, request.all_views, request.camera, request.eye)
     if any(of_scene) or request.towards or request.spp:
         raise click.UsageError(
-            "--size, --view, --all-views, --camera, --eye, --towards and --spp need a SCENE"
+            "--size, --view, --all-views, --camera, --eye, --towards and --spp require a SCENE"
         )
     given: dict[Kind, Path | None] = {
         "inputs": inputs,

@@ -17,7 +17,7 @@ Examples:
   pbrnet report                        write report/index.html
   pbrnet report --out /tmp/page.html   write it elsewhere
 
-The page works offline. For missing results it names the command that creates them."""
+The page works offline. Where results are missing, it names the command that creates them."""
 )
 @click.option(
     "--out",
@@ -31,7 +31,7 @@ The page works offline. For missing results it names the command that creates th
     type=FOLDER,
     default=Path(),
     show_default=True,
-    help="Folder that holds models, metrics, plots and predictions.",
+    help="Folder with models, metrics, plots and predictions.",
 )
 @common_options
 def report(request: Request, out: Path, root: Path) -> None:

@@ -21,13 +21,13 @@ from pbrnet.scenes.files import write_json
 Examples:
   pbrnet score pictures/mine                            colour, test split of data/dataset
   pbrnet score mine other --views recipes/views.json    two methods on a pinned list of views
-  pbrnet score mine/albedo --task albedo                albedo estimated from a picture
+  pbrnet score mine/albedo --task albedo                albedo estimated from an image
   pbrnet score mine/normals --task normal --out normals.json
   pbrnet score --pin recipes/views.json --count 100     pin a list of 100 test views
-  pbrnet predict --all-views --exr --out mine data/scenes/home-0003     makes such pictures
+  pbrnet predict --all-views --exr --out mine data/scenes/home-0003     makes such images
 
 Files are SCENE--VIEW.exr or .png. seconds.json or seconds.csv beside them gives CPU seconds, and
-about.json says what the method is. docs/benchmark.md has tasks, formats and rules."""
+about.json describes the method. docs/benchmark.md has tasks, formats and rules."""
 )
 @click.argument("folders", type=FOLDER, nargs=-1, metavar="FOLDER...")
 @click.option(
@@ -35,7 +35,7 @@ about.json says what the method is. docs/benchmark.md has tasks, formats and rul
     type=click.Choice(list(METRICS)),
     default="color",
     show_default=True,
-    help="What the pictures show.",
+    help="Content of the images.",
 )
 @click.option("--views", "list_file", type=FILE, default=None, help="Pinned list of views.")
 @click.option(
@@ -43,23 +43,25 @@ about.json says what the method is. docs/benchmark.md has tasks, formats and rul
     type=FOLDER,
     default=Path("data/dataset"),
     show_default=True,
-    help="Folder of the dataset with the truth.",
+    help="Folder of the dataset with the ground truth.",
 )
 @click.option(
     "--split",
     type=click.Choice(SPLITS),
     default=None,
-    help="Split whose views are scored.  [default: test; with --views those of the list]",
+    help="Split to score.  [default: test; with --views, the list]",
 )
 @click.option(
     "--exposure",
     type=click.Choice(["own", "truth"]),
     default="own",
     show_default=True,
-    help="colour, EXR: tone-map each picture by its own exposure, or by the truth's.",
+    help="colour, EXR: tone-map each image with its own exposure, or with the ground truth's.",
 )
 @click.option("--out", type=FILE, default=None, help="JSON file of all scores.")
-@click.option("--pin", type=FILE, default=None, help="Write a pinned list of views, score nothing.")
+@click.option(
+    "--pin", type=FILE, default=None, help="Write a pinned list of views instead of scoring."
+)
 @click.option(
     "--count",
     type=click.IntRange(0),
@@ -80,11 +82,11 @@ def score(
     count: int,
     seed: int,
 ) -> None:
-    """Score the pictures in each FOLDER against the truth of a dataset.
+    """Score the images in each FOLDER against the ground truth of a dataset.
 
-    colour: SSIM, PSNR, FLIP, and for linear pictures the error of the mean in stops; albedo:
-    scale-invariant error, whole and in windows; normals: angles. Means over views with 95 %
-    intervals over scenes, and CPU seconds a view where they are given.
+    colour: SSIM, PSNR, FLIP, and for linear images the error of the mean in stops; albedo:
+    scale-invariant error, whole and in windows; normals: angles. Prints means over views with 95 %
+    intervals over scenes, and CPU seconds per view if given.
     """
     if pin is not None:
         rows = DatasetRows(dataset, (split or "test",))
@@ -93,7 +95,7 @@ def score(
         say(f"{pin}: {len(views.views)} views of {split or 'test'}")
         return
     if not folders:
-        raise click.UsageError("give a FOLDER of pictures")
+        raise click.UsageError("give a FOLDER of images")
     chosen = None if list_file is None else load_views(list_file)
     splits = (split,) if split else (() if chosen else ("test",))
     rows = DatasetRows(dataset, splits)

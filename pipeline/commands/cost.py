@@ -29,48 +29,48 @@ from pbrnet.scenes.errors import ParameterError
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet cost                                 a run of params.yaml
+  pbrnet cost                                 the run described by params.yaml
   pbrnet cost --views 500000 --cores 1000     the paper's number of views
   pbrnet cost --params params/paper.yaml --data small/data
   pbrnet cost --views 75000 --size 1024x768 --cores 256
   pbrnet cost --recipe indoor-75k             a release of recipes/
-  pbrnet cost --data small --also large       two image sizes measured: fixed costs are kept apart
-  pbrnet cost --check                         errors of the forecast for measured scenes"""
+  pbrnet cost --data small --also large       two measured image sizes, to separate fixed costs
+  pbrnet cost --check                         accuracy of the forecast on measured scenes"""
 )
 @click.option(
     "--views",
     type=click.IntRange(1),
     default=None,
-    help="Number of views, instead of that of the parameters.",
+    help="Number of views, instead of the parameters'.",
 )
 @click.option(
     "--scenes",
     type=click.IntRange(1),
     default=None,
-    help="Number of scenes, instead of that of the parameters.",
+    help="Number of scenes, instead of the parameters'.",
 )
 @click.option(
     "--cores",
     type=click.IntRange(1),
     default=None,
-    help="Number of cores, for the duration of the run.",
+    help="Number of cores, to print the duration of the run.",
 )
 @click.option(
     "--size",
     type=Size(),
     default=None,
     metavar="WxH",
-    help="Size of the images, instead of that of the parameters.",
+    help="Image size, instead of the parameters'.",
 )
 @click.option(
     "--also",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     multiple=True,
-    help="Further data folder, such as one of another image size (repeatable).",
+    help="Additional data folder, for example with another image size (repeatable).",
 )
-@click.option("--recipe", default=None, help="Parameters of this recipe, instead of a file's.")
+@click.option("--recipe", default=None, help="Use the parameters of this recipe.")
 @click.option(
-    "--check", is_flag=True, help="Print only the errors of the forecast for measured scenes."
+    "--check", is_flag=True, help="Print only the accuracy of the forecast on measured scenes."
 )
 @json_option
 @common_options
@@ -87,10 +87,10 @@ def cost(
 ) -> None:
     """Forecast the core-hours of the rendering stages.
 
-    The forecast is fitted to the cost of earlier views in DATA/ledger.parquet: render a few first,
-    on the same kind of machines. Its error is measured by cross-validation between halves of those
-    scenes; --check prints these errors only. Without --views, every scene counts with
-    cameras.views_per_scene views, and the frames of its walks.
+    The forecast is fitted to the cost of earlier views in DATA/ledger.parquet, so render a few
+    first, on the same kind of machines. Its error is estimated by cross-validation between halves
+    of those scenes; --check prints only these errors. Without --views, every scene is assumed to
+    have cameras.views_per_scene views, and the frames of its walks.
     """
     ledger = joined([read_ledger(folder) for folder in (request.data, *also)])
     params = request.params if recipe is None else load_recipe(recipe).parameters
@@ -136,13 +136,13 @@ def cost(
         say(f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{note}")
     for kind in ("noisy", "environment", "transport"):
         if kind in kinds_of(params) and all(cost.stage != kind for cost in costs):
-            say(f"{kind}: not in the sum, because the ledger has no such frames yet")
+            say(f"{kind}: not included, because the ledger has no such frames yet")
     note = "error unknown: too few scenes" if math.isnan(error) else f"error within {error:.0%}"
-    say(f"{'together':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")
+    say(f"{'total':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")
     if stored:
-        say(f"frames: {_bytes(stored)}; the dataset's shards are about as large again")
+        say(f"frames: {_bytes(stored)}; the dataset's shards need about as much again")
     if cores:
-        say(f"on {cores:,} cores: {_span(hours / cores)}, if all of them are always busy")
+        say(f"on {cores:,} cores: {_span(hours / cores)}, if all of them are busy")
 
 
 def _show_check(found: dict[str, HeldOut], as_json: bool) -> None:
@@ -156,9 +156,7 @@ def _show_check(found: dict[str, HeldOut], as_json: bool) -> None:
         }
         say(*json.dumps(facts, indent=2).split("\n"))
         return
-    say(
-        "Error of forecasts of half of the measured scenes from the other half (100 random halves):"
-    )
+    say("Error when half of the measured scenes predict the other half (100 random splits):")
     say(f"{'stage':14}{'total: median':>14}{'95 % within':>14}{'scene: median':>17}")
     for name, error in found.items():
         if math.isnan(error.usual):

@@ -29,9 +29,9 @@ from pbrnet.scenes.files import atomic_file
     epilog="""\b
 Examples:
   pbrnet dataset                       pack the frames in data/
-  pbrnet dataset --data /mnt/big/data  pack those of another data folder
+  pbrnet dataset --data /mnt/big/data  pack the frames of another data folder
 
-Views that do not pass the checks are listed with the reason in data/dataset/rejected.csv."""
+Views that fail a check are listed with the reason in data/dataset/rejected.csv."""
 )
 @common_options
 def dataset(request: Request) -> None:
@@ -61,24 +61,24 @@ def summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
 Examples:
   pbrnet inspect data/scenes/home-0000                 rooms, sizes, lights; plan and renders
   pbrnet inspect data/cameras/home-0000.json           views and rejected candidates
-  pbrnet inspect data/color/home-0000/000.exr          statistics and pictures of the channels
-  pbrnet inspect data/dataset --out sheet.png          columns, sizes; a sheet of previews
-  pbrnet inspect data/dataset --diversity              histograms of its views' statistics
-  pbrnet inspect data --realism                        figures beside those of photographs
-  pbrnet inspect data/dataset --verify --text-only     compare its files with their checksums
+  pbrnet inspect data/color/home-0000/000.exr          statistics and images of the channels
+  pbrnet inspect data/dataset --out sheet.png          columns, sizes; a contact sheet of previews
+  pbrnet inspect data/dataset --diversity              histograms of view statistics
+  pbrnet inspect data --realism                        statistics compared with photographs
+  pbrnet inspect data/dataset --verify --text-only     compare files with their checksums
   pbrnet inspect data/ledger.parquet                   costs by stage
   pbrnet inspect data/scenes/flat --leaks --text-only  gaps that let light through
   pbrnet inspect models/shading.safetensors --json     layers and model card as JSON
-  pbrnet inspect data/assets                           catalogues; a sheet of their pieces"""
+  pbrnet inspect data/assets                           catalogues; a contact sheet of pieces"""
 )
 @click.argument("path", type=PATH)
 @click.option(
     "--out",
     type=FILE,
     default=None,
-    help="Picture to write.  [default: inspect-NAME.png in the current folder]",
+    help="Image to write.  [default: inspect-NAME.png in the current folder]",
 )
-@click.option("--text-only", is_flag=True, help="Write no picture.")
+@click.option("--text-only", is_flag=True, help="Do not write an image.")
 @click.option("--plan-only", is_flag=True, help="For a scene: draw only the plan, without renders.")
 @json_option
 @click.option(
@@ -89,11 +89,9 @@ Examples:
 @click.option(
     "--realism",
     is_flag=True,
-    help="For a data folder: figures of its pictures beside those of photographs.",
+    help="For a data folder: statistics of its images, compared with photographs.",
 )
-@click.option(
-    "--verify", is_flag=True, help="For a dataset: compare its files with their checksums."
-)
+@click.option("--verify", is_flag=True, help="For a dataset: compare files with their checksums.")
 @click.option(
     "--leaks", is_flag=True, help="For a scene: find gaps, other than portals, that let light in."
 )
@@ -111,8 +109,8 @@ def inspect(
 ) -> None:
     """Describe PATH (scene, camera file, frame, shard, dataset, ledger, network or catalogues).
 
-    Prints the description and writes a picture. The picture of a scene has the plan, a dollhouse
-    view from above and two quick renders.
+    Prints the description and writes an image. The image of a scene has the plan, a dollhouse view
+    from above and two quick renders.
     """
     if verify:
         count = verify_sums(path if path.is_dir() else path.parent)

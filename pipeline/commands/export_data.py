@@ -23,15 +23,15 @@ _DEFAULT = ExportOptions()
 Examples:
   pbrnet export-data --to nerfstudio --scene home-0000     transforms.json, images, depths, points
   pbrnet export-data --to colmap --points 100000           cameras, images, points3D as text
-  pbrnet export-data --to coco --classes nyu40             masks and boxes of things
+  pbrnet export-data --to coco --classes nyu40             masks and boxes of objects
   pbrnet export-data --to coco-panoptic                    segments of things and stuff
   pbrnet export-data --to webdataset --split train         tars of OpenEXR images
   pbrnet export-data --to hypersim --out hypersim          HDF5 files and CSVs of Hypersim
   pbrnet export-data --to tum --fps 30                     RGB-D sequences of the walks
   pbrnet export-data --to renderformer --scene home-0000   triangles and cameras of each room
 
-docs/exports.md says what each format holds: axes, units, and what is lost. An export that was
-interrupted resumes; one with other options or another dataset replaces the files of the first.""",
+docs/exports.md describes each format: axes, units, and what is lost. An interrupted export
+resumes; one with other options or another dataset replaces the earlier files.""",
 )
 @click.option(
     "--to",
@@ -73,14 +73,14 @@ interrupted resumes; one with other options or another dataset replaces the file
     type=click.Choice(["scene", "view"]),
     default=_DEFAULT.exposure,
     show_default=True,
-    help="Tone-mapped images: one exposure for all views of a scene, or their own.",
+    help="Tone-mapped images: one exposure per scene, or one per view.",
 )
 @click.option(
     "--points",
     type=click.IntRange(1, 100_000_000),
     default=_DEFAULT.points,
     show_default=True,
-    help="nerfstudio, colmap: most points of a scene.",
+    help="nerfstudio, colmap: maximum number of points per scene.",
 )
 @click.option(
     "--classes",
@@ -94,23 +94,23 @@ interrupted resumes; one with other options or another dataset replaces the file
     type=click.FloatRange(0.001, 1e6),
     default=_DEFAULT.fps,
     show_default=True,
-    help="tum: frames a second.",
+    help="tum: frames per second.",
 )
 @click.option(
     "--tar-views",
     type=click.IntRange(1, 1_000_000),
     default=_DEFAULT.tar_views,
     show_default=True,
-    help="webdataset: views in a tar.",
+    help="webdataset: views per tar.",
 )
 @click.option(
     "--triangles",
     type=click.IntRange(64, 1_000_000),
     default=_DEFAULT.triangles,
     show_default=True,
-    help="renderformer: most triangles of a room.",
+    help="renderformer: maximum number of triangles per room.",
 )
-@click.option("--partial", is_flag=True, help="hypersim: leave out what the dataset does not hold.")
+@click.option("--partial", is_flag=True, help="hypersim: leave out what the dataset lacks.")
 @idle_seed_option
 def export_data(
     name: str,
@@ -121,11 +121,11 @@ def export_data(
     scenes: tuple[str, ...],
     **options: Any,
 ) -> None:
-    """Write the packed dataset in a format that other projects read."""
+    """Write the packed dataset in a format of another project."""
     rows = DatasetRows(dataset or data / "dataset", splits, scenes)
     out = out or data / "exports" / name
     done = run_export(FORMATS[name], Job(rows, data / "scenes", ExportOptions(**options), out))
-    kept = f", {done.kept} of {done.parts} parts were there already" if done.kept else ""
+    kept = f", {done.kept} of {done.parts} parts existed already" if done.kept else ""
     views = min(done.views, len(rows.rows))  # some formats write a view's files in two parts
     left = f", {len(rows.rows) - views} left out" if views < len(rows.rows) else ""
     say(f"{views} views as {name} in {out}{left}{kept}")

@@ -40,7 +40,7 @@ def _sections() -> dict[str, list[str]]:
     every: dict[str, list[str]] = {}
     for name, titles in takers.items():
         if len(titles) == len(_SOURCES):
-            every.setdefault("All kinds of files, but not scene folders", []).append(name)
+            every.setdefault("All file types, but not scene folders", []).append(name)
         elif len(titles) > 1:
             shared.setdefault(", ".join(titles), []).append(name)
         else:
@@ -107,9 +107,8 @@ class SectionedCommand(click.Command):
 _KINDS = ", ".join(f"{one.title} ({' '.join(one.suffixes)})" for one in _SOURCES)
 _HELP = f"""Import the scene PATH into the scene folder OUT and report what was found and changed.
 
-PATH is a file of one of these kinds: {_KINDS}; or a scene folder with scene.json. A model may be a
-building or a single object, which is placed in a room. Options for other kinds of files are
-refused."""
+PATH is a file of one of these types: {_KINDS}; or a scene folder with scene.json. A model may be a
+building or a single object, which is placed in a room. Options of other file types are refused."""
 
 
 @click.command(
@@ -125,7 +124,7 @@ Examples:
   pbrnet import flat.obj --out data/scenes/flat --up z --scale 0.01 --author "A. Maker" \\
       --licence CC-BY-4.0
 \b
-Kinds of files, options and limits: docs/scenes.md.""",
+File types, options and limits: docs/scenes.md.""",
 )
 @click.argument("path", type=PATH)
 @click.option(
@@ -135,13 +134,13 @@ Kinds of files, options and limits: docs/scenes.md.""",
     help="Scene folder to write; its name is the scene's id.",
 )
 @click.option(
-    "--id", "scene_id", default=None, help="Id of the scene, if not the name of the folder."
+    "--id", "scene_id", default=None, help="Id of the scene.  [default: name of the folder]"
 )
 @click.option(
     "--variants",
     type=click.IntRange(0, 999),
     default=0,
-    help="Number of variants to write to OUT-v1 and so on, with other finishes and light.",
+    help="Number of variants with other finishes and light, written to OUT-v1 and so on.",
 )
 @click.option(
     "--seed",
@@ -155,14 +154,14 @@ Kinds of files, options and limits: docs/scenes.md.""",
     type=click.FloatRange(0.1),
     default=SceneParams.import_seconds,
     show_default=True,
-    help="Time after which the import is stopped, seconds.",
+    help="Time limit of the import in seconds.",
 )
 @click.option(
     "--max-memory",
     type=click.FloatRange(0.25),
     default=SceneParams.import_memory,
     show_default=True,
-    help="Memory above which the import is stopped, GiB.",
+    help="Memory limit of the import in GiB.",
 )
 @_import_options
 def import_command(

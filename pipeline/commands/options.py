@@ -51,7 +51,7 @@ data_option = click.option(
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 idle_seed_option = click.option(
-    "--seed", type=int, expose_value=False, help="Has no effect: nothing is random."
+    "--seed", type=int, expose_value=False, help="Has no effect; nothing is random."
 )
 
 
@@ -101,7 +101,7 @@ def chosen(farm: FarmParams, **options: Any) -> FarmParams:
 
 
 def warn_of_keys(file: Path) -> None:
-    """Say on stderr that a project's keys are those of another version of pbrnet."""
+    """Warn on stderr that a project's keys are those of another version of pbrnet."""
     if not exists(file):
         return
     known, here = table(), read_table(file)
@@ -109,7 +109,7 @@ def warn_of_keys(file: Path) -> None:
         if known.get(name) != here.get(name):
             say(
                 f"{file}: {name} is {here.get(name, 'missing')}, but {known.get(name, 'missing')} "
-                "in this version of pbrnet; renew the file with: pbrnet init --update",
+                "in this version of pbrnet; update the file with: pbrnet init --update",
                 err=True,
             )
             return
@@ -121,17 +121,17 @@ def farm_options(command: Command) -> Command:
         "--scheduler",
         metavar="ADDRESS",
         default=None,
-        help="Dask scheduler.  [default: DASK_SCHEDULER_ADDRESS, else local workers]",
+        help="Dask scheduler.  [default: DASK_SCHEDULER_ADDRESS, or local workers]",
     )(command)
     command = click.option(
         "--transfer",
         type=click.Choice(["auto", "shared", "send"]),
         default=None,
-        help="Scenes and frames in the shared data folder, through dask, or chosen per worker.",
+        help="Transfer of scenes and frames: shared folder, through dask, or decided per worker.",
     )(command)
     return click.option(
         "--workers",
         type=click.IntRange(0),
         default=None,
-        help="Number of local workers; 0: one per allowed CPU.",
+        help="Number of local workers; 0 means one per allowed CPU.",
     )(command)

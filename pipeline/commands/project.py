@@ -35,24 +35,24 @@ _CODE = ("dvc.yaml", "keys.yaml")  # what a newer version of pbrnet renews
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet init                the working folder, which may hold other files
+  pbrnet init                the current folder, which may contain other files
   pbrnet init rooms          a new folder
-  pbrnet init --update       dvc.yaml and keys.yaml of this version, after an update of pbrnet"""
+  pbrnet init --update       update dvc.yaml and keys.yaml to this version of pbrnet"""
 )
 @click.argument("folder", type=FOLDER, default=Path())
-@click.option("--update", is_flag=True, help="Renew dvc.yaml and keys.yaml, and nothing else.")
+@click.option("--update", is_flag=True, help="Update only dvc.yaml and keys.yaml.")
 @idle_seed_option
 def init(folder: Path, update: bool) -> None:
-    """Make FOLDER a project: params.yaml, dvc.yaml, keys.yaml, .gitignore, and DVC's own files.
+    """Turn FOLDER into a project: params.yaml, dvc.yaml, keys.yaml, .gitignore, and DVC's files.
 
-    Overwrites nothing. `dvc repro` then runs the quick start.
+    Does not overwrite anything. `dvc repro` then runs the quick start.
     """
     texts = {name: _text(name) for name in _CODE}
     if not update:
         texts |= {"params.yaml": parameter_text(Params()), ".gitignore": _text("gitignore")}
         there = [name for name in texts if exists(folder / name)]
         if there:
-            raise ParameterError(f"{folder}: has {', '.join(there)} already; nothing was written")
+            raise ParameterError(f"{folder}: already has {', '.join(there)}; nothing was written")
     for name, text in texts.items():
         write_text(folder / name, text)
     say(f"{folder}: wrote {', '.join(texts)}")
@@ -69,7 +69,7 @@ def _init_dvc(folder: Path) -> None:
     if exists(folder / ".dvc"):
         return
     if find_spec("dvc") is None:
-        say("DVC is missing; for dvc repro: pip install 'pbrnet[dvc]'. Next: pbrnet run")
+        say("DVC is not installed; dvc repro requires: pip install 'pbrnet[dvc]'. Next: pbrnet run")
         return
     try:
         found = subprocess.run(
@@ -100,7 +100,7 @@ Examples:
   pbrnet preset paper --force  480x360 at the paper's scale, for a cluster"""
 )
 @click.argument("name", required=False)
-@click.option("--force", is_flag=True, help="Overwrite a parameter file that was edited.")
+@click.option("--force", is_flag=True, help="Overwrite an edited parameter file.")
 @click.option(
     "--params",
     "target",
@@ -116,7 +116,7 @@ def preset(name: str | None, force: bool, target: Path, seed: int | None) -> Non
     """Write the parameter preset NAME to params.yaml; without NAME, list the presets.
 
     The file has every key, with a comment where a value differs from the quick start's. Presets are
-    params/*.yaml, of the working folder and of the package.
+    the files params/*.yaml of the current folder and of the package.
     """
     if name is None:
         for label, one in presets().items():
@@ -134,19 +134,19 @@ def preset(name: str | None, force: bool, target: Path, seed: int | None) -> Non
             raise ParameterError(str(error)) from None
         if current not in (text, *(one.text() for one in presets().values())):
             raise ParameterError(
-                f"{target}: was edited and is equal to no preset; keep a copy, then overwrite it "
+                f"{target}: was edited and matches no preset; keep a copy, then overwrite it "
                 "with --force"
             )
     write_text(target, text)
-    say(f"{target} now holds the preset {name!r}; next: dvc repro")
+    say(f"{target} now contains the preset {name!r}; next: dvc repro")
 
 
 @click.command(
     epilog="""\b
 Examples:
-  pbrnet params                       every value, where it comes from, and its meaning
-  pbrnet params groundtruth           of one section
-  pbrnet params --changed             those that are not the quick start's
+  pbrnet params                       every value, its source, and its meaning
+  pbrnet params groundtruth           one section
+  pbrnet params --changed             values that differ from the quick start's
   pbrnet params --params params/paper.yaml --json"""
 )
 @click.argument("section", required=False)
@@ -160,7 +160,7 @@ def params(
     changed: bool,
     as_json: bool,
 ) -> None:
-    """Print the effective parameters: value, where it comes from, one line of meaning."""
+    """Print the effective parameters with their source and meaning."""
     file = request.params_file
     options = {"seed": "seed", "workers": "farm.workers", "transfer": "farm.transfer"}
     asked = click.get_current_context().params

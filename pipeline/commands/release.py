@@ -39,11 +39,11 @@ STAGES = tuple(stage for name, stage in run.STAGES.items() if name != "dataset")
     epilog="""\b
 Examples:
   pbrnet release                          list the recipes
-  pbrnet release tiny                     make the dataset, compare it with its record
+  pbrnet release tiny                     make the dataset and compare it with its record
   pbrnet release quick --record           make it and record its checksums and cost
-  pbrnet cost --recipe indoor-75k         what a large one would cost
+  pbrnet cost --recipe indoor-75k         estimate the cost of a large one
 
-The dataset is in OUT/dataset. A release that was interrupted resumes. Exit code 1 if files differ
+The dataset is in OUT/dataset. An interrupted release resumes. Exit code 1 if files differ
 from the record, or some views failed."""
 )
 @click.argument("name", required=False)
@@ -60,10 +60,10 @@ from the record, or some views failed."""
     help="Folder with the recipes.  [default: recipes, then those of the package]",
 )
 @click.option(
-    "--record", is_flag=True, help="Record checksums and cost beside the recipe, for later makings."
+    "--record", is_flag=True, help="Record checksums and cost beside the recipe, for later runs."
 )
 @click.option(
-    "--seed", type=int, default=None, expose_value=False, help="Has no effect: the recipe has it."
+    "--seed", type=int, default=None, expose_value=False, help="Has no effect; the recipe sets it."
 )
 @farm_options
 def release(
@@ -74,7 +74,7 @@ def release(
     scheduler: str | None,
     **farm: Any,
 ) -> None:
-    """Make the dataset of the recipe NAME, and compare its checksums with those recorded.
+    """Make the dataset of the recipe NAME and compare its checksums with the recorded ones.
 
     Without NAME, list the recipes.
     """
@@ -143,7 +143,7 @@ def _compared(name: str, version: str, known: Record, sums: dict[str, str]) -> N
             "their last bits"
         )
     because = f" ({'; '.join(reasons)})" if reasons else ""
-    raise PbrnetError(f"{name}: not as recorded{because}: {difference}")
+    raise PbrnetError(f"{name}: differs from the record{because}: {difference}")
 
 
 def processor() -> str:

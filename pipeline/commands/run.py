@@ -43,8 +43,8 @@ Examples:
   pbrnet run --params params/paper.yaml --data /mnt/big/paper
   pbrnet run --data /tmp/seven --seed 7 --until cameras
 
-Exit code 1 if some scenes or views failed; the dataset holds the others, and its rejected.csv
-lists the views. The same command again keeps what is up to date and tries the rest."""
+Exit code 1 if some scenes or views failed; the dataset contains the others, and its rejected.csv
+lists the failed views. Running the command again keeps what is up to date and retries the rest."""
 )
 @click.option(
     "--until",
@@ -58,8 +58,8 @@ lists the views. The same command again keeps what is up to date and tries the r
 def run(request: Request, until: str) -> None:
     """Run all stages from assets to the dataset once, for one parameter file and data folder.
 
-    Says on stderr what matters of the run, then prints a summary of each stage. `dvc repro` does
-    the same in the project's own data folder, and trains and evaluates the networks, too.
+    Prints the main settings to stderr, then a summary of each stage. `dvc repro` does the same in
+    the project's own data folder, and also trains and evaluates the networks.
     """
     names = list(STAGES)[: list(STAGES).index(until) + 1]
     kinds = {kind for name in names for kind in FRAME_STAGES.get(name, (name,))}
@@ -77,4 +77,4 @@ def run(request: Request, until: str) -> None:
         if name == until:
             break
     if failed:
-        raise StageError(f"failures in {', '.join(failed)}, listed above; all else is done")
+        raise StageError(f"failures in {', '.join(failed)}, listed above; everything else is done")

@@ -25,8 +25,8 @@ Examples:
 def assets(request: Request) -> None:
     """Fetch furniture catalogues and convert their pieces into DATA/assets.
 
-    Off by default (assets.enabled): procedural homes have built-in furniture. Catalogues are the
-    .sh3f files in assets.folder, or else those of the Debian packages in assets.debian.
+    Off by default (assets.enabled), since procedural homes have their own furniture. Catalogues are
+    the .sh3f files in assets.folder, or those of the Debian packages in assets.debian.
     """
     say(*str(run_assets(request.data, request.params, request.scheduler)).split("\n"))
 
@@ -42,8 +42,7 @@ Examples:
 def scenes(request: Request) -> None:
     """Generate procedural homes and import the scenes listed in scenes.imports.
 
-    Scenes that are up to date are kept, and so are scenes that 'pbrnet import' put into
-    DATA/scenes.
+    Keeps scenes that are up to date, and scenes that 'pbrnet import' wrote to DATA/scenes.
     """
     _print_summary(run_scenes(request.data, request.params, request.scheduler))
 
@@ -57,7 +56,7 @@ Examples:
 @farm_options
 @common_options
 def cameras(request: Request) -> None:
-    """Sample views that see much furniture; prints why other candidates were rejected."""
+    """Sample views that see much furniture, and report why other candidates were rejected."""
     say_start(request, ("cameras",))
     _print_summary(run_cameras(request.data, request.params, request.scheduler))
 
@@ -80,7 +79,7 @@ inputs = _frame_command(
     "Example:  pbrnet inputs --workers 4",
     """Render depth, normals, reflectance, valid mask and object ids of every view.
 
-    With channels also renders materials (roughness, metalness and so on) and labels.
+    Depending on channels, also renders materials (roughness, metalness and so on) and labels.
     """,
 )
 illumination = _frame_command(
@@ -88,7 +87,7 @@ illumination = _frame_command(
     "Example:  pbrnet illumination --workers 4",
     """Render a panorama of the light sources visible from each camera.
 
-    With illumination.shadow_rays also renders how much of their light reaches each pixel.
+    With illumination.shadow_rays, also renders the fraction of their light that reaches each pixel.
     """,
 )
 groundtruth = _frame_command(
@@ -99,8 +98,8 @@ Examples:
   pbrnet groundtruth --scheduler tcp://head:8786""",
     """Path-trace textureless shading and full colour of every view, both from one trace.
 
-    With channels also the parts of the light, and a panorama of all that the camera position sees.
-    Frames that are up to date are kept, so an interrupted run resumes where it stopped.
+    Depending on channels, also renders components of the light and a panorama of everything visible
+    from the camera position. Keeps frames that are up to date, so an interrupted run resumes.
     """,
 )
 shading = _frame_command(

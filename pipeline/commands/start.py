@@ -53,7 +53,9 @@ def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
     seconds = _seconds(request, wanted, scenes, views)
     workers = _workers(params.farm, request.scheduler)
     if seconds:
-        lines.append(f"time: about {_span(seconds)} of one core for all views, by the ledger")
+        lines.append(
+            f"time: about {_span(seconds)} of one core for all views, estimated from the ledger"
+        )
     return [*lines, f"workers: {workers}"]
 
 
@@ -92,7 +94,7 @@ def _seconds(request: Request, wanted: Collection[str], scenes: int, views: int)
 def _workers(params: FarmParams, scheduler: str | None) -> str:
     address = scheduler or os.environ.get("DASK_SCHEDULER_ADDRESS")
     if address:
-        return f"those of the dask scheduler {address}"
+        return f"from the dask scheduler {address}"
     return f"up to {params.workers or cpu_count()} on this machine"
 
 

@@ -27,7 +27,7 @@ def test_help_knows_every_kind_and_sorts_the_options() -> None:
             "Mitsuba, models, ",  # and whatever other sources have free axes
             "Mitsuba only:",
             "Sweet Home 3D only:",
-            "All kinds of files, but not scene folders:",
+            "All file types, but not scene folders:",
         )
     )
     assert shared < text.index("--scale") < text.index("--sky") < mitsuba

@@ -32,7 +32,7 @@ def test_a_run_says_what_matters(tmp_path: Path) -> None:
         "workers: up to 4 on this machine",
     ]
     assert start_lines(Request(params, tmp_path, "tcp://head:8786"))[-1] == (
-        "workers: those of the dask scheduler tcp://head:8786"
+        "workers: from the dask scheduler tcp://head:8786"
     )
 
 
@@ -72,7 +72,7 @@ def test_the_ledger_tells_the_time(tmp_path: Path) -> None:
     ledger.save()
     params = Params(scenes=SceneParams(homes=16))
     params = replace(params, cameras=replace(params.cameras, views_per_scene=1))
-    expected = "time: about 2.7 hours of one core for all views, by the ledger"
+    expected = "time: about 2.7 hours of one core for all views, estimated from the ledger"
     assert expected in start_lines(Request(params, tmp_path), ("shading", "color"))
     assert not any("time" in line for line in start_lines(Request(params, tmp_path), ("inputs",)))
 

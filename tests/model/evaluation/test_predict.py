@@ -175,7 +175,7 @@ def test_pictures_without_a_network_take_any_number_of_samples(room: Path) -> No
 def test_a_time_budget_chooses_method_and_samples(room: Path) -> None:
     view = (room, "--view", "east", "--size", "36x20")
     output = predicted(*view, "--seconds", "0.2", "--out", "out.png")
-    said = re.search(r"(--method \w+ --spp \d+.*): (\d+\.\d+) s a view here", output)
+    said = re.search(r"(--method \w+ --spp \d+.*): (\d+\.\d+) s per view", output)
     assert said and (float(said[2]) <= 0.2 or "this is the fastest" in output)
     predicted(*view, *said[1].split(), "--out", "again.png")
     same = [read_picture(Path(name).read_bytes()) for name in ("out.png", "again.png")]
