@@ -51,7 +51,7 @@ from benchmarks.timing import Clock, Spent, spend, spread
 from pbrnet.model.data.encoding import MAX_SAMPLES
 from pbrnet.model.evaluation.inference import Networks, available, load_networks
 from pbrnet.model.evaluation.metrics import flip_map, ssim
-from pbrnet.model.evaluation.predict import example_of, rendered_for
+from pbrnet.model.evaluation.predict import ViewRenderer, example_of
 from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.commands.release import processor
 from pbrnet.pipeline.frames import Channels
@@ -322,7 +322,7 @@ class Home:
     def _net(self, name: str, view: View, spp: int, seed: int) -> Float32Array:
         """The picture of `pbrnet predict`, in the unit of the scene."""
         networks, params = self.setting.networks[name], replace(self.params, seed=seed)
-        given = rendered_for(self.clay, view, params, [networks.card], spp)
+        given = ViewRenderer(self.clay, params).inputs(view, [networks.card], spp)
         example = example_of(view, given, networks.card, None)
         found = networks.predict(name, example).linear
         assert found is not None

@@ -15,8 +15,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.params import load_params
 from pbrnet.pipeline.passes.groundtruth import render_both
+from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.contract import load_scene, scene_folders
@@ -40,14 +41,13 @@ def plain_sensor(view: View, sampler: str) -> Any:
     )
 
 
-def plain_loop(data: Path, params: Params) -> None:
+def plain_loop(data: Path, truth: GroundTruthParams, grey: float) -> None:
     """Render all views of all scenes with Mitsuba's film and path tracer."""
-    truth = params.groundtruth
     integrator = mi.load_dict({"type": "path", "max_depth": truth.max_depth})
     for folder in scene_folders(data / "scenes"):
         scene = open_scene(load_scene(folder))
         views = load_cameras(data / "cameras" / f"{folder.name}.json").views
-        for world in (scene, scene.neutral(params.shading.albedo)):
+        for world in (scene, scene.neutral(grey)):
             for view in views:
                 sensor = plain_sensor(view, "multijitter")
                 image = mi.render(
@@ -56,15 +56,16 @@ def plain_loop(data: Path, params: Params) -> None:
                 np.array(image)
 
 
-def joint_loop(data: Path, params: Params) -> None:
+def joint_loop(data: Path, truth: GroundTruthParams, grey: float) -> None:
     """Render the same images from joint traces."""
     for folder in scene_folders(data / "scenes"):
         scene = open_scene(load_scene(folder))
         for view in load_cameras(data / "cameras" / f"{folder.name}.json").views:
-            render_both(scene, view, params.groundtruth, params.shading.albedo, seed=0)
+            render_both(scene, view, truth, grey, seed=0)
 
 
 if __name__ == "__main__":
     set_variant()
     loop = joint_loop if sys.argv[3:] == ["--joint"] else plain_loop
-    loop(Path(sys.argv[1]), load_params(Path(sys.argv[2])))
+    params = load_params(Path(sys.argv[2]))
+    loop(Path(sys.argv[1]), params.groundtruth, params.shading.albedo)

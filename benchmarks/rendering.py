@@ -24,7 +24,7 @@ from pbrnet.pipeline.passes.environment import render_environment
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import TRACED, TRUTHS, render
+from pbrnet.pipeline.passes.registry import TRACED, TRUTHS, render, settings_of
 from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
 from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.scene import RenderScene
@@ -151,9 +151,9 @@ def _light_rows(bench: Bench, scene: RenderScene, view: View) -> Iterator[Row]:
     params = replace(bench.params, groundtruth=truth)
     grouped = replace(params, light=LightParams(_LAMPS))
     ways: dict[str, Callable[[], object]] = {
-        "groups": lambda: render(TRACED, scene, view, grouped, 0),
-        "light": lambda: render(TRACED, scene, view, params, 0),
-        "truth": lambda: render(TRUTHS, scene, view, params, 0),
+        "groups": lambda: render(scene, view, settings_of(grouped, TRACED), 0),
+        "light": lambda: render(scene, view, settings_of(params, TRACED), 0),
+        "truth": lambda: render(scene, view, settings_of(params, TRUTHS), 0),
     }
     for work in ways.values():  # twice with the round below: launches of kinds in turn are
         work()  # recorded a second time

@@ -26,7 +26,7 @@ from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.frames import frame_path, read_frame
 from pbrnet.pipeline.images import contact_sheet, png_bytes, tone_picture
 from pbrnet.pipeline.inspection.sizes import triangles_of
-from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.params import load_params
 from pbrnet.pipeline.render.leaks import Leak, find_leaks
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.stages.cameras import run_cameras
@@ -145,10 +145,10 @@ def row(data: Path, path: Path, cost: Cost, accepted: int, worst: str) -> str:
     )
 
 
-def attempt(stage: Callable[[Path, Params], object], data: Path, params: Params) -> bool:
+def attempt(stage: Callable[[], object]) -> bool:
     """Run a stage; print its failures and continue with the rest."""
     try:
-        click.echo(str(stage(data, params)))
+        click.echo(str(stage()))
     except StageError as error:
         click.echo(str(error), err=True)
         return False
@@ -208,7 +208,7 @@ def main(
         partial(run_frames, "illumination"),
         partial(run_frames, "groundtruth"),
     ):
-        fine &= attempt(stage, data, params)
+        fine &= attempt(partial(stage, data, params))
     pack_dataset(data, params)
     with (data / "dataset" / "scenes.csv").open(newline="", encoding="utf-8") as stream:
         accepted = Counter({line["scene_id"]: int(line["rows"]) for line in csv.DictReader(stream)})

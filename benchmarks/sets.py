@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet as pq
 
@@ -15,14 +16,16 @@ from benchmarks.timing import Spent, beyond, by_turns, ratio, spread, sums
 from pbrnet.pipeline.channels import KINDS, ChannelSet, Kind
 from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.pack import pack_dataset
-from pbrnet.pipeline.frames import Result, frame_path, kinds_of, write_frame
+from pbrnet.pipeline.frames import Result, frame_path, write_frame
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import (
     SURFACES,
     TRACED,
+    TRACES,
     TRUTHS,
     camera_of,
     render,
+    settings_of,
     trace_seed,
 )
 from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
@@ -61,10 +64,10 @@ def set_rows(bench: Bench) -> Iterator[Row]:
     (data / "scenes" / bench.home).symlink_to(bench.data / "scenes" / bench.home)
     save_cameras(data / "cameras" / f"{bench.home}.json", CameraFile(bench.home, tuple(views)))
     for view in views:  # compiles, too
-        _write_frames(data, scene, view, params)
+        _write_frames(data, scene, view, settings_of(params, params.kinds), params.seed)
     pack_dataset(data, params)
     sizes = _bytes_a_row(data / "dataset")
-    ways = _ways(scene, views[0], params)
+    ways = _ways(scene, views[0], settings_of(params, KINDS), params.seed)
     for work in ways.values():  # twice with the round below: launches of kinds in turn are
         work()  # recorded a second time
     spent = by_turns(ways, bench.sizes.repeats)
@@ -86,7 +89,7 @@ def set_rows(bench: Bench) -> Iterator[Row]:
             goal=at_most(_GOALS[name]) if name in _GOALS else None,
         )
     for name in ("paper", *_SETS):
-        own = _columns(params, name)
+        own = _columns(params.image, params.light.images, name)
         yield Row(
             f"{name}, per row",
             f"bytes in the shards of the columns of `paper`{_and(name)}, mean of {len(views)} "
@@ -128,9 +131,10 @@ def _moving(view: View) -> View:
     return replace(view, trajectory="walk", frame=1, pose_before=poses[0], pose_after=poses[1])
 
 
-def _ways(scene: RenderScene, view: View, params: Params) -> dict[str, Callable[[], object]]:
+def _ways(
+    scene: RenderScene, view: View, settings: Mapping[Kind, Any], seed: int
+) -> dict[str, Callable[[], object]]:
     """Return what is timed: traces with and without what a set takes from them, other passes."""
-    seed = params.seed
     traces: dict[str, tuple[Kind, ...]] = {
         "inputs": ("inputs",),
         "materials": ("inputs", "materials"),
@@ -140,13 +144,17 @@ def _ways(scene: RenderScene, view: View, params: Params) -> dict[str, Callable[
         "surfaces": SURFACES,
     }
     alone: tuple[Kind, ...] = ("illumination", "visibility", "environment", "transport")
-    single = replace(params, light=LightParams())
+
+    def trace(*kinds: Kind, **other: Any) -> Callable[[], object]:
+        own = {kind: settings[kind] for kind in kinds} | other
+        return partial(render, scene, view, own, seed)
+
     return {
         **{name: partial(render_surfaces, scene, view, kinds) for name, kinds in traces.items()},
-        "truth": partial(render, TRUTHS, scene, view, params, seed),
-        "light": partial(render, TRACED, scene, view, single, seed),
-        _GROUPS: partial(render, TRACED, scene, view, params, seed),
-        **{kind: partial(render, (kind,), scene, view, params, seed) for kind in alone},
+        "truth": trace(*TRUTHS),
+        "light": trace(*TRACED, light=replace(settings["light"], groups=LightParams().groups)),
+        _GROUPS: trace(*TRACED),
+        **{kind: trace(kind) for kind in alone},
     }
 
 
@@ -161,17 +169,15 @@ def _added(name: str, spent: dict[str, list[Spent]]) -> list[list[Spent]]:
     return [beyond(spent[name], spent[base])]
 
 
-def _write_frames(data: Path, scene: RenderScene, view: View, params: Params) -> None:
+def _write_frames(
+    data: Path, scene: RenderScene, view: View, settings: Mapping[Kind, Any], seed: int
+) -> None:
     """Render and write all frames of a view."""
-    seeds = {kind: trace_seed(kind, view, params.seed) for kind in KINDS}
-    frames: dict[Kind, Result] = {
-        **render_surfaces(scene, view, SURFACES),
-        **render(TRACED, scene, view, params, seeds["color"]),
-    }
-    for kind in kinds_of(params):
-        if kind not in frames:
-            frames[kind] = render([kind], scene, view, params, seeds[kind])[kind]
-        channels, about = frames[kind]
+    frames: dict[Kind, Result] = {}
+    for trace in TRACES:
+        if own := {kind: settings[kind] for kind in trace.kinds if kind in settings}:
+            frames |= render(scene, view, own, trace_seed(trace.kinds[0], view, seed))
+    for kind, (channels, about) in frames.items():
         path = frame_path(data, kind, view)
         write_frame(path, kind, channels, camera_of(view, kind), **about, fingerprint="")
 
@@ -191,15 +197,15 @@ def _bytes_a_row(folder: Path) -> dict[str, float]:
     return {name: count / rows for name, count in found.items()}
 
 
-def _columns(params: Params, name: str) -> set[str]:
+def _columns(image: ImageParams, lights: int, name: str) -> set[str]:
     """Return the columns of a dataset of `paper` and the set `name` of `_SETS`."""
-    size = (params.image.width, params.image.height)
+    size = (image.width, image.height)
     columns = dataset_columns(
         size,
         size,
         shadows=True,
         channels=_SETS.get(name, ("paper",)),
         links=name in ("video", "all"),
-        lights=params.light.images if name in (_GROUPS, "all") else 0,
+        lights=lights if name in (_GROUPS, "all") else 0,
     )
     return {column.name for column in columns}

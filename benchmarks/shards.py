@@ -45,7 +45,7 @@ def shard_rows(bench: Bench) -> Iterator[Row]:
     """Yield rows at two image sizes: the quick start's and the paper's kind."""
     for size in ((160, 120), bench.sizes.large):
         data, params = frames_of(bench, size)
-        yield from _rows_at(data, params, f"{size[0]}x{size[1]}")
+        yield from _rows_at(data, partial(pack_dataset, data, params), f"{size[0]}x{size[1]}")
 
 
 def frames_of(
@@ -85,9 +85,9 @@ def views_of(data: Path) -> list[View]:
     return [view for path in files for view in load_cameras(path).views]
 
 
-def _rows_at(data: Path, params: Params, size: str) -> Iterator[Row]:
+def _rows_at(data: Path, pack: Callable[[], object], size: str) -> Iterator[Row]:
     views = views_of(data)
-    written = by_turns({"pack": partial(pack_dataset, data, params)}, 2)["pack"]
+    written = by_turns({"pack": pack}, 2)["pack"]
     folder = data / "dataset"
     count = len(Dataset(folder, "train"))
     megabytes = sum(path.stat().st_size for path in folder.glob("*.parquet")) / 1e6

@@ -40,8 +40,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import OpenEXR
 
-from pbrnet.pipeline.channels import RGB, Kind, kinds_of_sets, layout
-from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.channels import RGB, Kind, layout
 from pbrnet.pipeline.radiance import HALF_MAX, is_scale, radiance_halves, scale_for
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, Float32Array
@@ -78,16 +77,6 @@ class Frame:
     def rgb(self) -> Float32Array:
         """`R`, `G`, `B` as float32 (H, W, 3)."""
         return self.stack(*RGB)
-
-
-def kinds_of(params: Params) -> tuple[Kind, ...]:
-    """Return the kinds of frames that the dataset needs of each view, in rendering order."""
-    kinds = list(kinds_of_sets(params.channels))
-    if params.illumination.shadow_rays:
-        kinds.append("visibility")
-    if params.noisy.spp:
-        kinds.append("noisy")
-    return tuple(kinds)
 
 
 def fingerprint(**determined_by: Any) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from pbrnet.pipeline.channels import SETS, ChannelSet
+from pbrnet.pipeline.channels import SETS, ChannelSet, Kind, kinds_of_sets
 from pbrnet.scenes.checked import build, param, section, shown, within
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import exists, read_text
@@ -83,6 +83,15 @@ class Params:
     backbone: BackboneParams = section(f"{_NETWORKS}:BackboneParams", "of the perceptual loss")
     train: TrainParams = section(f"{_NETWORKS}:TrainParams", "networks")
     evaluate: EvaluateParams = section(f"{_NETWORKS}:EvaluateParams", "on held-out plans")
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """Kinds of frames that the dataset needs of each view, in rendering order."""
+        more: tuple[tuple[Kind, int], ...] = (
+            ("visibility", self.illumination.shadow_rays),
+            ("noisy", self.noisy.spp),
+        )
+        return (*kinds_of_sets(self.channels), *(kind for kind, wanted in more if wanted))
 
     def verify(self, where: str) -> None:
         """Raise ValueError unless `channels` names sets that can be rendered, each once."""

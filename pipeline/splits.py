@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import GroundTruthParams, NoisyParams
 from pbrnet.pipeline.views import CameraFile, View, load_cameras
 from pbrnet.scenes.checked import param, within
@@ -126,43 +125,42 @@ def kept_back(test_only: Sequence[str], plans: Mapping[str, str]) -> set[str]:
     }
 
 
-def split_sampling(scenes: Sequence[Scene], params: Params) -> Callable[[View], Params]:
-    """Return the parameters of each view's samples, which may depend on its split.
+def split_sampling(
+    scenes: Sequence[Scene],
+    truth: GroundTruthParams,
+    noisy: NoisyParams,
+    shares: SplitParams,
+    seed: int,
+) -> dict[str, tuple[GroundTruthParams, NoisyParams]]:
+    """Return the sampling of each scene's views by its id, which may depend on its split.
 
-    Views of the training and validation splits have `groundtruth.train_spp` samples, and a number
-    of noisy samples drawn from `noisy.train`, small ones more often: ln(number) is uniform. The
-    views of a scene have the same number, because a launch of another number is compiled anew.
+    Views of the training and validation splits have `truth.train_spp` samples, and a number of
+    noisy samples drawn from `noisy.train`, small ones more often: ln(number) is uniform. The views
+    of a scene have the same number, because a launch of another number is compiled anew.
     """
-    if not params.groundtruth.train_spp and not params.noisy.train:
-        return lambda view: params
+    if not truth.train_spp and not noisy.train:
+        return {scene.scene_id: (truth, noisy) for scene in scenes}
     sources = [Source(scene, None) for scene in scenes]
-    splits = split_plans(sources, params.dataset.splits, params.seed)
-    tested = {each.scene.scene_id for each in sources if splits[each.plan] == "test"}
-
-    def params_of(view: View) -> Params:
-        if view.scene_id in tested:
-            truth, noisy = params.groundtruth, params.noisy
-        else:
-            truth, noisy = _training_truth(params.groundtruth), _training_noisy(params, view)
-        truth, noisy = replace(truth, train_spp=0), replace(noisy, train=())
-        return replace(params, groundtruth=truth, noisy=noisy)
-
-    return params_of
-
-
-def _training_truth(truth: GroundTruthParams) -> GroundTruthParams:
-    if not truth.train_spp:
-        return truth
-    return replace(truth, spp=truth.train_spp, noise=0.0)
+    splits = split_plans(sources, shares, seed)
+    tested = (replace(truth, train_spp=0), replace(noisy, train=()))
+    trained = tested[0]
+    if truth.train_spp:
+        trained = replace(trained, spp=truth.train_spp, noise=0.0)
+    return {
+        source.scene.scene_id: tested
+        if splits[source.plan] == "test"
+        else (trained, _training_noisy(noisy, source.scene.scene_id, seed))
+        for source in sources
+    }
 
 
-def _training_noisy(params: Params, view: View) -> NoisyParams:
-    if not params.noisy.train:
-        return params.noisy
-    least, most = params.noisy.train
-    rng = generator(params.seed, "noisy samples", view.scene_id)
+def _training_noisy(noisy: NoisyParams, scene_id: str, seed: int) -> NoisyParams:
+    if not noisy.train:
+        return noisy
+    least, most = noisy.train
+    rng = generator(seed, "noisy samples", scene_id)
     number = least * ((most + 1) / least) ** rng.random()
-    return replace(params.noisy, spp=min(most, int(number)))
+    return replace(noisy, spp=min(most, int(number)), train=())
 
 
 def _quota(share: float, plans: int, least: int) -> int:

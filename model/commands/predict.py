@@ -15,7 +15,7 @@ from pbrnet.model.data.encoding import MAX_SAMPLES
 from pbrnet.model.evaluation import predict as prediction
 from pbrnet.model.evaluation.budget import choose, efforts_for, stopwatch
 from pbrnet.model.evaluation.inference import PREDICTABLE, Networks, load_networks
-from pbrnet.model.evaluation.predict import ViewSource
+from pbrnet.model.evaluation.predict import ViewRenderer, ViewSource
 from pbrnet.model.evaluation.previews import (
     DENOISED,
     MOST_DENOISED,
@@ -179,6 +179,10 @@ class PictureRequest:
         """True if frames are given, which replace a scene."""
         return any((self.inputs, self.illumination, self.transport, self.materials, self.noisy))
 
+    def renderer(self, scene: Path) -> ViewRenderer:
+        """Renderer of a scene's views."""
+        return ViewRenderer(scene, self.params, self.data)
+
     def scene_of(self, view: View) -> Path:
         """Folder of a view's scene, which may be absent."""
         return self.scene or self.data / "scenes" / view.scene_id
@@ -222,12 +226,11 @@ def _write(request: PictureRequest, view: View, drawn: Drawn, count: int) -> lis
 
 def _within_seconds(request: PictureRequest) -> PictureRequest:
     """Return the request with the effort of the best picture in so many seconds, as measured."""
-    seconds, params = request.seconds, request.params
+    seconds = request.seconds
     assert seconds is not None
     if request.method or request.spp or request.quality:
         raise click.UsageError("--seconds chooses --method and --spp; do not combine them")
     scene, views = _preview_views(request, "--seconds")
-    opened = Preview(scene, params, request.data).scene
     networks: Networks | None = None
     methods = PREVIEWS if integrator.available() else (DENOISED,)
     if integrator.available():
@@ -238,7 +241,7 @@ def _within_seconds(request: PictureRequest) -> PictureRequest:
         else:
             networks, methods = load_networks(found.folder, [HYBRID]), (*methods, HYBRID)
     efforts = efforts_for(views[0].width * views[0].height, methods)
-    choice = choose(seconds, efforts, stopwatch(opened, views[0], params, networks))
+    choice = choose(seconds, efforts, stopwatch(request.renderer(scene), views[0], networks))
     say(f"{choice.effort}: {choice.seconds:.2f} s per view, chosen from {choice.tried} settings")
     if choice.seconds > seconds:
         say(f"no setting takes {seconds:g} s or less; this is the fastest", err=True)
@@ -252,9 +255,8 @@ def _previews(request: PictureRequest) -> Pictures:
     method = request.method
     assert method is not None
     scene, views = _preview_views(request, f"--method {method}")
-    preview = Preview(
-        scene, request.params, request.data, method, request.spp or 0, request.quality or "high"
-    )
+    renderer, quality = request.renderer(scene), request.quality or "high"
+    preview = Preview(renderer, method, request.spp or 0, quality)
 
     def draw(view: View) -> Drawn:
         found = preview.render(view)
@@ -311,9 +313,8 @@ def _view_sources(request: PictureRequest) -> list[ViewSource]:
         if request.gives_frames:
             raise click.UsageError("give a SCENE, or --inputs and --illumination, not both")
         views = _scene_views(request, request.scene)
-        return prediction.from_scene(
-            request.scene, views, request.params, request.data, request.with_truth, request.spp or 0
-        )
+        renderer = request.renderer(request.scene)
+        return prediction.from_scene(renderer, views, request.with_truth, request.spp or 0)
     inputs, illumination = request.inputs, request.illumination
     if inputs is None or illumination is None:
         raise click.UsageError("give a SCENE and a --view, or --inputs and --illumination")

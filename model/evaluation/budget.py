@@ -12,11 +12,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pbrnet.model.evaluation.inference import Networks
-from pbrnet.model.evaluation.predict import example_of, rendered_for
+from pbrnet.model.evaluation.predict import ViewRenderer, example_of
 from pbrnet.model.evaluation.previews import DENOISED, RADIOSITY, denoised, radiosity
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality
-from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
 
 # Methods and samples per pixel, each with less error than the one before, at 160x120 and 480x360;
@@ -94,12 +92,14 @@ def choose(budget: float, efforts: Sequence[Effort], seconds: Callable[[Effort],
 
 
 def stopwatch(
-    scene: RenderScene, view: View, params: Params, networks: Networks | None
+    renderer: ViewRenderer, view: View, networks: Networks | None
 ) -> Callable[[Effort], float]:
     """Return a function that measures the seconds of an effort on this view.
 
     `networks`: those of the methods beside `radiosity` and `denoised`; None without them.
     """
+
+    scene, params = renderer.scene, renderer.params
 
     def draw(effort: Effort) -> None:
         if effort.method == RADIOSITY:
@@ -108,7 +108,7 @@ def stopwatch(
             denoised(scene, view, params.groundtruth, params.seed, effort.spp, effort.quality)
         else:
             assert networks is not None
-            given = rendered_for(scene, view, params, [networks.card], effort.spp)
+            given = renderer.inputs(view, [networks.card], effort.spp)
             example = example_of(view, given, networks.card, None)
             networks.predict(effort.method, example)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,7 @@ from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import inputs_of, visible_surfaces
 from pbrnet.pipeline.passes.materials import materials_of
-from pbrnet.pipeline.passes.registry import TRUTHS, render
+from pbrnet.pipeline.passes.registry import TRUTHS, render, settings_of
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import render_transport
 from pbrnet.pipeline.passes.truth import Preparation, noisy_trace, prepare, render_samples
@@ -79,32 +79,66 @@ class Rendered:
         return Rendered({**self.frames, kind: channels}, noisy_spp or self.noisy_spp)
 
 
-def from_scene(
-    scene_folder: Path,
-    views: Sequence[View],
-    params: Params,
-    data: Path,
-    with_truth: bool,
-    samples: int = 0,
-) -> list[ViewSource]:
-    """Views of a scene, which is opened when the first of them is loaded.
+@dataclass
+class ViewRenderer:
+    """Renders views of a scene, which is opened for the first of them: for networks, and truth.
 
-    What the network takes is rendered. With `with_truth` the true images are read from `data` if
-    they are there, and path traced otherwise. A network that takes noisy samples gets `samples` per
-    pixel; 0: the median of its training.
+    `source` is the scene's folder, or the open scene; true images may be below `data`.
     """
-    opened: list[RenderScene] = []
+
+    source: Path | RenderScene
+    params: Params
+    data: Path | None = None
+
+    @cached_property
+    def scene(self) -> RenderScene:
+        """The open scene."""
+        if isinstance(self.source, RenderScene):
+            return self.source
+        set_variant(self.params.farm.variant)
+        return open_scene(load_scene(self.source))
+
+    def truth(self, view: View) -> tuple[Channels, Channels]:
+        """Shading and colour of a view: those in `data`, or path traced now."""
+        frames = known_truth(self.data, view) if self.data else None
+        if frames:
+            return _channels(frames)
+        seed = derive(self.params.seed, "predict", view.scene_id, view.view_id)
+        truths = render(self.scene, view, settings_of(self.params, TRUTHS), seed)
+        return truths["shading"][0], truths["color"][0]
+
+    def inputs(self, view: View, cards: Sequence[ModelCard], samples: int = 0) -> Rendered:
+        """What the networks of these cards take of a view.
+
+        A network that takes noisy samples gets `samples` per pixel; 0: the median of its training.
+        """
+        scene, params = self.scene, self.params
+        methods = [METHODS[card.name] for card in cards if card.name in METHODS]
+        taken = columns_taken(methods, cards)
+        rendered = surfaces_seen(scene, view, taken.get("materials", ()))
+        if "illumination" in taken:
+            panorama = render_illumination(scene, view, params.illumination)
+            rendered = rendered.having("illumination", panorama)
+        trained_with = max((card.training.get("noisy_spp", 0) for card in cards), default=0)
+        spp = trained_with and (samples or trained_with)
+        prepared = prepared_for(scene, view, params.seed) if "transport" in taken or spp else None
+        if "transport" in taken:
+            light = compute_transport(scene, view, params.transport, params.seed, prepared)
+            rendered = rendered.having("transport", light)
+        if spp:
+            noisy = trace_samples(scene, view, params.groundtruth, params.seed, spp, prepared)
+            rendered = rendered.having("noisy", noisy, spp)
+        return rendered
+
+
+def from_scene(
+    renderer: ViewRenderer, views: Sequence[View], with_truth: bool, samples: int = 0
+) -> list[ViewSource]:
+    """Views of a scene; what the network takes is rendered, see `ViewRenderer`."""
 
     def load(view: View, card: ModelCard) -> Example:
-        if not opened:
-            set_variant(params.farm.variant)
-            opened.append(open_scene(load_scene(scene_folder)))
-        truth: tuple[Channels, Channels] | None = None
-        if with_truth:
-            frames = known_truth(data, view)
-            truth = _channels(frames) if frames else trace_truth(opened[0], view, params)
-        given = rendered_for(opened[0], view, params, [card], samples)
-        return example_of(view, given, card, truth)
+        truth = renderer.truth(view) if with_truth else None
+        return example_of(view, renderer.inputs(view, [card], samples), card, truth)
 
     return [ViewSource(view, partial(load, view)) for view in views]
 
@@ -323,35 +357,6 @@ def write_radiance(
     }
     write_pixels(path, pixels, view, meta)
     return f"unit: {unit}; {share:.2%} of the pixels are white: their values are lower bounds"
-
-
-def trace_truth(scene: RenderScene, view: View, params: Params) -> tuple[Channels, Channels]:
-    """Path-traced shading and colour of a view."""
-    seed = derive(params.seed, "predict", view.scene_id, view.view_id)
-    truths = render(TRUTHS, scene, view, params, seed)
-    return truths["shading"][0], truths["color"][0]
-
-
-def rendered_for(
-    scene: RenderScene, view: View, params: Params, cards: Sequence[ModelCard], samples: int = 0
-) -> Rendered:
-    """Render what the networks of these cards take; see `from_scene`."""
-    methods = [METHODS[card.name] for card in cards if card.name in METHODS]
-    taken = columns_taken(methods, cards)
-    rendered = surfaces_seen(scene, view, taken.get("materials", ()))
-    if "illumination" in taken:
-        panorama = render_illumination(scene, view, params.illumination)
-        rendered = rendered.having("illumination", panorama)
-    trained_with = max((card.training.get("noisy_spp", 0) for card in cards), default=0)
-    spp = trained_with and (samples or trained_with)
-    prepared = prepared_for(scene, view, params.seed) if "transport" in taken or spp else None
-    if "transport" in taken:
-        light = compute_transport(scene, view, params.transport, params.seed, prepared)
-        rendered = rendered.having("transport", light)
-    if spp:
-        noisy = trace_samples(scene, view, params.groundtruth, params.seed, spp, prepared)
-        rendered = rendered.having("noisy", noisy, spp)
-    return rendered
 
 
 def surfaces_seen(scene: RenderScene, view: View, materials: Collection[str] = ()) -> Rendered:

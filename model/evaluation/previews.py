@@ -9,22 +9,20 @@ from typing import Any
 import numpy as np
 
 from pbrnet.model.evaluation.metrics import flip_map, measure
-from pbrnet.model.evaluation.predict import known_truth, trace_truth
+from pbrnet.model.evaluation.predict import ViewRenderer
 from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pbrnet.pipeline.frames import Channels, write_pixels
 from pbrnet.pipeline.images import Picture, contact_sheet, error_picture
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import Transport, transport_of
 from pbrnet.pipeline.passes.truth import trace_denoised
 from pbrnet.pipeline.photograph import meter, photograph
-from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.tonemap import exposure_of, tonemap
 from pbrnet.pipeline.transport.settings import TRANSPORT_SAMPLES, TransportParams
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
-from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.seeds import derive
 
@@ -42,45 +40,35 @@ class Rendering:
     transport: Transport | None = None
 
 
-@dataclass
+@dataclass(frozen=True)
 class Preview:
-    """Pictures of a scene's views; the scene is opened for the first of them.
+    """Pictures of a scene's views.
 
     `spp`: samples per pixel; 0: by the image's size for `radiosity`, `DENOISED_SPP` for `denoised`.
     `quality` is the denoiser's. Raises `ParameterError` for a number of samples that the method
     does not have.
     """
 
-    scene_folder: Path
-    params: Params
-    data: Path  # where true images may be
+    renderer: ViewRenderer
     method: str = RADIOSITY
     spp: int = 0
     quality: Quality = "high"
-    _opened: RenderScene | None = None
 
     def __post_init__(self) -> None:
         check_samples(self.method, self.spp)
 
     def render(self, view: View) -> Rendering:
         """Render a view. Raises `InputError` for light transport in a scalar variant."""
-        given = self.params
+        scene, given = self.renderer.scene, self.renderer.params
         if self.method == RADIOSITY:
-            return radiosity(self.scene, view, given.transport, given.seed, self.spp, self.quality)
+            return radiosity(scene, view, given.transport, given.seed, self.spp, self.quality)
         spp = self.spp or DENOISED_SPP
-        return denoised(self.scene, view, given.groundtruth, given.seed, spp, self.quality)
-
-    def truth(self, view: View) -> Float32Array:
-        """Return the true colour of a view, (H, W, 3): that in `data`, or path traced now."""
-        known = known_truth(self.data, view)
-        if known is not None:
-            return known[1].rgb
-        return _stacked(trace_truth(self.scene, view, self.params)[1])
+        return denoised(scene, view, given.groundtruth, given.seed, spp, self.quality)
 
     def compare(self, view: View, found: Rendering) -> tuple[Picture, str]:
         """Return picture, truth, FLIP error and light side by side, and a line of metrics."""
-        truth = self.truth(view)
-        exposure = exposure_of(truth, self.params.tone)
+        truth = _stacked(self.renderer.truth(view)[1])
+        exposure = exposure_of(truth, self.renderer.params.tone)
         shown = [tonemap(image, exposure) for image in (truth, found.color)]
         values = measure(*shown)
         settings = meter(truth)
@@ -100,14 +88,6 @@ class Preview:
         sheet = contact_sheet(list(pictures.values()), columns=3, labels=tuple(pictures))
         words = f"SSIM {values['ssim']:.3f}, PSNR {values['psnr']:.1f} dB"
         return sheet, f"{words}, FLIP {values['flip']:.3f}"
-
-    @property
-    def scene(self) -> RenderScene:
-        """The open scene."""
-        if self._opened is None:
-            set_variant(self.params.farm.variant)
-            self._opened = open_scene(load_scene(self.scene_folder))
-        return self._opened
 
 
 def check_samples(method: str, spp: int) -> None:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +15,15 @@ from pbrnet.model.evaluation.evaluate import open_split
 from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.channels import Kind
-from pbrnet.pipeline.frames import Channels, Frame, frame_path, holds, read_frame, write_frame
-from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.frames import (
+    Channels,
+    Frame,
+    Result,
+    frame_path,
+    holds,
+    read_frame,
+    write_frame,
+)
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.registry import TRUTHS, camera_of, frame_fingerprint, render, trace_seed
 from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
@@ -36,10 +44,14 @@ _TOLERANCE = 0.02  # largest relative difference of two panoramas of one scene
 
 @dataclass(frozen=True)
 class FrameStore:
-    """Frames below `root`, rendered with `params`; a frame with another fingerprint is missing."""
+    """Frames below `root`, rendered with the settings of their kinds and a root seed.
+
+    A frame with another fingerprint is missing.
+    """
 
     root: Path
-    params: Params
+    settings: Mapping[Kind, Any]
+    seed: int
 
     def missing(self, view: View, digest: str, kinds: Sequence[Kind] = TRUTHS) -> list[Kind]:
         """Return the missing kinds of frames; `digest` identifies the scene and its light."""
@@ -51,10 +63,13 @@ class FrameStore:
 
     def render(self, scene: RenderScene, view: View, digest: str) -> None:
         """Path-trace shading and colour of the view and write both frames."""
-        for kind, (channels, stats) in render(
-            TRUTHS, scene, view, self.params, trace_seed("color", view, self.params.seed)
-        ).items():
+        for kind, (channels, stats) in self.made(TRUTHS, scene, view).items():
             self.write(kind, channels, view, digest, **stats)
+
+    def made(self, kinds: Sequence[Kind], scene: RenderScene, view: View) -> dict[Kind, Result]:
+        """Render frames of one trace, without writing them."""
+        settings = {kind: self.settings[kind] for kind in kinds}
+        return render(scene, view, settings, trace_seed(kinds[0], view, self.seed))
 
     def write(
         self, kind: Kind, channels: Channels, view: View, digest: str, **stats: object
@@ -66,7 +81,7 @@ class FrameStore:
             channels,
             camera_of(view, kind),
             **stats,
-            seed=trace_seed(kind, view, self.params.seed),
+            seed=trace_seed(kind, view, self.seed),
             renderer=renderer_version(),
             fingerprint=self.fingerprint(kind, view, digest),
         )
@@ -77,7 +92,8 @@ class FrameStore:
 
     def fingerprint(self, kind: Kind, view: View, digest: str) -> str:
         """Fingerprint of everything that determines a frame's pixels."""
-        return frame_fingerprint(kind, view, self.params, digest, renderer_version())
+        settings, renderer = self.settings[kind], renderer_version()
+        return frame_fingerprint(kind, view, settings, self.seed, digest, renderer)
 
 
 def with_samples(truth: GroundTruthParams, spp: int, denoise: bool) -> GroundTruthParams:

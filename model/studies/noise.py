@@ -41,8 +41,8 @@ from pbrnet.model.studies.trials.plan import (
 )
 from pbrnet.pipeline.farm.scene_digest import scene_digest
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import render, trace_seed
-from pbrnet.pipeline.passes.truth import postprocessed, truth_settings
+from pbrnet.pipeline.passes.registry import settings_of
+from pbrnet.pipeline.passes.truth import postprocessed
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.views import View
@@ -179,18 +179,17 @@ class NoisyTruthStore:
                         self.params.illumination,
                     )
                     for view in (view for view in due if view.scene_id == name):
-                        smoothed = truth_settings(denoised.params)
-                        seed = trace_seed("color", view, self.params.seed)
-                        for kind, truth in render(TRUTHS, opened, view, raw.params, seed).items():
+                        for kind, truth in raw.made(TRUTHS, opened, view).items():
                             raw.write(kind, truth[0], view, digest, **truth[1])
-                            smooth = postprocessed(kind, truth, opened, view, smoothed[kind])
+                            settings = denoised.settings[kind]
+                            smooth = postprocessed(kind, truth, opened, view, settings)
                             denoised.write(kind, smooth[0], view, digest, **smooth[1])
                         progress.advance()
 
     def _store(self, truth: NoisyTruth) -> FrameStore:
         own = with_samples(self.params.groundtruth, truth.spp, truth.denoised)
-        params = replace(self.params, groundtruth=own)
-        return FrameStore(self.renders / truth.name, params)
+        settings = settings_of(replace(self.params, groundtruth=own), TRUTHS)
+        return FrameStore(self.renders / truth.name, settings, self.params.seed)
 
     def _fingerprint(self, store: FrameStore, view: View) -> str:
         digest = self.digests[view.scene_id]

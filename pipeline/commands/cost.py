@@ -20,7 +20,6 @@ from pbrnet.pipeline.costs.forecast import (
     samples_of,
 )
 from pbrnet.pipeline.costs.ledger import read_ledger
-from pbrnet.pipeline.frames import kinds_of
 from pbrnet.pipeline.release.recipe import load_recipe
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import ParameterError
@@ -100,7 +99,7 @@ def cost(
     if check:
         _show_check(errors, as_json)
         return
-    left_out = set(KINDS) - set(kinds_of(params))
+    left_out = set(KINDS) - set(params.kinds)
     costs = [cost for cost in costs if cost.stage not in left_out]
     each = params.cameras.most_views
     if scenes is None:
@@ -113,7 +112,7 @@ def cost(
     }
     hours = sum(seconds.values()) / 3600
     error = errors[TOGETHER].worst
-    kinds = kinds_of(params)
+    kinds = params.kinds
     each_frame = {k: n for k, n in frame_bytes(ledger, params).items() if k in kinds}
     stored = views * sum(each_frame.values())
     if as_json:
@@ -135,7 +134,7 @@ def cost(
         spent = seconds[cost.stage]
         say(f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{note}")
     for kind in ("noisy", "environment", "transport"):
-        if kind in kinds_of(params) and all(cost.stage != kind for cost in costs):
+        if kind in params.kinds and all(cost.stage != kind for cost in costs):
             say(f"{kind}: not included, because the ledger has no such frames yet")
     note = "error unknown: too few scenes" if math.isnan(error) else f"error within {error:.0%}"
     say(f"{'total':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")

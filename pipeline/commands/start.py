@@ -12,7 +12,6 @@ from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.costs.forecast import SCENE_STAGES, samples_of, stage_costs
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
-from pbrnet.pipeline.frames import kinds_of
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import load_cameras
@@ -34,7 +33,7 @@ def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
     is that of all views, also of those that are up to date; it is left out without a ledger.
     """
     params = request.params
-    kinds = kinds_of(params)
+    kinds = params.kinds
     wanted = {*SCENE_STAGES, *kinds} if not stages else {*stages} & {*SCENE_STAGES, *kinds}
     image = params.image
     lines = [

@@ -35,7 +35,7 @@ from pbrnet.pipeline.dataset.description.facts import DatasetFacts, ViewFacts, v
 from pbrnet.pipeline.dataset.label_tables import CLASSES
 from pbrnet.pipeline.dataset.rows import RowSource, make_row
 from pbrnet.pipeline.dataset.shards import ShardWriter
-from pbrnet.pipeline.frames import Channels, frame_path, kinds_of, read_frame
+from pbrnet.pipeline.frames import Channels, frame_path, read_frame
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
@@ -109,7 +109,7 @@ def _pack_dataset(data: Path, params: Params) -> DatasetSummary:
         write_croissant(partial, columns, scenes, summary.facts, params)
         licences = sorted({credit.licence for scene in scenes for credit in scene.credits})
         write_text(partial / "CITATION.cff", citation_file(licences))
-        if "labels" in kinds_of(params):
+        if "labels" in params.kinds:
             write_json(partial / "classes.json", CLASSES)
         write_sums(partial)
     return summary
@@ -165,7 +165,7 @@ def _prepare(
     params: Params,
 ) -> dict[str, Any] | Rejection:
     """Return the row of a view, or the reason of its rejection."""
-    frames = load_frames(data, view, failures, kinds_of(params))
+    frames = load_frames(data, view, failures, params.kinds)
     if isinstance(frames, Rejection):
         return frames
     size, panorama, environment = _sizes(params)
@@ -243,9 +243,9 @@ def _columns(params: Params) -> tuple[Column, ...]:
         shadows=params.illumination.shadow_rays > 0,
         noisy=params.noisy.spp > 0,
         channels=params.channels,
-        links="video" in kinds_of(params) or params.cameras.has_links,
+        links="video" in params.kinds or params.cameras.has_links,
         environment=environment,
-        lights=params.light.images if "light" in kinds_of(params) else 0,
+        lights=params.light.images if "light" in params.kinds else 0,
         projection=params.image.projection,
     )
 

@@ -25,7 +25,7 @@ from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.images import Picture
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import denoise
-from pbrnet.pipeline.passes.registry import render
+from pbrnet.pipeline.passes.registry import render, settings_of
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.render.scene import open_scene, set_variant
@@ -99,11 +99,10 @@ def quick_renders(scene: Scene, views: Sequence[View], count: int = 2) -> list[t
         views
         or sample_cameras(opened, opened.scene, ViewParams(params.cameras, params.image), 0).views
     )
-    pictures = []
+    pictures, settings = [], settings_of(params, ["color"])
     for view in _best_views(found, count):
-        channels, _ = render(["color"], opened, _resized(view), params, derive(0, view.view_id))[
-            "color"
-        ]
+        seed = derive(0, view.view_id)
+        channels, _ = render(opened, _resized(view), settings, seed)["color"]
         linear = np.stack([channels[band] for band in RGB], axis=-1).astype(np.float32)
         pictures.append((view.view_id, photograph(linear)))
     return pictures

@@ -9,7 +9,7 @@ import numpy as np
 
 from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import render
+from pbrnet.pipeline.passes.registry import render, settings_of
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.views import ImageParams, View, as_matrix, camera_model, look
 from pbrnet.scenes.arrays import Float32Array
@@ -41,5 +41,5 @@ def render_view(scene: Scene | Path, view: View, params: Params | None = None) -
     set_variant(params.farm.variant)
     opened = open_scene(scene if isinstance(scene, Scene) else load_scene(Path(scene)))
     seed = derive(params.seed, view.view_id)
-    channels, _ = render(["color"], opened, view, params, seed)["color"]
+    channels, _ = render(opened, view, settings_of(params, ["color"]), seed)["color"]
     return np.stack([channels[band] for band in RGB], axis=-1).astype(np.float32)

@@ -8,7 +8,7 @@ determines pixels cannot be missing from it; view scores, the farm and training 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
@@ -92,16 +92,20 @@ TRUTHS: tuple[Kind, ...] = ("shading", "color")
 TRACED = TRACE_OF["light"].kinds
 
 
-def render(
-    kinds: Sequence[Kind], scene: RenderScene, view: View, params: Params, seed: int
-) -> dict[Kind, Result]:
-    """Render frames of some kinds of one trace: channels and entries of the attribute, by kind.
+def settings_of(params: Params, kinds: Iterable[Kind]) -> dict[Kind, Any]:
+    """Return the settings of these kinds, each from its trace."""
+    return {kind: TRACE_OF[kind].settings(params)[kind] for kind in kinds}
 
-    `seed` is the view's own, see `trace_seed`. Raises `InputError` where they cannot be rendered.
+
+def render(
+    scene: RenderScene, view: View, settings: Mapping[Kind, Any], seed: int
+) -> dict[Kind, Result]:
+    """Render frames of one trace: channels and entries of the attribute, by kind.
+
+    `settings`: of the kinds to render, see `settings_of`. `seed` is the view's own, see
+    `trace_seed`. Raises `InputError` where they cannot be rendered.
     """
-    trace = TRACE_OF[kinds[0]]
-    settings = trace.settings(params)
-    return trace.render(scene, view, {kind: settings[kind] for kind in kinds}, seed)
+    return TRACE_OF[next(iter(settings))].render(scene, view, settings, seed)
 
 
 def trace_seed(kind: Kind, view: View, root: int) -> int:
@@ -126,16 +130,16 @@ def camera_of(view: View, kind: Kind) -> View:
 
 
 def frame_fingerprint(
-    kind: Kind, view: View, params: Params, scene_digest: str, renderer: str
+    kind: Kind, view: View, settings: Any, root_seed: int, scene_digest: str, renderer: str
 ) -> str:
-    """Return the fingerprint of a frame; see this module's docstring."""
+    """Return the fingerprint of a frame with these settings; see this module's docstring."""
     trace = TRACE_OF[kind]
     return fingerprint(
         kind=kind,
         keys=keys(*trace.keys[kind]),
-        settings=trace.settings(params)[kind],
+        settings=settings,
         view=camera_of(view, kind),
         scene=scene_digest,
         renderer=renderer,
-        seed=trace_seed(kind, view, params.seed) if trace.seed else None,
+        seed=trace_seed(kind, view, root_seed) if trace.seed else None,
     )

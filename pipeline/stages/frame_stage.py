@@ -10,15 +10,20 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.channels import Kind
-from pbrnet.pipeline.frames import frame_path, holds, kinds_of
+from pbrnet.pipeline.frames import frame_path, holds
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import TRACE_OF, frame_fingerprint, trace_seed
+from pbrnet.pipeline.passes.registry import (
+    TRACE_OF,
+    frame_fingerprint,
+    settings_of,
+    trace_seed,
+)
 from pbrnet.pipeline.records import Failure, data_lock
 from pbrnet.pipeline.splits import split_sampling
 from pbrnet.pipeline.stages.cameras import camera_fingerprints
@@ -53,7 +58,7 @@ def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = N
         (data / kind).mkdir(parents=True, exist_ok=True)
     with data_lock(data, stage):
         renderer = active_renderer(params.farm)
-        wanted = [kind for kind in kinds if kind in kinds_of(params)]
+        wanted = [kind for kind in kinds if kind in params.kinds]
         plan = StagePlan(stage, "views" if len(wanted) == 1 else "frames", render_frames)
         scenes = list_scenes(data, plan)
         digests = scene_digests(data, scenes)
@@ -62,26 +67,32 @@ def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = N
         views = _views(data, cameras, plan)
         expected: dict[Path, _ExpectedFrame] = {}
         seen = sorted({view.scene_id for view in views})
-        params_of = split_sampling([scenes[name] for name in seen], params)
+        sampling = split_sampling(
+            [scenes[name] for name in seen],
+            *(params.groundtruth, params.noisy, params.dataset.splits, params.seed),
+        )
+        settings = {
+            name: settings_of(replace(params, groundtruth=truth, noisy=noisy), wanted)
+            for name, (truth, noisy) in sampling.items()
+        }
         for kind in kinds:
             for view in views if kind in wanted else ():
-                own, scene = params_of(view), digests[view.scene_id]
-                digest = frame_fingerprint(kind, view, own, scene, renderer)
-                expected[frame_path(data, kind, view)] = _ExpectedFrame(kind, view, digest)
+                own, scene = settings[view.scene_id][kind], digests[view.scene_id]
+                digest = frame_fingerprint(kind, view, own, params.seed, scene, renderer)
+                expected[frame_path(data, kind, view)] = _ExpectedFrame(kind, view, own, digest)
             # An unreadable scene may be repaired: its frames are not orphans.
             unreadable = {failure.scene_id for failure in plan.failures}
             plan.removed += _remove_orphans(data / kind, expected, unreadable)
         stale = _stale(expected, params.farm.checksums)
         plan.kept = len(expected) - len(stale)
-        for paths in _by_trace(stale, params):
+        for paths in _by_trace(stale):
             frames = [expected[path] for path in paths]
             view, first = frames[0].view, frames[0].kind
-            settings = TRACE_OF[first].settings(params_of(view))
             job = FrameJob(
                 data,
                 view,
                 digests[view.scene_id],
-                {frame.kind: settings[frame.kind] for frame in frames},
+                {frame.kind: frame.settings for frame in frames},
                 {frame.kind: frame.fingerprint for frame in frames},
                 trace_seed(first, view, params.seed),
             )
@@ -103,13 +114,14 @@ class _ExpectedFrame:
 
     kind: Kind
     view: View
+    settings: Any  # of its trace
     fingerprint: str
 
     def target(self, path: Path) -> Target:
         return Target(path, self.kind, self.view.scene_id, self.view.view_id)
 
 
-def _by_trace(frames: dict[Path, _ExpectedFrame], params: Params) -> list[list[Path]]:
+def _by_trace(frames: dict[Path, _ExpectedFrame]) -> list[list[Path]]:
     """Group frames that one trace renders; sorted by scene, then trace.
 
     In this order a worker changes scenes and kernels as rarely as possible.
@@ -117,8 +129,7 @@ def _by_trace(frames: dict[Path, _ExpectedFrame], params: Params) -> list[list[P
     groups: dict[tuple[str, str, str], list[Path]] = defaultdict(list)
     for path, frame in frames.items():
         trace = TRACE_OF[frame.kind]
-        joint = trace.together(trace.settings(params)[frame.kind])
-        name = trace.kinds[0] if joint else frame.kind
+        name = trace.kinds[0] if trace.together(frame.settings) else frame.kind
         groups[frame.view.scene_id, name, frame.view.view_id].append(path)
     return [groups[key] for key in sorted(groups)]
 

@@ -32,7 +32,7 @@ from pbrnet.pipeline.farm.workspace import (
     writing,
 )
 from pbrnet.pipeline.frames import Channels, Result, frame_path, write_frame
-from pbrnet.pipeline.passes.registry import SURFACES, TRACE_OF, camera_of
+from pbrnet.pipeline.passes.registry import SURFACES, TRACE_OF, camera_of, render
 from pbrnet.pipeline.render.scene import (
     RenderScene,
     free_memory,
@@ -141,9 +141,8 @@ def render_frames(job: FrameJob) -> dict[str, Any]:
 
 def _rendered(opened: RenderScene, job: FrameJob) -> tuple[dict[Kind, Result], dict[Kind, str]]:
     """Return the job's frames by kind, and the error messages of those that failed."""
-    trace = TRACE_OF[next(iter(job.settings))]
     try:
-        return trace.render(opened, job.view, job.settings, job.seed), {}
+        return render(opened, job.view, job.settings, job.seed), {}
     except InputError:
         if len(job.settings) == 1:
             raise
@@ -151,7 +150,7 @@ def _rendered(opened: RenderScene, job: FrameJob) -> tuple[dict[Kind, Result], d
     failed: dict[Kind, str] = {}
     for kind, own in job.settings.items():
         try:
-            rendered |= trace.render(opened, job.view, {kind: own}, job.seed)
+            rendered |= render(opened, job.view, {kind: own}, job.seed)
         except InputError as error:
             failed[kind] = str(error)
     return rendered, failed

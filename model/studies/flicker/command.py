@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from pbrnet.model.evaluation.inference import PREDICTABLE, load_networks
-from pbrnet.model.evaluation.predict import find_views
+from pbrnet.model.evaluation.predict import ViewRenderer, find_views
 from pbrnet.model.options import found_models_option, methods_option, size_option
 from pbrnet.model.release.pretrained import find_models
 from pbrnet.model.studies.files import write_result
@@ -94,7 +94,7 @@ def command(
     default_step = 0.5 if options["move"] == "pan" else 0.02
     config = FlickerConfig(step=default_step if step is None else step, **options)
     params = request.params
-    study = measure_move(networks, scene, view, config, params)
+    study = measure_move(networks, ViewRenderer(scene, params), view, config)
     result = FlickerResult(
         scene_id=view.scene_id,
         view_id=view.view_id,

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,17 +21,15 @@ from pbrnet.model.data.encoding import color_exposure
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.evaluate import RENDERED
 from pbrnet.model.evaluation.inference import Networks
-from pbrnet.model.evaluation.predict import example_of, rendered_for, trace_truth
+from pbrnet.model.evaluation.predict import ViewRenderer, example_of
 from pbrnet.model.studies.flicker.results import MethodFlicker, Move
 from pbrnet.pipeline.images import Picture, contact_sheet
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.render import raycast
-from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.tonemap import to_bytes, tonemap
 from pbrnet.pipeline.views import View, as_matrix
 from pbrnet.scenes.arrays import AnyArray
-from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.directions import pixel_directions
 
@@ -59,11 +56,7 @@ class FlickerMeasurement:
 
 
 def measure_move(
-    networks: Sequence[Networks],
-    scene_folder: Path,
-    view: View,
-    config: FlickerConfig,
-    params: Params,
+    networks: Sequence[Networks], renderer: ViewRenderer, view: View, config: FlickerConfig
 ) -> FlickerMeasurement:
     """Predict and render the frames of a move that starts at `view`, and compare neighbours.
 
@@ -73,10 +66,8 @@ def measure_move(
     are their pictures alone. Raises `InputError` if an obstacle blocks the move, or if neighbouring
     frames have no pixel in common.
     """
-    set_variant(params.farm.variant)
-    scene = open_scene(load_scene(scene_folder))
     views = move_cameras(view, config)
-    _refuse_collisions(scene, views)
+    _refuse_collisions(renderer.scene, views)
     card = networks[0].card
     cards = [card for each in networks for card in each.cards.values()]
     examples: list[Example] = []
@@ -84,9 +75,8 @@ def measure_move(
     images: dict[str, list[AnyArray]] = defaultdict(list)
     with Progress(len(views), "flicker", "frames") as progress:
         for shown in views:
-            given = rendered_for(scene, shown, params, cards)
-            truth = trace_truth(scene, shown, params)
-            example = example_of(shown, given, card, truth)
+            given = renderer.inputs(shown, cards)
+            example = example_of(shown, given, card, renderer.truth(shown))
             examples.append(example)
             for method, each in methods.items():
                 images[method].append(each.predict(method, example).color)

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import os
 from collections import Counter, defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import click
@@ -37,14 +36,14 @@ from pbrnet.model.studies.illumination.results import IlluminationResult
 from pbrnet.model.studies.illumination.sheet import comparison_sheet
 from pbrnet.model.studies.options import option
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.channels import TINT, Kind
+from pbrnet.pipeline.channels import TINT
 from pbrnet.pipeline.farm.scene_digest import scene_digest
-from pbrnet.pipeline.frames import fingerprint, kinds_of
+from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import denoiser_version
 from pbrnet.pipeline.passes.illumination import render_illumination
-from pbrnet.pipeline.passes.registry import render, trace_seed
+from pbrnet.pipeline.passes.registry import settings_of
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.progress import Progress
@@ -137,9 +136,16 @@ def study_illumination(
     ]
     plan = _planned(views_of_study, params.illumination, config, networks)
     truth = with_samples(params.groundtruth, config.spp, denoise=True)
-    settings = replace(params, groundtruth=truth)
-    stores = partial(_store, settings, renders)
-    _render_all(plan.cases, stores, _further_kinds(networks))
+    kinds = [*replace(params, channels=("paper",)).kinds]
+    if "transport_color" in columns_of(networks.baselines):
+        kinds.append("transport")
+    made = [kind for kind in kinds if kind not in ("inputs", "noisy")]
+    settings = settings_of(replace(params, groundtruth=truth), made)
+
+    def stores(case: LightCase) -> FrameStore:
+        return FrameStore(renders / (case.name or "as-it-is"), settings, params.seed)
+
+    _render_all(plan.cases, stores)
     tally = _compared(plan, views_of_study, networks, stores)
     result = IlluminationResult(
         seed=params.seed,
@@ -194,12 +200,7 @@ def _planned(
     return plan
 
 
-def _further_kinds(networks: Networks) -> tuple[Kind, ...]:
-    """Return kinds of frames beside those of the paper: light transport, if a network takes it."""
-    return ("transport",) if "transport_color" in columns_of(networks.baselines) else ()
-
-
-def _render_all(cases: list[LightCase], stores: Stores, further: Sequence[Kind]) -> None:
+def _render_all(cases: list[LightCase], stores: Stores) -> None:
     """Render missing frames; a scene is opened once for each light."""
     groups: dict[tuple[str, LightChange], list[LightCase]] = defaultdict(list)
     for case in cases:
@@ -207,46 +208,36 @@ def _render_all(cases: list[LightCase], stores: Stores, further: Sequence[Kind])
     kept = 0
     with Progress(len(cases), "study illumination: rendering", "views") as progress:
         for (_, change), group in groups.items():
-            due = [case for case in group if _missing(case, stores(case), further)]
+            due = [case for case in group if _missing(case, stores(case))]
             kept += len(group) - len(due)
             progress.advance(len(group) - len(due))
             if not due:
                 continue
             with open_relit(due[0].study_view.scene, change) as opened:
                 for case in due:
-                    _render(opened, case, stores(case), further)
+                    _render(opened, case, stores(case))
                     progress.advance()
         if kept:
             progress.write(f"study illumination: {kept} of {len(cases)} cases are already rendered")
 
 
-def _render(
-    opened: RenderScene, case: LightCase, store: FrameStore, further: Sequence[Kind]
-) -> None:
-    """Render panorama, its shadows, shading and colour of a case, and further kinds of frames."""
+def _render(opened: RenderScene, case: LightCase, store: FrameStore) -> None:
+    """Render all kinds of frames of a case."""
     view, digest = _frame(case)
-    settings = store.params.illumination
-    panorama = render_illumination(opened, view, settings)
+    panorama = render_illumination(opened, view, store.settings["illumination"])
     store.write("illumination", panorama, view, digest)
-    if settings.shadow_rays:
-        store.write("visibility", render_visibility(opened, view, settings, panorama), view, digest)
-    for kind in further:
-        seed = trace_seed(kind, view, store.params.seed)
-        channels, stats = render([kind], opened, view, store.params, seed)[kind]
-        store.write(kind, channels, view, digest, **stats)
+    if rays := store.settings.get("visibility"):
+        store.write("visibility", render_visibility(opened, view, rays, panorama), view, digest)
+    if "transport" in store.settings:
+        channels, stats = store.made(["transport"], opened, view)["transport"]
+        store.write("transport", channels, view, digest, **stats)
     if store.missing(view, digest):
         store.render(opened, view, digest)
 
 
-def _missing(case: LightCase, store: FrameStore, further: Sequence[Kind]) -> bool:
+def _missing(case: LightCase, store: FrameStore) -> bool:
     """Return whether any frame of the case is missing."""
-    kinds = kinds_of(replace(store.params, channels=("paper",)))
-    made = [kind for kind in kinds if kind not in ("inputs", "noisy")]
-    return bool(store.missing(*_frame(case), [*made, *further]))
-
-
-def _store(params: Params, renders: Path, case: LightCase) -> FrameStore:
-    return FrameStore(renders / (case.name or "as-it-is"), params)
+    return bool(store.missing(*_frame(case), tuple(store.settings)))
 
 
 def _frame(case: LightCase) -> tuple[View, str]:
@@ -266,7 +257,7 @@ def _compared(
     with Progress(len(views_of_study), "study illumination: comparing", "views") as progress:
         for study_view in views_of_study:
             lit = {
-                case.name: _lit(case, stores, _further_kinds(networks))
+                case.name: _lit(case, stores)
                 for case in plan.cases
                 if case.study_view is study_view
             }
@@ -288,7 +279,7 @@ def _compared(
     return tally
 
 
-def _lit(case: LightCase, stores: Stores, further: Sequence[Kind]) -> LitView:
+def _lit(case: LightCase, stores: Stores) -> LitView:
     store, view = stores(case), case.study_view.view
     panorama = store.read("illumination", view)
     return LitView(
@@ -299,12 +290,12 @@ def _lit(case: LightCase, stores: Stores, further: Sequence[Kind]) -> LitView:
         _shadows(store, view),
         store.read("shading", view).rgb,
         store.read("color", view).rgb,
-        store.read("transport", view).channels if "transport" in further else None,
+        store.read("transport", view).channels if "transport" in store.settings else None,
     )
 
 
 def _shadows(store: FrameStore, view: View) -> AnyArray | None:
-    if not store.params.illumination.shadow_rays:
+    if "visibility" not in store.settings:
         return None
     return store.read("visibility", view).channels["visibility.Y"].astype(np.float32)
 

@@ -70,10 +70,10 @@ from pbrnet.pipeline.passes.denoise import denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import TRUTHS, render
+from pbrnet.pipeline.passes.registry import TRUTHS, render, settings_of
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import samples_for
-from pbrnet.pipeline.passes.truth import sample_guides, truth_settings
+from pbrnet.pipeline.passes.truth import sample_guides
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pbrnet.pipeline.tonemap import tonemap
@@ -163,7 +163,7 @@ def study_time(
         )
     truth = with_samples(params.groundtruth, config.reference, denoise=not config.raw_reference)
     seed = derive(params.seed, "study", "time", "reference")
-    reference = replace(params, groundtruth=truth, seed=seed)
+    reference = settings_of(replace(params, groundtruth=truth), TRUTHS)
     # Waiting threads spin, which processor time would count as work.
     torch.set_num_threads(1 if config.clock == "cpu" else len(os.sched_getaffinity(0)))
     target = result_path(folders.metrics, "time")
@@ -176,7 +176,8 @@ def study_time(
     views = [resized(view, config.size) for view in views] if config.size else views
     machine = _machine()
     size = f"{views[0].width}x{views[0].height}"
-    store = FrameStore(renders / (f"{size}-raw" if config.raw_reference else size), reference)
+    folder = renders / (f"{size}-raw" if config.raw_reference else size)
+    store = FrameStore(folder, reference, seed)
     _references(scenes, views, store)
     measurements = _measure_views(scenes, views, params, networks, store, config)
     result = TimeResult(
@@ -246,7 +247,8 @@ class ViewBenchmark:
             self._renderer_turn(samples)
         if truths:
             seed = derive(self.seed, "truths")
-            self._timed("truths", partial(render, TRUTHS, self.scene, self.view, self.params, seed))
+            settings = settings_of(self.params, TRUTHS)
+            self._timed("truths", partial(render, self.scene, self.view, settings, seed))
         seconds = {part: tuple(turns) for part, turns in self.seconds.items()} if repeats else {}
         return ViewMeasurement(seconds, dict(self.errors), self.noise)
 
@@ -306,7 +308,7 @@ class ViewBenchmark:
         scene, view, params = self.scene, self.view, self.params
         albedo, normal = self._timed("guides", lambda: sample_guides(scene, view))
         renderers: dict[str, Callable[[GroundTruthParams], Channels]] = {"mitsuba": self._plain}
-        if truth_settings(params)["color"].joint:
+        if settings_of(params, ["color"])["color"].joint:
             renderers["planned"] = self._planned
         for spp in samples:
             settings = with_samples(params.groundtruth, spp, denoise=False)

@@ -36,7 +36,6 @@ from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.frames import read_frame, write_frame
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import render
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.tonemap import Exposure, tonemap
@@ -48,6 +47,7 @@ from tests.fixtures.backbone import copy_backbone
 from tests.fixtures.command import exit_code
 from tests.fixtures.model import box_dataset, box_rows, made_example, write_shard
 from tests.fixtures.stages import write_room
+from tests.fixtures.traces import render
 from tests.fixtures.trial import folders_in
 
 NOISY = INPUTS["noisy"].columns

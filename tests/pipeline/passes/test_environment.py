@@ -18,7 +18,7 @@ from pbrnet.pipeline.passes.denoise import denoise
 from pbrnet.pipeline.passes.environment import render_environment, rounded
 from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import TRACE_OF, frame_fingerprint
+from pbrnet.pipeline.passes.registry import TRACE_OF
 from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import View
@@ -27,6 +27,7 @@ from tests.fixtures.light import SKY, room
 from tests.fixtures.params import pbrs_params, plain_truth
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import ball, diffuse, glow, make_view, write_scene
+from tests.fixtures.traces import frame_fingerprint
 
 pytestmark = pytest.mark.usefixtures("variant")
 

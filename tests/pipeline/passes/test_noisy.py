@@ -17,11 +17,11 @@ from pbrnet.pipeline.dataset.parquet import images_of
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import Channels, Frame, frame_path, read_frame
 from pbrnet.pipeline.passes.denoise import denoiser_version
-from pbrnet.pipeline.passes.registry import TRACE_OF, TRUTHS, frame_fingerprint, render, trace_seed
+from pbrnet.pipeline.passes.registry import TRACE_OF, TRUTHS, trace_seed
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.truth import noisy_trace, render_samples
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
-from pbrnet.pipeline.splits import split_sampling
+from pbrnet.pipeline.splits import SplitParams, split_sampling
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import ImageParams, View, load_cameras
@@ -31,6 +31,7 @@ from pbrnet.scenes.seeds import derive
 from tests.fixtures.dataset import box_frames, make_data, make_view, small_params, write_view
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import write_room
+from tests.fixtures.traces import frame_fingerprint, render
 
 pytestmark = pytest.mark.slow
 
@@ -262,8 +263,8 @@ def test_training_views_have_samples_of_their_own(data: Path) -> None:
     before = files_of(data)
     views = views_of(data)
     scenes = [load_scene(folder) for folder in sorted((data / "scenes").iterdir())]
-    params_of = split_sampling(scenes, params)
-    changed = [view for view in views if params_of(view).groundtruth.spp == 6]
+    sampling = split_sampling(scenes, truth, noisy, params.dataset.splits, params.seed)
+    changed = [view for view in views if sampling[view.scene_id][0].spp == 6]
     assert {view.scene_id for view in changed} in ({"alpha"}, {"beta"})
     run_frames("groundtruth", data, params)
     after = files_of(data)
@@ -271,12 +272,12 @@ def test_training_views_have_samples_of_their_own(data: Path) -> None:
         changed[0].scene_id
     }
     for view in views:
-        own = params_of(view)
-        assert read_frame(frame_path(data, "noisy", view)).meta["spp"] == own.noisy.spp
-        assert read_frame(frame_path(data, "color", view)).meta["spp"] == own.groundtruth.spp
-    numbers = [
-        params_of(replace(changed[0], scene_id=f"s{number}")).noisy.spp for number in range(400)
-    ]
+        own_truth, own_noisy = sampling[view.scene_id]
+        assert read_frame(frame_path(data, "noisy", view)).meta["spp"] == own_noisy.spp
+        assert read_frame(frame_path(data, "color", view)).meta["spp"] == own_truth.spp
+    many = [replace(scenes[0], scene_id=f"s{number}", plan="") for number in range(400)]
+    drawn = split_sampling(many, truth, noisy, SplitParams(validation=0, test=0), params.seed)
+    numbers = [own.spp for _, own in drawn.values()]
     counts = np.bincount(numbers, minlength=9)
     expected = 400 * np.diff(np.log(np.arange(1, 10))) / np.log(9)
     assert counts[0] == 0 and len(counts) == 9

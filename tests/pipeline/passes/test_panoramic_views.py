@@ -18,7 +18,7 @@ from pbrnet.pipeline.frames import Frame
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.environment import render_environment
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import TRACED, render
+from pbrnet.pipeline.passes.registry import TRACED
 from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.passes.visibility import render_visibility
@@ -32,6 +32,7 @@ from tests.fixtures.light import room
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth, view_params
 from tests.fixtures.render import make_view
 from tests.fixtures.stages import write_room
+from tests.fixtures.traces import render
 
 WIDTH, HEIGHT = 48, 24
 IMAGE = ImageParams(WIDTH, HEIGHT, projection="equirectangular")

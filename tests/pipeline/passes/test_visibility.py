@@ -9,10 +9,9 @@ import pytest
 
 from pbrnet.model.data.direct_light import direct_light
 from pbrnet.model.evaluation.predict import Rendered, example_of
-from pbrnet.pipeline.frames import Channels, kinds_of
+from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import frame_fingerprint
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.passes.visibility import choose_sources, render_visibility, surface_mean
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
@@ -31,6 +30,7 @@ from tests.fixtures.render import (
     room_walls,
     write_scene,
 )
+from tests.fixtures.traces import frame_fingerprint
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -219,7 +219,7 @@ def test_panoramas_do_not_depend_on_the_shadows_asked_for(tmp_path: Path) -> Non
     ]
     assert marks[0]["illumination"] == marks[1]["illumination"]
     assert marks[0]["visibility"] != marks[1]["visibility"]
-    assert "visibility" not in kinds_of(pbrs_params(illumination=IlluminationParams(shadow_rays=0)))
+    assert "visibility" not in pbrs_params(illumination=IlluminationParams(shadow_rays=0)).kinds
 
 
 def test_shadows_repeat_bit_for_bit(tmp_path: Path) -> None:

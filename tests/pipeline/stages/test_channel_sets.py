@@ -9,7 +9,6 @@ from pbrnet.pipeline.cameras.settings import TrajectoryFile
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path
-from pbrnet.pipeline.passes.registry import frame_fingerprint
 from pbrnet.pipeline.stages.cameras import camera_fingerprint, run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import ImageParams, load_cameras
@@ -17,6 +16,7 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.params import pbrs_cameras, pbrs_params, view_params
 from tests.fixtures.stages import write_room
+from tests.fixtures.traces import frame_fingerprint
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,7 @@ from pbrnet.pipeline.channels import DIFFUSE, DIRECT, light_bands
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, read_frame
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import TRACED, frame_fingerprint, render
+from pbrnet.pipeline.passes.registry import TRACED
 from pbrnet.pipeline.passes.settings import LightParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.stages.cameras import run_cameras
@@ -24,6 +24,7 @@ from pbrnet.scenes.params import SceneParams
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.render import make_view
 from tests.fixtures.stages import write_room
+from tests.fixtures.traces import frame_fingerprint, render
 
 PAPER = pbrs_params(
     image=ImageParams(32, 24),

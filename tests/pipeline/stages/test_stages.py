@@ -19,7 +19,6 @@ from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, holds, read_frame, read_meta
 from pbrnet.pipeline.params import Params, load_params
-from pbrnet.pipeline.passes.registry import frame_fingerprint
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.stages.cameras import run_cameras
@@ -32,6 +31,7 @@ from pbrnet.scenes.errors import InputError, MachineError, ParameterError, Pbrne
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import write_room
+from tests.fixtures.traces import frame_fingerprint
 
 pytestmark = pytest.mark.slow
 
