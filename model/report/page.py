@@ -9,6 +9,7 @@ from __future__ import annotations
 import platform
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from statistics import mean, median
@@ -61,17 +62,17 @@ PACKAGES = ("pbrnet", "mitsuba", "drjit", "numpy", "torch", "OpenEXR", "pyarrow"
 
 def write_report(places: Places, params: Params, out: Path) -> list[str]:
     """Write the page to `out` by rename; return a sentence for each missing or damaged part."""
-    page = _Page(places, params)
+    page = _Page(params, Records(places))
     write_text(out, page.render())
     return page.records.missing
 
 
+@dataclass(frozen=True)
 class _Page:
     """Content of the page, section by section."""
 
-    def __init__(self, places: Places, params: Params) -> None:
-        self.params = params
-        self.records = Records(places)
+    params: Params
+    records: Records
 
     def render(self) -> str:
         """Render the page."""

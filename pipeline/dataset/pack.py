@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -74,109 +75,127 @@ def pack_dataset(data: Path, params: Params) -> DatasetSummary:
     """
     data = Path(data)
     with data_lock(data, "dataset"):
-        return _pack_dataset(data, params)
+        remove_partials(data)
+        packer = _Packer(data, params, read_sources(data), read_failures(data))
+        with atomic_directory(data / "dataset") as partial:
+            return packer.write_dataset(partial)
 
 
-def _pack_dataset(data: Path, params: Params) -> DatasetSummary:
-    remove_partials(data)
-    sources = read_sources(data)
-    failures = read_failures(data)
-    folder = data / "dataset"
-    with atomic_directory(folder) as partial:
-        candidates = [source for source in sources if source.views]
+@dataclass(frozen=True)
+class _Packer:
+    """Packing of a data folder; `failures` are the messages of frames that were not rendered."""
+
+    data: Path
+    params: Params
+    sources: Sequence[Source]
+    failures: Mapping[tuple[str, str], str]
+
+    @cached_property
+    def sizes(self) -> tuple[Size, Size, Size]:
+        """(width, height) of images, panoramas of lights and panoramas of the environment."""
+        image, lights = self.params.image, self.params.illumination.width
+        around = self.params.environment.width
+        return ((image.width, image.height), (lights, lights // 2), (around, around // 2))
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns of the dataset."""
+        params, kinds = self.params, self.params.kinds
+        size, panorama, environment = self.sizes
+        return dataset_columns(
+            size,
+            panorama,
+            shadows=params.illumination.shadow_rays > 0,
+            noisy=params.noisy.spp > 0,
+            channels=params.channels,
+            links="video" in kinds or params.cameras.has_links,
+            environment=environment,
+            lights=params.light.images if "light" in kinds else 0,
+            projection=params.image.projection,
+        )
+
+    def write_dataset(self, folder: Path) -> DatasetSummary:
+        """Write all files of the dataset into a folder."""
+        params = self.params
+        candidates = [source for source in self.sources if source.views]
         splits = split_plans(candidates, params.dataset.splits, params.seed)
-        packed = _pack(partial, data, sources, splits, failures, params)
+        packed = self._pack(folder, splits)
         kept = [source for source in candidates if packed.rows[source.scene.scene_id]]
         if not kept:
             reasons = Counter(item.why.reason for item in packed.rejected)
             raise InputError(
-                f"{data}: none of {len(packed.rejected)} views passes the checks ("
+                f"{self.data}: none of {len(packed.rejected)} views passes the checks ("
                 + ", ".join(f"{name}: {count}" for name, count in sorted(reasons.items()))
                 + f"); first: {packed.rejected[0].why.detail}"
             )
-        if _emptied(kept, candidates, splits, params):
+        dealt = split_plans(kept, params.dataset.splits, params.seed)
+        if len(kept) < len(candidates) and {splits[s.plan] for s in kept} != {*dealt.values()}:
             # Rejections emptied a whole split: deal the plans that are left, and pack again.
             for name in packed.files:
-                (partial / name).unlink()
-            splits = split_plans(kept, params.dataset.splits, params.seed)
-            packed = _pack(partial, data, sources, splits, failures, params)
-        _write_rejected(partial / "rejected.csv", packed.rejected)
-        _write_scenes(partial / "scenes.csv", sources, splits, packed)
-        summary = _summarise(partial, sources, splits, packed)
-        columns = _columns(params)
+                (folder / name).unlink()
+            splits, packed = dealt, self._pack(folder, dealt)
+        _write_rejected(folder / "rejected.csv", packed.rejected)
+        _write_scenes(folder / "scenes.csv", self.sources, splits, packed)
+        summary = _summarise(folder, self.sources, splits, packed)
         scenes = [source.scene for source in kept]
-        write_text(partial / "README.md", dataset_card(summary, columns, scenes, params))
-        write_croissant(partial, columns, scenes, summary.facts, params)
+        write_text(folder / "README.md", dataset_card(summary, self.columns, scenes, params))
+        samples = params.groundtruth.spp
+        write_croissant(folder, self.columns, scenes, summary.facts, samples)
         licences = sorted({credit.licence for scene in scenes for credit in scene.credits})
-        write_text(partial / "CITATION.cff", citation_file(licences))
+        write_text(folder / "CITATION.cff", citation_file(licences))
         if "labels" in params.kinds:
-            write_json(partial / "classes.json", CLASSES)
-        write_sums(partial)
-    return summary
+            write_json(folder / "classes.json", CLASSES)
+        write_sums(folder)
+        return summary
 
+    def _pack(self, folder: Path, splits: Mapping[str, str]) -> Packed:
+        """Write the shards; `splits`: the split of each plan."""
+        params = self.params.dataset
+        rows: Counter[str] = Counter()
+        rejected: list[Rejected] = []
+        facts: list[ViewFacts] = []
+        work = [(source, view) for source in self.sources for view in source.views]
+        threads = len(os.sched_getaffinity(0))
 
-def _pack(
-    folder: Path,
-    data: Path,
-    sources: Sequence[Source],
-    splits: Mapping[str, str],
-    failures: Mapping[tuple[str, str], str],
-    params: Params,
-) -> Packed:
-    columns = _columns(params)
-    cap = params.dataset.shard_mb * 1_000_000
-    rows: Counter[str] = Counter()
-    rejected: list[Rejected] = []
-    facts: list[ViewFacts] = []
-    work = [(source, view) for source in sources for view in source.views]
-    threads = len(os.sched_getaffinity(0))
+        def prepare(item: tuple[Source, View]) -> dict[str, Any] | Rejection:
+            return self._row(*item, splits.get(item[0].plan, "train"))
 
-    def prepare(item: tuple[Source, View]) -> dict[str, Any] | Rejection:
-        source, view = item
-        return _prepare(data, source, view, splits.get(source.plan, "train"), failures, params)
+        with (
+            ExitStack() as stack,
+            ThreadPoolExecutor(threads) as pool,
+            Progress(len(work), "dataset") as progress,
+        ):
+            writers = {}
+            for split in SPLITS:
+                cap = params.shard_mb * 1_000_000
+                writers[split] = ShardWriter(folder, split, self.columns, params.row_group, cap)
+                stack.callback(writers[split].abandon)
+            made = _in_order(pool, prepare, work, 2 * threads)
+            for (_, view), row in zip(work, made, strict=True):
+                if isinstance(row, Rejection):
+                    rejected.append(Rejected(view, row))
+                else:
+                    writers[row["split"]].add(row)
+                    rows[view.scene_id] += 1
+                    facts.append(view_facts(row, self.params.shading.albedo))
+                progress.advance()
+            files = [name for split in SPLITS for name in writers[split].close()]
+        return Packed(tuple(sorted(files)), rows, tuple(rejected), tuple(facts))
 
-    with (
-        ExitStack() as stack,
-        ThreadPoolExecutor(threads) as pool,
-        Progress(len(work), "dataset") as progress,
-    ):
-        writers = {}
-        for split in SPLITS:
-            writers[split] = ShardWriter(folder, split, columns, params.dataset.row_group, cap)
-            stack.callback(writers[split].abandon)
-        for (_, view), row in zip(work, _in_order(pool, prepare, work, 2 * threads), strict=True):
-            if isinstance(row, Rejection):
-                rejected.append(Rejected(view, row))
-            else:
-                writers[row["split"]].add(row)
-                rows[view.scene_id] += 1
-                facts.append(view_facts(row, params.shading.albedo))
-            progress.advance()
-        files = [name for split in SPLITS for name in writers[split].close()]
-    return Packed(tuple(sorted(files)), rows, tuple(rejected), tuple(facts))
-
-
-def _prepare(
-    data: Path,
-    source: Source,
-    view: View,
-    split: str,
-    failures: Mapping[tuple[str, str], str],
-    params: Params,
-) -> dict[str, Any] | Rejection:
-    """Return the row of a view, or the reason of its rejection."""
-    frames = load_frames(data, view, failures, params.kinds)
-    if isinstance(frames, Rejection):
-        return frames
-    size, panorama, environment = _sizes(params)
-    neighbours = _neighbours(data, source, view) if "video" in frames else {}
-    limits = params.dataset.checks
-    lights = params.light.images
-    why = check_frames(view, frames, size, panorama, limits, neighbours, environment, lights)
-    if why is not None:
-        return why
-    row = RowSource(source.scene, view, split, frames, params.tone)
-    return make_row(_columns(params), row, params.dataset.preview_width)
+    def _row(self, source: Source, view: View, split: str) -> dict[str, Any] | Rejection:
+        """Return the row of a view, or the reason of its rejection."""
+        params = self.params
+        frames = load_frames(self.data, view, self.failures, params.kinds)
+        if isinstance(frames, Rejection):
+            return frames
+        size, panorama, environment = self.sizes
+        neighbours = _neighbours(self.data, source, view) if "video" in frames else {}
+        limits, lights = params.dataset.checks, params.light.images
+        why = check_frames(view, frames, size, panorama, limits, neighbours, environment, lights)
+        if why is not None:
+            return why
+        row = RowSource(source.scene, view, split, frames, params.tone)
+        return make_row(self.columns, row, params.dataset.preview_width)
 
 
 def _neighbours(data: Path, source: Source, view: View) -> dict[str, Channels]:
@@ -209,45 +228,6 @@ def _in_order(
             yield pending.popleft().result()
     while pending:
         yield pending.popleft().result()
-
-
-def _emptied(
-    kept: Sequence[Source],
-    candidates: Sequence[Source],
-    splits: Mapping[str, str],
-    params: Params,
-) -> bool:
-    """Return whether rejections emptied a split that the other plans could fill."""
-    if len(kept) == len(candidates):
-        return False
-    filled = {splits[source.plan] for source in kept}
-    wanted = set(split_plans(kept, params.dataset.splits, params.seed).values())
-    return filled != wanted
-
-
-def _sizes(params: Params) -> tuple[Size, Size, Size]:
-    """Return (width, height) of images, panoramas of lights and panoramas of the environment."""
-    lights, around = params.illumination.width, params.environment.width
-    return (
-        (params.image.width, params.image.height),
-        (lights, lights // 2),
-        (around, around // 2),
-    )
-
-
-def _columns(params: Params) -> tuple[Column, ...]:
-    size, panorama, environment = _sizes(params)
-    return dataset_columns(
-        size,
-        panorama,
-        shadows=params.illumination.shadow_rays > 0,
-        noisy=params.noisy.spp > 0,
-        channels=params.channels,
-        links="video" in params.kinds or params.cameras.has_links,
-        environment=environment,
-        lights=params.light.images if "light" in params.kinds else 0,
-        projection=params.image.projection,
-    )
 
 
 def _write_rejected(path: Path, rejected: Iterable[Rejected]) -> None:

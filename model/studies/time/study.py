@@ -38,6 +38,7 @@ from pbrnet.model.evaluation.inference import PRODUCTS, Networks
 from pbrnet.model.evaluation.metrics import flip_map, ssim
 from pbrnet.model.evaluation.predict import (
     Rendered,
+    ViewRenderer,
     compute_transport,
     example_of,
     images_of,
@@ -75,7 +76,7 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import samples_for
 from pbrnet.pipeline.passes.truth import sample_guides
 from pbrnet.pipeline.progress import Progress
-from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
+from pbrnet.pipeline.render.scene import renderer_version, set_variant
 from pbrnet.pipeline.tonemap import tonemap
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray
@@ -213,16 +214,16 @@ class ViewBenchmark:
 
     def __init__(
         self,
-        scene: RenderScene,
+        renderer: ViewRenderer,
         view: View,
-        params: Params,
         networks: Networks,
         store: FrameStore,
         clock: Clock = "wall",
     ) -> None:
         self.now = time.process_time if clock == "cpu" else time.perf_counter
-        self.scene, self.view, self.params, self.networks = scene, view, params, networks
-        self.seed = derive(params.seed, "study", "time", view.scene_id, view.view_id)
+        self.scene, self.params = renderer.scene, renderer.params
+        self.view, self.networks = view, networks
+        self.seed = derive(self.params.seed, "study", "time", view.scene_id, view.view_id)
         self.takes = columns_of(networks.baselines)
         given = self._surfaces().having("illumination", self._illumination())
         if "transport_color" in self.takes:
@@ -391,9 +392,10 @@ def _measure_views(
                 if not due:
                     continue
                 with opened_scene(scenes[scene_id]) as opened:
+                    renderer = ViewRenderer(opened, params)
                     for number in due:
                         benchmark = ViewBenchmark(
-                            opened, views[number], params, networks, store, config.clock
+                            renderer, views[number], networks, store, config.clock
                         )
                         first = number == timed[0]
                         found[number] = benchmark.run(samples, repeats, truths=first)

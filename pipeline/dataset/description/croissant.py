@@ -24,7 +24,6 @@ from pbrnet.pipeline.dataset.description.citation import (
     bibtex,
 )
 from pbrnet.pipeline.dataset.description.facts import DatasetFacts
-from pbrnet.pipeline.params import Params
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.files import digest_file, write_json
 
@@ -34,9 +33,12 @@ def write_croissant(
     columns: Sequence[Column],
     scenes: Sequence[Scene],
     facts: DatasetFacts,
-    params: Params,
+    samples: int,
 ) -> None:
-    """Write `croissant.json` for the shards in `folder`, with their checksums."""
+    """Write `croissant.json` for the shards in `folder`, with their checksums.
+
+    `samples`: the most per pixel of the ground truth.
+    """
     shards = sorted(folder.glob("*.parquet"))
     licences = sorted({credit.licence for scene in scenes for credit in scene.credits})
     authors = sorted({credit.author for scene in scenes for credit in scene.credits})
@@ -82,21 +84,20 @@ def write_croissant(
             "url": "./",
             "keywords": list(KEYWORDS),
             "isLiveDataset": False,
-            **_responsible(facts, params),
+            **_responsible(facts, samples),
             "distribution": [*files, _file_set("shards", "*.parquet", "all splits"), *sets],
             "recordSet": [_splits(splits), _views(columns)],
         },
     )
 
 
-def _responsible(facts: DatasetFacts, params: Params) -> dict[str, str | list[str]]:
+def _responsible(facts: DatasetFacts, samples: int) -> dict[str, str | list[str]]:
     """Return the properties of the RAI vocabulary."""
-    truth = params.groundtruth
     denoised = f"then denoised by {facts.denoisers}" if facts.denoisers else "not denoised"
     return {
         "rai:dataCollection": (
             "Rendered: cameras are sampled in 3D models of homes, geometry is rasterised exactly, "
-            f"light is path traced with up to {truth.spp} samples a pixel, {denoised}."
+            f"light is path traced with up to {samples} samples a pixel, {denoised}."
         ),
         "rai:dataCollectionType": "Synthetic data generation",
         "rai:dataCollectionMissingData": (
