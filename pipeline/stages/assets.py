@@ -8,11 +8,8 @@ stale pieces.
 from __future__ import annotations
 
 import shutil
-import subprocess
-import tempfile
 import time
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -30,33 +27,23 @@ from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.stages.render_jobs import use_code
 from pbrnet.pipeline.terminal import lines_of
 from pbrnet.scenes.assets.index import (
-    Asset,
     AssetIndex,
     IndexEntry,
-    LibraryEntry,
-    Provenance,
     RefusedPiece,
     index_entry,
-    load_asset,
     save_index,
 )
-from pbrnet.scenes.assets.piece import CataloguePiece
-from pbrnet.scenes.errors import InputError, MachineError, PbrnetError
-from pbrnet.scenes.files import (
-    atomic_directory,
-    digest_file,
-    read_json,
-    remove_partials,
-    write_json,
+from pbrnet.scenes.errors import PbrnetError
+from pbrnet.scenes.files import remove_partials
+from pbrnet.scenes.sweethome.catalogue.packages import DOWNLOADS, find_catalogues, read_catalogues
+from pbrnet.scenes.sweethome.catalogue.pieces import (
+    PieceJob,
+    convert_piece,
+    current,
+    index_of,
+    piece_jobs,
 )
-from pbrnet.scenes.params import AssetParams
-from pbrnet.scenes.sweethome.catalogue.convert import convert, piece_fingerprint
-from pbrnet.scenes.sweethome.catalogue.library import Library, UnusablePiece, read_library
 
-INSTALLED = Path("/usr/share/sweethome3d/furniture")  # catalogues of Debian's packages
-SUFFIX = ".sh3f"
-_DOWNLOADS = "packages"  # below data/assets: fetched packages
-_PATIENCE = 900.0  # seconds for apt-get
 _SHOWN = 10  # refused pieces listed on the terminal; the index holds all of them
 
 
@@ -64,25 +51,6 @@ class AssetError(PbrnetError):
     """Some pieces failed for reasons outside of them, and everything else is done."""
 
     exit_code = 1
-
-
-@dataclass(frozen=True)
-class _Source:
-    """A catalogue file, and the package and version it was fetched in, or an empty string."""
-
-    path: Path
-    package: str
-
-
-@dataclass(frozen=True)
-class _PieceJob:
-    source: Path
-    piece: CataloguePiece
-    out: Path
-    provenance: Provenance
-    fingerprint: str
-    max_triangles: int
-    texture_size: int
 
 
 @dataclass(frozen=True)
@@ -131,18 +99,16 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
             removed = _remove_orphans(root, {})
             save_index(root, AssetIndex())
             return AssetSummary(AssetIndex(), 0, 0, removed, time.monotonic() - started)
-        sources = find_catalogues(params.assets, root)
-        libraries = _read_all(sources)
-        jobs, refused = _jobs(root, libraries, params.assets)
+        wanted = params.assets
+        files = find_catalogues(wanted.folder, wanted.debian, root)
+        catalogues = read_catalogues(files)
+        sizes = wanted.max_triangles, wanted.texture_size
+        jobs, refused = piece_jobs(root, catalogues, *sizes, key("assets"))
         removed = _remove_orphans(root, jobs)
-        kept = {key: index_entry(asset) for key, job in jobs.items() if (asset := _current(job))}
-        work = [job for key, job in jobs.items() if key not in kept]
+        kept = {name: index_entry(asset) for name, job in jobs.items() if (asset := current(job))}
+        work = [job for name, job in jobs.items() if name not in kept]
         made, failures = _convert_all(data, params.farm, scheduler, work, len(kept), refused)
-        index = AssetIndex(
-            _entries(libraries, {**kept, **made}),
-            tuple(sorted({**kept, **made}.values(), key=lambda piece: piece.key)),
-            tuple(sorted(refused, key=lambda piece: piece.key)),
-        )
+        index = index_of(catalogues, {**kept, **made}, refused)
         save_index(root, index)
         if failures:
             raise AssetError(
@@ -153,171 +119,11 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
         return AssetSummary(index, len(made), len(kept), removed, time.monotonic() - started)
 
 
-def find_catalogues(params: AssetParams, root: Path) -> list[_Source]:
-    """Return the catalogue files that the parameters name, sorted; fetch missing packages."""
-    if params.folder:
-        folder = Path(params.folder).expanduser()
-        if not folder.is_dir():
-            raise MachineError(
-                f"assets.folder: {folder} is not a folder; name one that holds {SUFFIX} files"
-            )
-        found = [_Source(path, "") for path in _catalogues(folder)]
-        if not found:
-            raise MachineError(f"assets.folder: no {SUFFIX} file in {folder}")
-        return found
-    sources = []
-    for package in params.debian:
-        version = _installed_version(package)
-        if version and _catalogues(INSTALLED):
-            sources += [_Source(path, f"{package} {version}") for path in _catalogues(INSTALLED)]
-            continue
-        folder = root / _DOWNLOADS / package
-        if not (folder / "package.json").is_file():
-            _fetch(package, folder)
-        facts = read_json(folder / "package.json")
-        label = f"{package} {facts.get('version', '')}".strip()
-        sources += [_Source(path, label) for path in _catalogues(folder)]
-    return list({source.path.name: source for source in sources}.values())
-
-
-def _catalogues(folder: Path) -> list[Path]:
-    if not folder.is_dir():
-        return []
-    return sorted(p for p in folder.iterdir() if p.suffix.lower() == SUFFIX and p.is_file())
-
-
-def _installed_version(package: str) -> str:
-    query = ["dpkg-query", "--show", "--showformat=${db:Status-Status} ${Version}", "--", package]
-    try:
-        done = subprocess.run(query, capture_output=True, text=True, timeout=60, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    status, _, version = done.stdout.strip().partition(" ")
-    return version if done.returncode == 0 and status == "installed" else ""
-
-
-def _fetch(package: str, out: Path) -> None:
-    """Download a Debian package and unpack its catalogues into the folder `out`."""
-    advice = (
-        f"; set assets.folder to a folder with {SUFFIX} files, install the package, "
-        "or set assets.enabled to false"
-    )
-    with tempfile.TemporaryDirectory(prefix="pbrnet-assets-") as name:
-        folder = Path(name)
-        _command(["apt-get", "download", "--", package], folder, f"cannot fetch {package}", advice)
-        debs = sorted(folder.glob("*.deb"))
-        if not debs:
-            raise MachineError(f"assets: apt-get downloaded no package for {package}{advice}")
-        unpack = ["dpkg-deb", "--extract", str(debs[0]), str(folder / "tree")]
-        _command(unpack, folder, f"cannot unpack {debs[0].name}", advice)
-        found = [path for path in sorted((folder / "tree").rglob(f"*{SUFFIX}")) if path.is_file()]
-        if not found:
-            raise MachineError(f"assets: {package} holds no {SUFFIX} file{advice}")
-        with atomic_directory(out) as partial:
-            for path in found:
-                shutil.copyfile(path, partial / path.name)
-            parts = debs[0].stem.split("_")
-            facts = {
-                "package": package,
-                "version": parts[1] if len(parts) > 1 else "",
-                "file": debs[0].name,
-                "sha256": digest_file(debs[0]),
-            }
-            write_json(partial / "package.json", facts)
-
-
-def _command(command: Sequence[str], folder: Path, what: str, advice: str) -> None:
-    try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, timeout=_PATIENCE, check=False
-        )
-    except FileNotFoundError:
-        raise MachineError(f"assets: {what}: {command[0]} is not installed{advice}") from None
-    except subprocess.TimeoutExpired:
-        raise MachineError(
-            f"assets: {what}: not finished after {_PATIENCE:.0f} s{advice}"
-        ) from None
-    if done.returncode:
-        message = (done.stderr.strip() or done.stdout.strip() or "no message").splitlines()[-1]
-        raise MachineError(f"assets: {what}: {message}{advice}")
-
-
-def _read_all(sources: Iterable[_Source]) -> list[tuple[_Source, str, Library]]:
-    """Read each catalogue with its digest; two that would share a folder are refused."""
-    libraries: list[tuple[_Source, str, Library]] = []
-    for source in sources:
-        library = read_library(source.path)
-        taken = [other.key.lower() for _, _, other in libraries]
-        if library.key.lower() in (*taken, _DOWNLOADS):
-            raise InputError(f"{source.path}: another catalogue has this name; rename the file")
-        libraries.append((source, digest_file(source.path), library))
-    return libraries
-
-
-def _jobs(
-    root: Path, libraries: Iterable[tuple[_Source, str, Library]], params: AssetParams
-) -> tuple[dict[str, _PieceJob], list[RefusedPiece]]:
-    jobs: dict[str, _PieceJob] = {}
-    refused: list[RefusedPiece] = []
-    for source, sha256, library in libraries:
-        refused += [RefusedPiece(*row) for row in library.refused]
-        provenance = Provenance(
-            source.path.name,
-            sha256,
-            library.name,
-            library.version,
-            library.provider,
-            source.package,
-        )
-        for piece in library.pieces:
-            jobs[piece.key] = _PieceJob(
-                source.path,
-                piece,
-                root / piece.key,
-                provenance,
-                piece_fingerprint(
-                    piece, sha256, params.max_triangles, params.texture_size, key("assets")
-                ),
-                params.max_triangles,
-                params.texture_size,
-            )
-    return jobs, refused
-
-
-def _current(job: _PieceJob) -> Asset | None:
-    """Return the piece on disk if it is complete and has the job's fingerprint, else None."""
-    try:
-        asset = load_asset(job.out)
-    except InputError:
-        return None
-    files = [part.mesh for part in asset.parts]
-    files += [name for part in asset.parts for name in (part.texture, part.alpha) if name]
-    current = asset.fingerprint == job.fingerprint and all((job.out / f).is_file() for f in files)
-    return asset if current else None
-
-
-def convert_piece(job: _PieceJob) -> dict[str, Any]:
-    """Convert one piece on a worker; a refusal is a result, not a failure."""
-    try:
-        asset = convert(
-            job.source,
-            job.piece,
-            job.out,
-            job.provenance,
-            job.fingerprint,
-            job.max_triangles,
-            job.texture_size,
-        )
-    except UnusablePiece as reason:
-        return {"refused": str(reason)}
-    return {"usable": index_entry(asset)}
-
-
 def _convert_all(
     data: Path,
     params: FarmParams,
     scheduler: str | None,
-    jobs: Sequence[_PieceJob],
+    jobs: Sequence[PieceJob],
     kept: int,
     refused: list[RefusedPiece],
 ) -> tuple[dict[str, IndexEntry], list[str]]:
@@ -353,27 +159,6 @@ def _convert_all(
     return made, failures
 
 
-def _entries(
-    libraries: Iterable[tuple[_Source, str, Library]], usable: dict[str, IndexEntry]
-) -> tuple[LibraryEntry, ...]:
-    counts = Counter(key.partition("/")[0] for key in usable)
-    return tuple(
-        LibraryEntry(
-            key=library.key,
-            file=source.path.name,
-            sha256=sha256,
-            name=library.name,
-            version=library.version,
-            licence=library.licence,
-            provider=library.provider,
-            package=source.package,
-            pieces=len(library.pieces) + len(library.refused),
-            usable=counts[library.key],
-        )
-        for source, sha256, library in libraries
-    )
-
-
 def _remove_orphans(root: Path, wanted: dict[str, Any]) -> int:
     """Remove converted pieces that are no longer wanted; downloads stay."""
     removed = 0
@@ -383,6 +168,6 @@ def _remove_orphans(root: Path, wanted: dict[str, Any]) -> int:
             shutil.rmtree(folder)
             removed += 1
     for folder in sorted(root.iterdir()):
-        if folder.is_dir() and folder.name != _DOWNLOADS and not any(folder.iterdir()):
+        if folder.is_dir() and folder.name != DOWNLOADS and not any(folder.iterdir()):
             folder.rmdir()
     return removed

@@ -16,8 +16,7 @@ from pbrnet.pipeline.commands import stages
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.inspection.describe import inspect_path
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.stages import assets as stage
-from pbrnet.pipeline.stages.assets import INSTALLED, run_assets
+from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.scenes.assets.free_space import covering_boxes, subdivide_triangles, support_surfaces
 from pbrnet.scenes.assets.index import Asset, Provenance, load_asset, load_index
@@ -31,8 +30,10 @@ from pbrnet.scenes.params import AssetParams, SceneParams
 from pbrnet.scenes.photometry import blackbody, color_temperature
 from pbrnet.scenes.procedural.furnishing.asset_sampler import load_kind_index
 from pbrnet.scenes.procedural.home import make_home
+from pbrnet.scenes.sweethome.catalogue import packages
 from pbrnet.scenes.sweethome.catalogue.convert import convert
 from pbrnet.scenes.sweethome.catalogue.library import UnusablePiece, read_library
+from pbrnet.scenes.sweethome.catalogue.packages import INSTALLED
 from pbrnet.scenes.sweethome.catalogue.properties import parse_properties
 from pbrnet.scenes.sweethome.furnishing.lamps import USUAL
 from tests.fixtures import catalogue as draw
@@ -372,7 +373,7 @@ def test_catalogues_that_cannot_be_had_are_the_machines_fault(
     with pytest.raises(MachineError, match=r"no \.sh3f file"):
         run_assets(tmp_path, _params(tmp_path / "empty"))
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(stage, "INSTALLED", tmp_path)
+    monkeypatch.setattr(packages, "INSTALLED", tmp_path)
     online = Params(assets=AssetParams(enabled=True))
     with pytest.raises(MachineError, match="apt-get"):
         run_assets(tmp_path / "data", online)
