@@ -23,7 +23,6 @@ from pbrnet.pipeline.passes.registry import (
     TRACED,
     TRACES,
     TRUTHS,
-    camera_of,
     render,
     settings_of,
     trace_seed,
@@ -179,7 +178,7 @@ def _write_frames(
             frames |= render(scene, view, own, trace_seed(trace.kinds[0], view, seed))
     for kind, (channels, about) in frames.items():
         path = frame_path(data, kind, view)
-        write_frame(path, kind, channels, camera_of(view, kind), **about, fingerprint="")
+        write_frame(path, kind, channels, view, **about, fingerprint="")
 
 
 def _bytes_a_row(folder: Path) -> dict[str, float]:

@@ -33,7 +33,7 @@ import errno
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -90,8 +90,20 @@ def frame_path(data: Path, kind: Kind, view: View) -> Path:
     return Path(data) / kind / view.scene_id / f"{view.view_id}.exr"
 
 
+def camera_of(view: View, kind: Kind) -> View:
+    """Return the part of a view that determines pixels: without its score and object counts.
+
+    The neighbours in a trajectory determine frames of `video` alone.
+    """
+    camera = replace(view, score=0.0, seen={}, stereo_partner="", stereo_offset=0.0)
+    camera = replace(camera, view_set="", set_overlap=0.0)
+    if kind == "video":
+        return camera
+    return replace(camera, trajectory="", frame=-1, pose_before=(), pose_after=())
+
+
 def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: Any) -> None:
-    """Write a frame by rename; `meta` must hold `fingerprint`.
+    """Write a frame of a view's camera by rename; `meta` must hold `fingerprint`.
 
     `channels` holds exactly the names of `layout(kind)`, each (H, W); a `light` frame also those of
     the groups in `light_names`. Half floats of radiance are stored in the unit `radiance_scale`,
@@ -116,7 +128,8 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
             limit = HALF_MAX * (scale if name in halves else 1)
             clamped += int((np.abs(values, dtype=np.float64) > limit).sum())
     pixels = as_stored(kind, channels, scale, lights)
-    write_pixels(path, pixels, view, {"kind": kind, "clamped": clamped, **meta})
+    camera = camera_of(view, kind)
+    write_pixels(path, pixels, camera, {"kind": kind, "clamped": clamped, **meta})
 
 
 def frame_scale(kind: Kind, channels: Channels, lights: int = 0) -> float:

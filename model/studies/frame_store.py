@@ -25,7 +25,7 @@ from pbrnet.pipeline.frames import (
     write_frame,
 )
 from pbrnet.pipeline.passes.illumination import render_illumination
-from pbrnet.pipeline.passes.registry import TRUTHS, camera_of, frame_fingerprint, render, trace_seed
+from pbrnet.pipeline.passes.registry import TRUTHS, frame_fingerprint, render, trace_seed
 from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
 from pbrnet.pipeline.render.scene import (
     RenderScene,
@@ -79,7 +79,7 @@ class FrameStore:
             frame_path(self.root, kind, view),
             kind,
             channels,
-            camera_of(view, kind),
+            view,
             **stats,
             seed=trace_seed(kind, view, self.seed),
             renderer=renderer_version(),

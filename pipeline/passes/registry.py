@@ -9,11 +9,11 @@ determines pixels cannot be missing from it; view scores, the farm and training 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from pbrnet.pipeline.channels import Kind
-from pbrnet.pipeline.frames import Result, fingerprint
+from pbrnet.pipeline.frames import Result, camera_of, fingerprint
 from pbrnet.pipeline.keys import keys
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes import environment, illumination, surfaces, transport, truth, visibility
@@ -115,18 +115,6 @@ def trace_seed(kind: Kind, view: View, root: int) -> int:
     """
     name = TRACE_OF[kind].seed or kind
     return derive(root, "scene", view.scene_id, "view", view.view_id, name)
-
-
-def camera_of(view: View, kind: Kind) -> View:
-    """Return the part of a view that determines pixels: without its score and object counts.
-
-    The neighbours in a trajectory determine frames of `video` alone.
-    """
-    camera = replace(view, score=0.0, seen={}, stereo_partner="", stereo_offset=0.0)
-    camera = replace(camera, view_set="", set_overlap=0.0)
-    if kind == "video":
-        return camera
-    return replace(camera, trajectory="", frame=-1, pose_before=(), pose_after=())
 
 
 def frame_fingerprint(

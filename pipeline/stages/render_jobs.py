@@ -32,7 +32,7 @@ from pbrnet.pipeline.farm.workspace import (
     writing,
 )
 from pbrnet.pipeline.frames import Channels, Result, frame_path, write_frame
-from pbrnet.pipeline.passes.registry import SURFACES, TRACE_OF, camera_of, render
+from pbrnet.pipeline.passes.registry import SURFACES, TRACE_OF, render
 from pbrnet.pipeline.render.scene import (
     RenderScene,
     free_memory,
@@ -169,7 +169,7 @@ def _write(
             path,
             kind,
             channels,
-            camera_of(job.view, kind),
+            job.view,
             **stats,
             **({"seed": job.seed} if TRACE_OF[kind].seed else {}),
             renderer=renderer_version(),
