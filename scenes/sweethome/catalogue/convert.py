@@ -7,7 +7,7 @@ a single piece is placed at the origin.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -51,33 +51,37 @@ _POWER = 0.5  # of a lamp, the application's usual one
 _FROSTED_WHITE = SurfaceFinish(color=(0.8, 0.79, 0.76))
 
 
-def convert(
-    source: Path,
-    piece: CataloguePiece,
-    out: Path,
-    provenance: Provenance,
-    fingerprint: str,
-    max_triangles: int,
-    texture_size: int,
-) -> Asset:
-    """Write the piece as the folder `out`; raises `UnusablePiece` with the reason.
+@dataclass(frozen=True)
+class PieceJob:
+    """A piece of a catalogue file that is to be converted to the folder `out`.
 
     `texture_size` bounds the longer side of its images, in pixels.
     """
-    changes = Changes()
-    with HomeArchive(source) as archive:
+
+    source: Path
+    piece: CataloguePiece
+    out: Path
+    provenance: Provenance
+    fingerprint: str
+    max_triangles: int
+    texture_size: int
+
+
+def convert(job: PieceJob) -> Asset:
+    """Write a piece; raises `UnusablePiece` with the reason."""
+    changes, piece = Changes(), job.piece
+    with HomeArchive(job.source) as archive:
         model = _model(archive, piece, changes)
         triangles = sum(len(part.mesh.faces) for part in model.parts)
-        if triangles > max_triangles:
-            raise UnusablePiece(
-                f"{triangles:,} triangles; assets.max_triangles is {max_triangles:,}"
-            )
+        if triangles > job.max_triangles:
+            most = job.max_triangles
+            raise UnusablePiece(f"{triangles:,} triangles; assets.max_triangles is {most:,}")
         parts = _standing(piece, model, changes)
         size_error = _checked(piece, parts)
-        with atomic_directory(out) as folder:
+        with atomic_directory(job.out) as folder:
             (folder / "meshes").mkdir()
             (folder / "textures").mkdir()
-            images = _Images(archive, folder, texture_size, changes)
+            images = _Images(archive, folder, job.texture_size, changes)
             made = [_write(folder, number, part, images) for number, part in enumerate(parts)]
             corners = np.concatenate([_mesh(part).corners for part in parts])
             asset = Asset(
@@ -92,8 +96,8 @@ def convert(
                     textures=images.count,
                     notes=changes.sentences(),
                 ),
-                provenance=provenance,
-                fingerprint=fingerprint,
+                provenance=job.provenance,
+                fingerprint=job.fingerprint,
             )
             _draw(folder, asset)
             save_asset(folder, asset)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,24 +17,10 @@ from pbrnet.scenes.assets.index import (
     index_entry,
     load_asset,
 )
-from pbrnet.scenes.assets.piece import CataloguePiece
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.sweethome.catalogue.convert import convert, piece_fingerprint
+from pbrnet.scenes.sweethome.catalogue.convert import PieceJob, convert, piece_fingerprint
 from pbrnet.scenes.sweethome.catalogue.library import UnusablePiece
 from pbrnet.scenes.sweethome.catalogue.packages import Catalogue
-
-
-@dataclass(frozen=True)
-class PieceJob:
-    """Convert one piece of a catalogue file to the folder `out`."""
-
-    source: Path
-    piece: CataloguePiece
-    out: Path
-    provenance: Provenance
-    fingerprint: str
-    max_triangles: int
-    texture_size: int
 
 
 def piece_jobs(
@@ -77,15 +62,7 @@ def current(job: PieceJob) -> Asset | None:
 def convert_piece(job: PieceJob) -> dict[str, Any]:
     """Convert one piece on a worker; a refusal is a result, not a failure."""
     try:
-        asset = convert(
-            job.source,
-            job.piece,
-            job.out,
-            job.provenance,
-            job.fingerprint,
-            job.max_triangles,
-            job.texture_size,
-        )
+        asset = convert(job)
     except UnusablePiece as reason:
         return {"refused": str(reason)}
     return {"usable": index_entry(asset)}
