@@ -17,7 +17,7 @@ from pbrnet.pipeline.costs.forecast import (
     fit_costs,
     frame_bytes,
     joined,
-    samples_of,
+    view_size,
 )
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.release.recipe import load_recipe
@@ -106,14 +106,12 @@ def cost(
         scenes = params.scenes.most_scenes if views is None else math.ceil(views / each)
     if not scenes:
         raise ParameterError("the parameters contain no scenes; give their number with --scenes")
-    views = views or scenes * each
-    seconds = {
-        cost.stage: cost.total(scenes, views, samples_of(cost.stage, params)) for cost in costs
-    }
+    views, of_view = views or scenes * each, view_size(params)
+    seconds = {cost.stage: cost.total(scenes, views, of_view.samples(cost.stage)) for cost in costs}
     hours = sum(seconds.values()) / 3600
     error = errors[TOGETHER].worst
     kinds = params.kinds
-    each_frame = {k: n for k, n in frame_bytes(ledger, params).items() if k in kinds}
+    each_frame = {k: n for k, n in frame_bytes(ledger, of_view).items() if k in kinds}
     stored = views * sum(each_frame.values())
     if as_json:
         facts = {

@@ -9,7 +9,7 @@ from pathlib import Path
 from dask.system import cpu_count
 
 from pbrnet.pipeline.commands.options import Request
-from pbrnet.pipeline.costs.forecast import SCENE_STAGES, samples_of, stage_costs
+from pbrnet.pipeline.costs.forecast import SCENE_STAGES, stage_costs, view_size
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.passes.settings import GroundTruthParams
@@ -86,7 +86,8 @@ def _seconds(request: Request, wanted: Collection[str], scenes: int, views: int)
         return None
     asked = {"truth" if kind in _TRUTHS else kind for kind in wanted}
     known = [cost for cost in costs if cost.stage in asked]
-    found = [cost.total(scenes, views, samples_of(cost.stage, request.params)) for cost in known]
+    size = view_size(request.params)
+    found = [cost.total(scenes, views, size.samples(cost.stage)) for cost in known]
     return sum(found) if found else None
 
 

@@ -62,6 +62,25 @@ class StageCost:
 
 
 @dataclass(frozen=True)
+class ViewSize:
+    """Size of a view's work: pixels of its images, and samples per pixel by stage, else one."""
+
+    image: int
+    illumination: float
+    environment: float
+    spp: dict[str, float]
+
+    def pixels(self, kind: str) -> float:
+        """Return the pixels of a frame of this kind."""
+        around = {"illumination": self.illumination, "environment": self.environment}
+        return around.get(kind, self.image)
+
+    def samples(self, stage: str) -> float:
+        """Return the samples (or pixels) of a view in this stage."""
+        return self.pixels(stage) * self.spp.get(stage, 1)
+
+
+@dataclass(frozen=True)
 class Measured:
     """Rows of a stage, (N,) each: index of the scene, 1 if first use, samples, core-seconds."""
 
@@ -110,35 +129,24 @@ def _costs(stages: Mapping[str, Measured]) -> list[StageCost]:
     ]
 
 
-def samples_of(stage: str, params: Params) -> float:
-    """Return the samples (or pixels) of a view in this stage."""
-    image, panorama = params.image, params.illumination
-    if stage == "illumination":
-        return panorama.width**2 / 2
-    if stage == "environment":
-        return params.environment.width**2 / 2 * params.environment.spp
-    spp = {"truth": _truth_samples(params), "noisy": _noisy_samples(params)}.get(stage, 1)
-    return image.width * image.height * spp
+def view_size(params: Params) -> ViewSize:
+    """Return the size of a view's work; samples are the mean over the splits."""
+    image, lights, around = params.image, params.illumination, params.environment
+    truth, noisy, tested = params.groundtruth, params.noisy, params.dataset.splits.test
+    drawn = float(noisy.spp)
+    if noisy.train:  # see `split_sampling`
+        numbers = np.arange(noisy.train[0], noisy.train[1] + 1)
+        drawn = float(np.average(numbers, weights=np.log((numbers + 1) / numbers)))
+    spp = {
+        "truth": tested * truth.spp + (1 - tested) * (truth.train_spp or truth.spp),
+        "noisy": tested * noisy.spp + (1 - tested) * drawn,
+        "environment": around.spp,
+    }
+    return ViewSize(image.width * image.height, lights.width**2 / 2, around.width**2 / 2, spp)
 
 
-def _truth_samples(params: Params) -> float:
-    """Return the samples per pixel of the truth, the mean over the splits."""
-    truth, tested = params.groundtruth, params.dataset.splits.test
-    return tested * truth.spp + (1 - tested) * (truth.train_spp or truth.spp)
-
-
-def _noisy_samples(params: Params) -> float:
-    """Return the noisy samples per pixel, the mean over the splits, see `split_sampling`."""
-    noisy, tested = params.noisy, params.dataset.splits.test
-    if not noisy.train:
-        return noisy.spp
-    numbers = np.arange(noisy.train[0], noisy.train[1] + 1)
-    drawn = np.average(numbers, weights=np.log((numbers + 1) / numbers))
-    return float(tested * noisy.spp + (1 - tested) * drawn)
-
-
-def frame_bytes(ledger: pa.Table, params: Params) -> dict[str, float]:
-    """Return the bytes of a view's frame of each kind at the size of `params`.
+def frame_bytes(ledger: pa.Table, size: ViewSize) -> dict[str, float]:
+    """Return the bytes of a view's frame of each kind at this size.
 
     Files grow with their pixels: bytes per pixel are the mean of the ledger's frames.
     """
@@ -148,19 +156,10 @@ def frame_bytes(ledger: pa.Table, params: Params) -> dict[str, float]:
         if row["view_id"] and pixels and row["bytes"]:
             sizes.setdefault(row["stage"], []).append(row["bytes"] / pixels)
     return {
-        stage: float(np.mean(values)) * _pixels(stage, params)
+        stage: float(np.mean(values)) * size.pixels(stage)
         for stage, values in sizes.items()
         if stage not in SCENE_STAGES
     }
-
-
-def _pixels(kind: str, params: Params) -> float:
-    """Return the pixels of a frame of this kind."""
-    if kind == "illumination":
-        return params.illumination.width**2 / 2
-    if kind == "environment":
-        return params.environment.width**2 / 2
-    return params.image.width * params.image.height
 
 
 def _measured(ledger: pa.Table) -> tuple[dict[str, Measured], int]:

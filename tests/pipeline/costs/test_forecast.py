@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from pbrnet.pipeline.cli import cli
-from pbrnet.pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, joined, samples_of
+from pbrnet.pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, joined, view_size
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import NoisyParams
@@ -69,7 +69,7 @@ def test_known_costs_are_found_again_and_scale(tmp_path: Path) -> None:
     assert (truth.scene, truth.view, truth.sample) == pytest.approx((OPEN, FIXED, RATE))
     assert costs["scenes"].total(10, 80, 0) == pytest.approx(30)
     params = pbrs_params(image=ImageParams(480, 360), groundtruth=plain_truth(spp=256))
-    samples = samples_of("truth", params)
+    samples = view_size(params).samples("truth")
     assert truth.total(5, 40, samples) == pytest.approx(
         5 * OPEN + 40 * (FIXED + RATE * 480 * 360 * 256)
     )
@@ -196,10 +196,10 @@ def test_samples_of_a_plan_are_the_mean_over_its_splits() -> None:
         groundtruth=plain_truth(spp=64, train_spp=16),
         noisy=NoisyParams(spp=4, train=(1, 2)),
     )
-    assert samples_of("truth", params) == pytest.approx(400 * (0.2 * 64 + 0.8 * 16))
+    assert view_size(params).samples("truth") == pytest.approx(400 * (0.2 * 64 + 0.8 * 16))
     drawn = (np.log(2) + 2 * np.log(1.5)) / np.log(3)
-    assert samples_of("noisy", params) == pytest.approx(400 * (0.2 * 4 + 0.8 * drawn))
-    assert samples_of("truth", pbrs_params(image=params.image)) == 400 * plain_truth().spp
+    assert view_size(params).samples("noisy") == pytest.approx(400 * (0.2 * 4 + 0.8 * drawn))
+    assert view_size(pbrs_params(image=params.image)).samples("truth") == 400 * plain_truth().spp
 
 
 def test_a_view_whose_other_half_is_not_done_yet_does_not_count(tmp_path: Path) -> None:
