@@ -1,7 +1,6 @@
 """Noise study: only the ground truth and its exposures differ, and frames are rendered once."""
 
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import pytest
 import yaml
 
 from pbrnet.model.data.reader import PAPER, Dataset
-from pbrnet.model.studies import noise as study
+from pbrnet.model.studies.frame_store import FrameStore
 from pbrnet.model.studies.noise import noisy_truths
 from pbrnet.model.studies.trials.derived_splits import TruthImages, write_derived_split
 from pbrnet.model.studies.trials.results import TrialsResult
@@ -189,7 +188,7 @@ def test_what_is_done_is_not_done_again(
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("rendered again")
 
-    monkeypatch.setattr(study, "render", refuse)
+    monkeypatch.setattr(FrameStore, "made", refuse)
     shutil.rmtree(folders.data / "studies")  # frames may be deleted
     steps = stop_at(monkeypatch, 10**9)
     code, studies = run(folders)
@@ -210,13 +209,13 @@ def test_a_stopped_study_renders_only_what_is_missing(
     before = {path: path.read_bytes() for path in sorted(renders.rglob("*.exr"))}
     lost.unlink()
     traced: list[str] = []
-    real: Callable[..., Any] = study.render
+    real = FrameStore.made
 
-    def counted(kinds: Any, scene: Any, view: Any, params: Any, seed: int) -> Any:
-        traced.append(f"{view.scene_id}/{view.view_id} {params.groundtruth.spp}")
-        return real(kinds, scene, view, params, seed)
+    def counted(store: FrameStore, kinds: Any, scene: Any, view: Any) -> Any:
+        traced.append(f"{view.scene_id}/{view.view_id} {store.settings[kinds[0]].trace.spp}")
+        return real(store, kinds, scene, view)
 
-    monkeypatch.setattr(study, "render", counted)
+    monkeypatch.setattr(FrameStore, "made", counted)
     assert run(folders)[0] == 0
     assert traced == ["room-2/v1 4"]
     pixels = [read_frame(lost), None]
