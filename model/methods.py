@@ -114,7 +114,7 @@ METHODS: dict[str, Method] = {
         (*GEOMETRY, "reflectance", "transport", "level"),
         _EXPOSED,
         predicts_radiance=True,
-        note="direct light as a further input",
+        note="light transport corrected by a network",
     ),
     "hybrid": Method(
         "hybrid",
@@ -125,7 +125,7 @@ METHODS: dict[str, Method] = {
         _EXPOSED,
         predicts_radiance=True,
         width=16,
-        note="noisy samples as a further input",
+        note="denoised samples mixed with light transport",
     ),
     "unet": Method(
         "unet",

@@ -23,10 +23,10 @@ class BackboneParams:
     """Pretrained features of the perceptual loss."""
 
     network: Literal["auto", "vgg19", "efficientnet_lite0"] = param(
-        "auto", "vgg19 if its weights are found or allowed to load, else efficientnet_lite0"
+        "auto", "vgg19 if its weights are found or may be downloaded, else efficientnet_lite0"
     )
-    weights: str = param("", "file with VGG-19 weights under torchvision's names")
-    download: bool = param(False, "allow to load VGG-19")
+    weights: str = param("", "file with VGG-19 weights, named as in torchvision")
+    download: bool = param(False, "allow downloading VGG-19")
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,9 @@ class LossParams:
     """Part-perceptual loss (paper, equations 1 and 2): input, then conv1_2 ... conv5_2."""
 
     kind: Literal["part", "full", "fifth", "l1"] = param("part", "or full, fifth, l1")
-    part: tuple[float, ...] = param((1.0, 1.5, 1.5, 0.5, 0.0, 0.0), "weights of input and layers")
+    part: tuple[float, ...] = param(
+        (1.0, 1.5, 1.5, 0.5, 0.0, 0.0), "weights of the input and the layers"
+    )
 
     def verify(self, where: str) -> None:
         """Raise ValueError unless there are six weights."""
@@ -46,8 +48,8 @@ class LossParams:
 class StageTrainParams:
     """One network's training."""
 
-    epochs: int = param(10, "passes over the steps below", within(1, 100_000))
-    steps_per_epoch: int = param(0, "0: every view once", within(0, 10_000_000))
+    epochs: int = param(10, "number of epochs", within(1, 100_000))
+    steps_per_epoch: int = param(0, "steps per epoch; 0: one per view", within(0, 10_000_000))
     width: int = param(32, "channels of the first level", within(1, 1024))
     levels: int = param(
         5,
@@ -92,7 +94,7 @@ class TrainParams:
     shading: StageTrainParams = param(_sizes("shading"))
     composition: StageTrainParams = param(_sizes("composition"))
     baselines: tuple[Baseline, ...] = param(
-        ("unet",), "that are trained and measured; hybrid needs noisy.spp"
+        ("unet",), "baselines to train and evaluate; hybrid requires noisy.spp"
     )
 
     def verify(self, where: str) -> None:
@@ -111,7 +113,7 @@ class EvaluateParams:
     """Evaluation on the test split."""
 
     split: Literal["test", "validation", "train"] = param("test", "or validation, train")
-    timing_views: int = param(4, "views whose time is measured", within(1, 1000))
+    timing_views: int = param(4, "number of views timed", within(1, 1000))
 
 
 def learning_rate(params: TrainParams, step: int, steps: int) -> float:

@@ -47,17 +47,21 @@ _PASSES, _NETWORKS = "pbrnet.pipeline.passes.settings", "pbrnet.model.settings"
 class Params:
     """Everything in `params.yaml`."""
 
-    seed: int = param(0, "root of every random choice", within(0, MAX_SEED))
+    seed: int = param(0, "root seed of all random choices", within(0, MAX_SEED))
     channels: tuple[ChannelSet, ...] = param(
         ("paper",), "sets of images, or all; see docs/dataset.md"
     )
-    image: ImageParams = section("pbrnet.pipeline.views:ImageParams", "of every frame")
+    image: ImageParams = section(
+        "pbrnet.pipeline.views:ImageParams", "size and projection of frames"
+    )
     farm: FarmParams = section(
         "pbrnet.pipeline.farm.settings:FarmParams",
         "distribution over workers; never changes a pixel",
     )
     assets: AssetParams = section("pbrnet.scenes.params:AssetParams", "furniture catalogues")
-    scenes: SceneParams = section("pbrnet.scenes.params:SceneParams", "procedural and imported")
+    scenes: SceneParams = section(
+        "pbrnet.scenes.params:SceneParams", "procedural and imported scenes"
+    )
     cameras: CameraParams = section(
         "pbrnet.pipeline.cameras.settings:CameraParams", "view sampling after PBRS"
     )
@@ -67,22 +71,28 @@ class Params:
     groundtruth: GroundTruthParams = section(
         f"{_PASSES}:GroundTruthParams", "path-traced shading and colour"
     )
-    light: LightParams = section(f"{_PASSES}:LightParams", "of the set of channels of that name")
+    light: LightParams = section(f"{_PASSES}:LightParams", "channel set light")
     transport: TransportParams = section(
-        "pbrnet.pipeline.transport.settings:TransportParams", "of the set of channels of that name"
+        "pbrnet.pipeline.transport.settings:TransportParams", "channel set transport"
     )
-    noisy: NoisyParams = section(f"{_PASSES}:NoisyParams", "renderings as input of networks")
+    noisy: NoisyParams = section(f"{_PASSES}:NoisyParams", "noisy renders as network inputs")
     environment: EnvironmentParams = section(
-        f"{_PASSES}:EnvironmentParams", "panoramas of the set environment"
+        f"{_PASSES}:EnvironmentParams", "panoramas of channel set environment"
     )
-    shading: ShadingParams = section(f"{_PASSES}:ShadingParams", "textureless")
+    shading: ShadingParams = section(f"{_PASSES}:ShadingParams", "textureless shading")
     tone: ToneParams = section(
         "pbrnet.pipeline.tonemap:ToneParams", "Reinhard's operator as in PBRS"
     )
-    dataset: DatasetParams = section("pbrnet.pipeline.dataset.settings:DatasetParams", "packing")
-    backbone: BackboneParams = section(f"{_NETWORKS}:BackboneParams", "of the perceptual loss")
-    train: TrainParams = section(f"{_NETWORKS}:TrainParams", "networks")
-    evaluate: EvaluateParams = section(f"{_NETWORKS}:EvaluateParams", "on held-out plans")
+    dataset: DatasetParams = section(
+        "pbrnet.pipeline.dataset.settings:DatasetParams", "packing into shards"
+    )
+    backbone: BackboneParams = section(
+        f"{_NETWORKS}:BackboneParams", "features of the perceptual loss"
+    )
+    train: TrainParams = section(f"{_NETWORKS}:TrainParams", "training of networks")
+    evaluate: EvaluateParams = section(
+        f"{_NETWORKS}:EvaluateParams", "evaluation on held-out plans"
+    )
 
     @property
     def kinds(self) -> tuple[Kind, ...]:

@@ -28,7 +28,7 @@ class SplitParams:
 
     validation: float = param(0.1, "", within(0, 0.9))
     test: float = param(0.2, "", within(0, 0.9))
-    test_only: tuple[str, ...] = param((), "further test plans or scenes: names or patterns")
+    test_only: tuple[str, ...] = param((), "additional test plans or scenes: names or patterns")
 
 
 @dataclass(frozen=True)

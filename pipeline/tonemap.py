@@ -31,8 +31,8 @@ Image = FloatingArray
 class ToneParams:
     """Reinhard's photographic operator as in PBRS."""
 
-    key: float = param(0.8, "luminance of the average in the picture", within(above=0))
-    burn: float = param(0.2, "0 compresses all, 1 clips above the key", within(above=0))
+    key: float = param(0.8, "display luminance of the average", within(above=0))
+    burn: float = param(0.2, "0 compresses everything, 1 clips above the key", within(above=0))
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,13 @@ class AssetParams:
     Packages are taken from this machine where they are installed, else fetched.
     """
 
-    enabled: bool = param(False, "true: fetch and convert furniture catalogues")
+    enabled: bool = param(False, "download and convert furniture catalogues")
     folder: str = param("", "folder of .sh3f files; empty: the Debian packages below")
-    debian: tuple[str, ...] = param(("sweethome3d-furniture",), "packages that hold .sh3f files")
-    max_triangles: int = param(200_000, "pieces with more are refused", within(100, 2_000_000))
-    texture_size: int = param(1024, "pixels, longer side", within(16, 8192))
+    debian: tuple[str, ...] = param(("sweethome3d-furniture",), "packages with .sh3f files")
+    max_triangles: int = param(
+        200_000, "pieces with more triangles are refused", within(100, 2_000_000)
+    )
+    texture_size: int = param(1024, "pixels, longer side of an image", within(16, 8192))
 
     def verify(self, where: str) -> None:
         """Check that enabled assets have a source; raises ValueError."""
@@ -49,35 +51,35 @@ class SceneParams:
     `dataset.splits.test_only`. An import beyond its limits is stopped and reported as failed.
     """
 
-    homes: int = param(12, "procedural homes", within(0, 1_000_000))
+    homes: int = param(12, "number of procedural homes", within(0, 1_000_000))
     variants: int = param(1, "scenes per floor plan; all of them in one split", within(1, 1000))
     vary: tuple[Aspect, ...] = param(
         ("finishes", "furniture", "light", "outdoors"), "differences between variants"
     )
-    rooms_min: int = param(1, "rooms of a home, least", within(1, 6))
-    rooms_max: int = param(6, "rooms of a home, most", within(1, 6))
+    rooms_min: int = param(1, "minimum rooms per home", within(1, 6))
+    rooms_max: int = param(6, "maximum rooms per home", within(1, 6))
     lighting: tuple[LightSetting, ...] = param(
-        ("day", "evening", "night", "mixed"), "assigned in turn, so that every split sees each"
+        ("day", "evening", "night", "mixed"), "assigned in rotation, so that every split has each"
     )
-    styles: tuple[StyleName, ...] = param(STYLES, "of interiors, drawn per home")
+    styles: tuple[StyleName, ...] = param(STYLES, "interior styles, drawn per home")
     texture_size: int = param(
-        256, "pixels per side; auto: by the width of the images", within(64, 4096), AUTO
+        256, "pixels per side; auto: depends on image.width", within(64, 4096), AUTO
     )
     catalogue_share: float = param(
-        0.0, "share of the furniture that comes from catalogues, where they fit", within(0, 1)
+        0.0, "probability that a piece comes from the catalogues, if one fits", within(0, 1)
     )
     furnished_homes: int = param(
-        0, "further homes, furnished-0000 and so on, with the share below", within(0, 1_000_000)
+        0, "additional homes, furnished-0000 and so on, with the share below", within(0, 1_000_000)
     )
-    furnished_share: float = param(0.7, "likewise, of furnished homes", within(0.01, 1))
+    furnished_share: float = param(0.7, "catalogue_share of the furnished homes", within(0.01, 1))
     catalogue_triangles: int = param(
-        30_000, "catalogue pieces with more are not used", within(100, 2_000_000)
+        30_000, "catalogue pieces with more triangles are not used", within(100, 2_000_000)
     )
     imports: tuple[str | ImportEntry, ...] = param(
         (), "scene files, or {file: ..., options of `pbrnet import`}"
     )
-    import_seconds: float = param(900.0, "time after which an import is stopped", within(0.1, 1e6))
-    import_memory: float = param(16.0, "GiB, likewise", within(0.25, 1e5))
+    import_seconds: float = param(900.0, "time limit of an import", within(0.1, 1e6))
+    import_memory: float = param(16.0, "GiB, memory limit of an import", within(0.25, 1e5))
 
     @property
     def most_scenes(self) -> int:

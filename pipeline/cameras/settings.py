@@ -33,72 +33,78 @@ class CameraParams:
     `half_fov_x`, `pitch` and `roll` are ranges, [least, most], from which values are drawn evenly.
     """
 
-    views_per_room: int = param(2, "most views of a room", within(1, 64))
-    views_per_scene: int = param(5, "most views of a scene", within(1, 1024))
-    grid: float = param(0.25, "metres between candidates, jittered in the cell", within(0.05, 5))
+    views_per_room: int = param(2, "maximum views per room", within(1, 64))
+    views_per_scene: int = param(5, "maximum views per scene", within(1, 1024))
+    grid: float = param(
+        0.25, "metres between candidates, jittered within the cell", within(0.05, 5)
+    )
     eye_height: float = param(1.45, "metres above the floor (PBRS: 1.55)", within(0.2, 3))
-    eye_jitter: float = param(0.2, "metres up and down (PBRS: 0.05)", within(0, 1.5))
-    tilt: float = param(-0.2, "z of the view direction before normalising, as PBRS", within(-2, 2))
+    eye_jitter: float = param(0.2, "metres, variation up and down (PBRS: 0.05)", within(0, 1.5))
+    tilt: float = param(
+        -0.2, "z of the view direction before normalisation, as in PBRS", within(-2, 2)
+    )
     half_fov_x: tuple[float, ...] = param(
-        (), "radians, [least, most] per room and sector; []: that of image", within(0.05, 1.4)
+        (), "radians, [min, max] drawn per room and sector; []: image.half_fov_x", within(0.05, 1.4)
     )
     pitch: tuple[float, ...] = param(
         (-0.3, 0.08),
-        "radians above the horizon, [least, most] per candidate; []: tilt",
+        "radians above the horizon, [min, max] drawn per candidate; []: tilt",
         within(-1.4, 1.4),
     )
     roll: tuple[float, ...] = param(
         (-0.03, 0.03),
-        "radians clockwise, [least, most] per candidate; []: none",
+        "radians clockwise, [min, max] drawn per candidate; []: none",
         within(-math.pi, math.pi),
     )
-    sectors: int = param(6, "of directions: at most one view per room and sector", within(1, 36))
-    min_objects: int = param(3, "least number of counted objects in a view", within(0, 100))
-    min_coverage: float = param(0.01, "share of the pixels for an object to count", within(0, 1))
-    min_score: float = param(0.0, "least score of a view", within(0))
+    sectors: int = param(
+        6, "sectors of directions; at most one view per room and sector", within(1, 36)
+    )
+    min_objects: int = param(3, "minimum number of counted objects per view", within(0, 100))
+    min_coverage: float = param(
+        0.01, "minimum share of the pixels for an object to count", within(0, 1)
+    )
+    min_score: float = param(0.0, "minimum score of a view", within(0))
     clearance: float = param(0.1, "metres around the eye without any surface", within(0, 2))
     near: float = param(
-        0.8, "metres; a view is blocked if more than max_near of it is nearer", within(0, 10)
+        0.8, "metres; a view is blocked if a share above max_near is nearer", within(0, 10)
     )
-    max_near: float = param(0.2, "share of the pixels", within(0, 1))
+    max_near: float = param(0.2, "maximum share of pixels nearer than near", within(0, 1))
     min_own: float = param(
-        0.5, "least share of the counted objects in the camera's own room", within(0, 1)
+        0.5, "minimum share of the counted objects in the camera's own room", within(0, 1)
     )
     max_alike: float = param(
-        0.6, "largest share of furniture pixels that two views of a room share", within(0, 1)
+        0.6, "maximum overlap of furniture pixels between two views of a room", within(0, 1)
     )
     stored_views: bool = param(True, "keep the cameras of imported scenes")
-    outside_views: bool = param(False, "also those that are outside every room")
+    outside_views: bool = param(False, "also keep those outside all rooms")
     # Not optional: fingerprints of before it existed stood for `paper`.
     framing: Literal["paper", "photograph"] = param(
-        "photograph", "no blank wall or lamp that fills the view, thirds; or paper"
+        "photograph", "photograph: no dominating walls or lamps, rule of thirds; or paper"
     )
     room_shares: tuple[RoomShare, ...] = param(
-        (), "{type: kitchen, share: 0.5}: that share of the kitchens gets views", OPTIONAL
+        (), "{type: kitchen, share: 0.5}: this share of the kitchens gets views", OPTIONAL
     )
     id_width: int = param(80, "pixels, width of the candidates' id images", within(16, 640))
-    candidates: int = param(12, "per room and sector", within(1, 4096))
+    candidates: int = param(12, "candidates per room and sector", within(1, 4096))
     walks: int = param(0, "camera walks per scene, each a video; 0: none", within(0, 64), OPTIONAL)
     walk_frames: int = param(24, "frames of a walk", within(24, 240), OPTIONAL)
-    walk_step: float = param(0.06, "metres, most from frame to frame", within(0.005, 0.5), OPTIONAL)
-    walk_turn: float = param(
-        0.05, "radians, most from frame to frame", within(0.005, 0.5), OPTIONAL
-    )
+    walk_step: float = param(0.06, "metres, maximum between frames", within(0.005, 0.5), OPTIONAL)
+    walk_turn: float = param(0.05, "radians, maximum between frames", within(0.005, 0.5), OPTIONAL)
     stereo_baseline: float = param(
-        0.0, "metres to a right partner of each view; 0: none", within(0, 2), OPTIONAL
+        0.0, "metres to a right stereo partner of each view; 0: none", within(0, 2), OPTIONAL
     )
     overlap_views: int = param(
-        0, "views of an overlapping set of each room; 0: none", within(0, 16), OPTIONAL
+        0, "views per overlapping set, one set per room; 0: none", within(0, 16), OPTIONAL
     )
-    overlap: float = param(0.5, "least median overlap of its pairs", within(0.05, 0.95), OPTIONAL)
+    overlap: float = param(0.5, "minimum median overlap of its pairs", within(0.05, 0.95), OPTIONAL)
     share_cameras: bool = param(
-        False, "the same cameras in all scenes of a plan, where they have room", OPTIONAL
+        False, "use the same cameras in all scenes of a plan, where they fit", OPTIONAL
     )
     trajectories: tuple[TrajectoryFile, ...] = param(
         (), "{scene: ID, file: PATH}; JSON or TUM format, see docs/cameras.md", OPTIONAL
     )
     collisions: Literal["reject", "warn", "accept"] = param(
-        "warn", "or reject, accept: trajectories from files that touch or pass surfaces", OPTIONAL
+        "warn", "or reject, accept: trajectories that touch or cross surfaces", OPTIONAL
     )
 
     def share_of(self, room_type: str) -> float:

@@ -16,20 +16,20 @@ class CheckParams:
     image in which every pixel has its light from a single block of samples.
     """
 
-    max_noise: float = param(0.9, "relative, before denoising", within(0))
+    max_noise: float = param(0.9, "relative noise before denoising", within(0))
     min_valid: float = param(0.5, "share of pixels with a surface", within(0, 1))
     max_black: float = param(0.9, "share of pixels at exactly 0", within(0, 1))
     max_blown: float = param(0.5, "share of pixels at the half-float limit", within(0, 1))
-    max_fireflies: float = param(0.02, "share of pixels", within(0, 1))
-    max_firefly_light: float = param(0.5, "share of the light, in the brightest", within(0, 1))
+    max_fireflies: float = param(0.02, "share of firefly pixels", within(0, 1))
+    max_firefly_light: float = param(0.5, "share of the light in the brightest ones", within(0, 1))
 
 
 @dataclass(frozen=True)
 class DatasetParams:
     """Packing into Parquet."""
 
-    shard_mb: int = param(192, "most megabytes of a file", within(1, 4096))
-    row_group: int = param(16, "rows that are read together", within(1, 1024))
+    shard_mb: int = param(192, "maximum megabytes per file", within(1, 4096))
+    row_group: int = param(16, "rows per row group, which are read together", within(1, 1024))
     preview_width: int = param(256, "pixels", within(16, 2048))
     splits: SplitParams = param(SplitParams(), "shares of the floor plans; the rest is train")
-    checks: CheckParams = param(CheckParams(), "limits beyond which a view is rejected")
+    checks: CheckParams = param(CheckParams(), "limits for the rejection of views")

@@ -17,16 +17,16 @@ class FarmParams:
     workers: int = param(0, "0: one per allowed CPU", within(0, 4096))
     batch: int = param(8, "views of one scene per task", within(1, 1024))
     window: int = param(2, "tasks in flight per worker", within(1, 64))
-    retries: int = param(2, "further attempts for a view that fails", within(0, 10))
+    retries: int = param(2, "additional attempts for a failed view", within(0, 10))
     time_limit: int = param(3600, "seconds per view; 0: no limit", within(0, 1_000_000))
     recycle: int = param(
         100, "scenes after which a worker process is replaced; 0: never", within(0, 1_000_000)
     )
-    checksums: bool = param(
-        True, "compare kept frames with their checksums; false saves reading them"
-    )
+    checksums: bool = param(True, "verify the checksums of kept frames; false avoids reading them")
     transfer: Literal["auto", "shared", "send"] = param(
         "auto", "shared: data folder; send: through dask; auto: per worker"
     )
-    cache_mb: int = param(4096, "received scenes that a worker's machine keeps", within(1, 1 << 30))
+    cache_mb: int = param(
+        4096, "cache for received scenes on a worker's machine", within(1, 1 << 30)
+    )
     variant: Variant = param("auto", "or llvm_ad_rgb, cuda_ad_rgb, scalar_rgb")

@@ -19,9 +19,9 @@ class IlluminationParams:
     """Panorama of visible light sources; its height is half its width."""
 
     width: int = param(160, "pixels; the height is half", within(16, 4096))
-    supersampling: int = param(4, "per axis, per pixel", within(1, 16))
-    light_samples: int = param(64, "per small light", within(1, 4096))
-    shadow_rays: int = param(8, "per pixel, for data/visibility; 0: none", within(0, 1024))
+    supersampling: int = param(4, "rays per axis and pixel", within(1, 16))
+    light_samples: int = param(64, "samples per small light", within(1, 4096))
+    shadow_rays: int = param(8, "rays per pixel, for data/visibility; 0: none", within(0, 1024))
 
     def verify(self, where: str) -> None:
         """Raise ValueError unless the height is a whole number."""
@@ -33,22 +33,23 @@ class GroundTruthParams:
     """Path-traced shading and colour."""
 
     spp: int = param(16, "samples per pixel", within(1, 1 << 20))
-    block_spp: int = param(8, "at most, in one seeded block", within(1, 4096))
-    noise: float = param(
-        0.0, "stop a view below this relative error; 0: always spp samples", within(0, 1)
-    )
+    block_spp: int = param(8, "maximum samples per seeded block", within(1, 4096))
+    noise: float = param(0.0, "target relative noise per view; 0: always spp samples", within(0, 1))
     min_spp: int = param(
-        16, "least samples with a noise target; spp is then the most", within(1, 1 << 20)
+        16, "minimum samples with a noise target; spp is then the maximum", within(1, 1 << 20)
     )
     train_spp: int = param(
-        0, "of training and validation views, without target; 0: spp", within(0, 1 << 20), OPTIONAL
+        0,
+        "samples of training and validation views, without target; 0: spp",
+        within(0, 1 << 20),
+        OPTIONAL,
     )
-    max_depth: int = param(11, "most segments of a path", within(1, 1000))
-    rr_depth: int = param(3, "segments before Russian roulette", within(1, 1000))
+    max_depth: int = param(11, "maximum segments of a path", within(1, 1000))
+    rr_depth: int = param(3, "segments before Russian roulette starts", within(1, 1000))
     denoise: Literal["none", "oidn"] = param("oidn", "or none")
-    joint: bool = param(True, "shading and colour from one trace of paths, if the variant can")
+    joint: bool = param(True, "render shading and colour in one trace, if the variant supports it")
     lights: Literal["planned", "uniform"] = param(
-        "planned", "emitter sampling: by contribution to the view, or uniform"
+        "planned", "emitter sampling by contribution to the view; or uniform"
     )
 
     def verify(self, where: str) -> None:
@@ -70,7 +71,7 @@ class LightParams:
 
     groups: int = param(
         0,
-        "lamps with an image of their own, beside sky, sun and the rest; 0: none",
+        "lamps with a separate image, besides sky, sun and the rest; 0: none",
         within(0, 32),
     )
 
@@ -86,7 +87,7 @@ class NoisyParams:
 
     spp: int = param(0, "independent samples per pixel, for train.hybrid; 0: none", within(0, 16))
     train: tuple[int, ...] = param(
-        (), "[least, most] drawn for each training and validation scene; []: spp", OPTIONAL
+        (), "[min, max] drawn per training and validation scene; []: spp", OPTIONAL
     )
 
     def verify(self, where: str) -> None:
@@ -105,7 +106,7 @@ class EnvironmentParams:
 
     width: int = param(160, "pixels; the height is half", within(16, 4096))
     spp: int = param(
-        16, "per pixel; depth, lights and denoiser are those of groundtruth", within(1, 1 << 20)
+        16, "samples per pixel; depth, lights and denoiser as for groundtruth", within(1, 1 << 20)
     )
 
     def verify(self, where: str) -> None:
@@ -117,4 +118,4 @@ class EnvironmentParams:
 class ShadingParams:
     """Neutral reflectance of the textureless shading."""
 
-    albedo: float = param(0.5, "grey that replaces every reflectance", within(0.01, 1))
+    albedo: float = param(0.5, "grey that replaces all reflectances", within(0.01, 1))

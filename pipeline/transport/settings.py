@@ -17,14 +17,14 @@ class TransportParams:
     """Light transport without paths, if `channels` names `transport`."""
 
     samples: int = param(
-        0, "per pixel, a power of two; 0: by the image's size, 16 at 160x120", within(0, 64)
+        0, "per pixel, a power of two; 0: by image size, 16 at 160x120", within(0, 64)
     )
     surfels: int = param(
         0,
-        "that exchange light; 0: by the image's size, 16,000 at 160x120",
+        "number of surfels; 0: by image size, 16,000 at 160x120",
         within(0, 32000),
     )
-    bounces: int = param(8, "of light between them", within(0, 64))
+    bounces: int = param(8, "bounces of light between surfels", within(0, 64))
 
     def verify(self, where: str) -> None:
         """Raise ValueError for a number of samples that is no grid of nearly equal sides."""
