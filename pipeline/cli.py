@@ -229,7 +229,7 @@ def _status(arguments: list[str] | None) -> int:
     except PbrnetError as error:
         return _failed(error.exit_code, *error.args)
     except MemoryError:
-        return _failed(MachineError.exit_code, "this takes more memory than there is")
+        return _failed(MachineError.exit_code, "this requires more memory than is available")
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else str(error)
         return _failed(MachineError.exit_code, f"{_shortened(error.filename or 'file')}: {reason}")

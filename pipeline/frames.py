@@ -123,7 +123,7 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
     for name, dtype in dtypes.items():
         values = np.asarray(channels[name])
         if np.issubdtype(values.dtype, np.floating) and not np.isfinite(values).all():
-            raise ValueError(f"{path}: channel {name} holds NaN or infinity")
+            raise ValueError(f"{path}: channel {name} contains NaN or infinity")
         if dtype is np.float16:
             limit = HALF_MAX * (scale if name in halves else 1)
             clamped += int((np.abs(values, dtype=np.float64) > limit).sum())
@@ -227,7 +227,7 @@ def read_meta(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: an EXR, but not a pbrnet frame (no 'pbrnet' attribute)")
     meta = parse_json(text, f"{path}: its 'pbrnet' attribute")
     if not isinstance(meta, dict):
-        raise InputError(f"{path}: its 'pbrnet' attribute is no JSON object; not a pbrnet frame")
+        raise InputError(f"{path}: its 'pbrnet' attribute is not a JSON object; not a pbrnet frame")
     return meta
 
 

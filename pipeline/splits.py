@@ -59,7 +59,9 @@ def read_sources(data: Path) -> list[Source]:
     for path in sorted((data / "cameras").glob("*.json")):
         file = load_cameras(path)
         if file.scene_id != path.stem:
-            raise InputError(f"{path}: holds the cameras of {file.scene_id!r}; rename or remove it")
+            raise InputError(
+                f"{path}: contains the cameras of {file.scene_id!r}; rename or remove it"
+            )
         cameras[file.scene_id] = file
     sources = []
     for folder in scene_folders(data / "scenes"):

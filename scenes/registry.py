@@ -153,7 +153,7 @@ def _copy_folder(path: Path, out: Path, scene_id: str, opened: OpenedFiles) -> S
     if resolved(out) == resolved(path):
         return scene
     if resolved(out).is_relative_to(resolved(path)):
-        raise InputError(f"{out}: lies inside the scene that is to be copied there")
+        raise InputError(f"{out}: is inside the scene to be copied there")
     opened.add_folder(path)
     with writing_scene(out) as folder:
         copy_files(path, folder)

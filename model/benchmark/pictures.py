@@ -112,7 +112,9 @@ def read_seconds(folder: Path) -> dict[str, float] | float | None:
     values = list(found.values()) if isinstance(found, dict) else [found]
     numbers = [one for one in values if isinstance(one, (int, float)) and not isinstance(one, bool)]
     if len(numbers) != len(values) or not all(0 <= number < 1e9 for number in numbers):
-        raise InputError(f"{folder}: seconds are numbers from 0 on, one for all or one a view")
+        raise InputError(
+            f"{folder}: seconds must be numbers from 0 on, one for all or one per view"
+        )
     if isinstance(found, dict):
         return {str(name).replace("/", "--"): float(value) for name, value in found.items()}
     return float(numbers[0])

@@ -105,7 +105,7 @@ def score_folder(
     if missing:
         kinds = " or ".join(SUFFIXES)
         raise InputError(
-            f"{folder}: {len(missing)} of {len(wanted)} views have no picture; first: "
+            f"{folder}: {len(missing)} of {len(wanted)} views have no image; first: "
             f"{missing[0]}, expected as SCENE--VIEW or SCENE/VIEW with {kinds}"
         )
     seconds = read_seconds(folder)
@@ -114,7 +114,7 @@ def score_folder(
         for row, content in truths(rows, views):
             path = find_picture(folder, row)
             if path is None:  # gone since
-                raise InputError(f"{folder}: the picture of {row.name} is missing")
+                raise InputError(f"{folder}: the image of {row.name} is missing")
             values = _values(path, row, content, task, exposure, tone)
             spent = seconds
             if isinstance(seconds, dict):
@@ -155,7 +155,9 @@ def _values(
     if task == "normal":
         return normal_errors(truth["normal"], picture, mask)
     if min(width, height) < _LEAST_SIDE:
-        raise InputError(f"{path}: {width} x {height} pixels; SSIM needs {_LEAST_SIDE} a side")
+        raise InputError(
+            f"{path}: {width} x {height} pixels; SSIM requires {_LEAST_SIDE} on a side"
+        )
     if (picture < 0).any():
         picture = np.maximum(picture, 0)  # a filter's ringing
     values = {}

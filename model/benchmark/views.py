@@ -102,7 +102,8 @@ def truths(
         for _, content in rows.read([row], TRUTH):
             if truth_digest(content) != view.digest:
                 raise InputError(
-                    f"{rows.folder}: the truth of {row.name} is not that of the list {views.name} "
-                    f"{views.version}; make the benchmark's own dataset again, or pin a new list"
+                    f"{rows.folder}: the ground truth of {row.name} differs from the list "
+                    f"{views.name} {views.version}; make the benchmark's own dataset again, or "
+                    "pin a new list"
                 )
             yield row, content

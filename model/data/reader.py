@@ -283,7 +283,7 @@ class Dataset:
         scalars = {name: table.column(name).to_pylist() for name in scalar_names}
         if not all(map(is_scale, scalars.get(RADIANCE_SCALE, ()))):
             raise InputError(
-                f"{path}: a {RADIANCE_SCALE} that is no power of two; pack it again with: "
+                f"{path}: a {RADIANCE_SCALE} that is not a power of two; pack it again with: "
                 "pbrnet dataset"
             )
         foreign = sorted(set(scalars["split"]) - {self.split})
@@ -370,7 +370,7 @@ def _group_sizes(path: Path, columns: Iterable[str]) -> list[int]:
         missing = [name for name in (*SCALARS, *columns) if name not in names]
         if missing and missing[0] not in (*SCALARS, *PAPER):
             raise InputError(
-                f"{path}: no {', '.join(missing)}, which a network takes; "
+                f"{path}: no {', '.join(missing)}, which a network requires; "
                 + "; ".join(dict.fromkeys(map(remedy, missing)))
             )
         if missing:

@@ -165,7 +165,7 @@ def _views(data: Path, columns: Sequence[str]) -> list[Example]:
             continue
         numbers = np.linspace(0, len(dataset) - 1, min(VIEWS, len(dataset))).astype(int)
         return list(dataset.at([int(number) for number in numbers]))
-    raise InputError(f"packing needs a dataset to compare predictions: {missing}")
+    raise InputError(f"packing requires a dataset to compare predictions: {missing}")
 
 
 def _compare(
@@ -190,7 +190,7 @@ def _figures(metrics: Path) -> dict[str, Any]:
     """Results of `pbrnet evaluate` for the card; `InputError` if it has not been run."""
     path = metrics / "evaluation.json"
     if not path.is_file():
-        raise InputError(f"{path}: no such file; a card needs figures: pbrnet evaluate")
+        raise InputError(f"{path}: no such file; the card requires results: pbrnet evaluate")
     found: dict[str, Any] = read_json(path)
     missing = [key for key in ("views", "scenes", "split", "methods") if key not in found]
     if missing:

@@ -122,7 +122,7 @@ class _Page:
         for name, (label, _, digits) in METRICS.items():
             value = figure_of(methods.get("pbrnet", {}), name)
             if value is not None:
-                words = f"{label} of both networks, on unseen scenes"
+                words = f"{label} of both networks (pbrnet), on test scenes"
                 figures.append((f"{value['mean']:.{digits}f}", words))
         return figures
 
@@ -275,7 +275,7 @@ class _Page:
                 content = read_bytes(path)
                 facts, picture = png_facts(content), read_picture(content)
             except (InputError, OSError, ValueError):
-                missing.append(f"{path} is damaged; make it again with: pbrnet predict")
+                missing.append(f"{path} is damaged; remake it with: pbrnet predict")
                 continue
             if facts is None or "prediction" not in facts:
                 missing.append(f"{path} was not written by pbrnet predict and is not shown")

@@ -28,7 +28,7 @@ class StudyGroup(click.Group):
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """List the studies without importing them."""
         with formatter.section("Commands"):
-            everything = (ALL, "Every figure and plot of the results, one command.")
+            everything = (ALL, "All figures and plots of the results with one command.")
             formatter.write_dl([*STUDIES.items(), everything])
 
 
@@ -40,9 +40,9 @@ Examples:
   pbrnet study pairs --score answers/*.json    score their answer files
   pbrnet study loss --dry-run              list trainings that differ in the loss
   pbrnet study flicker SCENE --view VIEW   measure temporal stability of predictions
-  pbrnet study all --docs docs             make all figures of docs/results.md that are missing
+  pbrnet study all --docs docs             make all missing figures of docs/results.md
 
-Results go to metrics/studies/; `pbrnet report` shows them.""",
+Results are written to metrics/studies/; `pbrnet report` shows them.""",
 )
 def study() -> None:
     """Repeat one of the paper's studies on your own networks."""

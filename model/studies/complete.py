@@ -97,12 +97,12 @@ Examples:
   pbrnet study all --docs docs             make what is missing; copy figures and plots to docs
   pbrnet study all --only time-160x120 --only loss
 
-Run it with the parameters, data and networks of the reference run, in their folder. A part is up
-to date as long as its command, the parameters, the dataset and the networks that it takes are the
-same; metrics/studies/all.json keeps that. An interrupted part resumes. `make docs` then writes the
-tables of docs/results.md.""",
+Run it in the folder with the parameters, data and networks of the reference run. A part is up to
+date while its command, parameters, dataset and networks are unchanged, as recorded in
+metrics/studies/all.json. An interrupted part resumes. `make docs` then writes the tables of
+docs/results.md.""",
 )
-@click.option("--only", multiple=True, metavar="PART", help="Make this part only; repeatable.")
+@click.option("--only", multiple=True, metavar="PART", help="Make only this part (repeatable).")
 @click.option("--dry-run", is_flag=True, help="Only list the parts.")
 @click.option(
     "--docs",

@@ -46,14 +46,14 @@ def decomposition_study(first: StageTrainParams, methods: Sequence[str] = ()) ->
   pbrnet study decomposition --dry-run
   pbrnet study decomposition --steps 2000                 a quarter, half, and all of the views
   pbrnet study decomposition --views 20 --views 80 --seeds 3
-  pbrnet study decomposition --method plus                the learning curve of PBR-Net plus, too
+  pbrnet study decomposition --method plus                also the learning curve of PBR-Net plus
 """,
-    methods_option(BASELINES, "Another method to train; repeatable."),
+    methods_option(BASELINES, "Additional method to train (repeatable)."),
     click.option(
         "--views",
         type=click.IntRange(1),
         multiple=True,
-        help="Number of training views; repeatable.  [default: a quarter, half, all]",
+        help="Number of training views (repeatable).  [default: a quarter, half, all]",
     ),
     notes="Training views are taken by whole floor plans, in random order, until there are at "
     "least as many as requested.",

@@ -123,7 +123,7 @@ def divide(
     names = sorted({plans.get(scene, scene) for scene in views})
     if len(names) < 2:
         raise InputError(
-            f"{where}: one floor plan only, {names[0]!r}; fine-tuning and testing need at least two"
+            f"{where}: only one floor plan, {names[0]!r}; fine-tuning and testing require two"
         )
     rng = generator(seed, "study", "division")
     tuning = draw_plans(views, plans, wanted, rng, most=len(names) // 2)
@@ -158,7 +158,7 @@ def prepare(
     division = divide(views, plans, tuning_views, request.params.seed, where)
     trained = sum(own_views[scene] for scene in scenes)
     if not trained:
-        raise InputError(f"{where}: every training scene is of the source {other.pattern!r}")
+        raise InputError(f"{where}: every training scene belongs to the source {other.pattern!r}")
 
     fingerprint = digest_bytes(*(part.fingerprint().encode() for part in parts))
     packs = folders.data / "studies" / "generalisation"
@@ -270,7 +270,7 @@ def _with_steps(train: TrainParams, variant: Variant, counts: Mapping[str, int])
     click.option(
         "--source",
         "pattern",
-        help="Floor plans or scenes of the source, as 'villa-*'; left out of the training on DATA.",
+        help="Floor plans or scenes of the source, such as 'villa-*'; not trained on.",
     ),
     click.option(
         "--views",
@@ -304,9 +304,7 @@ def command(
     if other is None and pattern is None:
         raise click.UsageError("name the other source: --other FOLDER, --source PATTERN, or both")
     if other is not None and pattern is None and other.resolve() == data.resolve():
-        raise click.UsageError(
-            f"--other {other} is DATA itself; select floor plans of it with --source"
-        )
+        raise click.UsageError(f"--other {other} is DATA itself; select floor plans with --source")
     made = prepare(request, OtherSource(other or data, pattern or "*"), tuning_views, tuning_steps)
     elsewhere = replace(request, folders=made.folders)
     elsewhere.run(generalisation_study(), made.trials, notes=made.notes)

@@ -213,12 +213,12 @@ class NoisyTruthStore:
         "samples",
         type=click.IntRange(1, 1 << 16),
         multiple=True,
-        help="Samples per pixel of a noisy ground truth; repeatable.  [default: 4, 16, 64]",
+        help="Samples per pixel of a noisy ground truth (repeatable).  [default: 4, 16, 64]",
     ),
     renders_option("Folder of the rendered frames.  [default: DATA/studies/noise]"),
     views_option,
-    notes="Needs the scenes and cameras that the dataset was made from. The frames in "
-    "DATA/studies/noise may be deleted once all is trained.",
+    notes="Requires the scenes and cameras of the dataset. The frames in "
+    "DATA/studies/noise may be deleted after training.",
 )
 def command(request: TrialRequest, samples: tuple[int, ...], renders: Path | None) -> None:
     """Train on noisy ground truth, raw and denoised (Figure 11).

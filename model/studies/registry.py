@@ -21,13 +21,13 @@ from pbrnet.model.studies.trials.words import COMPARISONS
 
 # Name: its line in `pbrnet study --help`. The report has the sections in this order.
 STUDIES = {
-    "pairs": "Blind pairs: which picture is the rendering? (Table II)",
+    "pairs": "Blind pairs: which image is the rendering? (Table II)",
     "illumination": "Change the light and compare with the renderer (Figure 10).",
     "time": "Time every part; networks and renderer at equal time.",
     "loss": "Compare four losses (Figure 7).",
     "decomposition": "Compare two stages with one (Figure 8).",
     "composition": "Compare composition network and product (Figure 9).",
-    "table": "Train all methods alike and compare them (Table I).",
+    "table": "Train all methods under equal conditions and compare them (Table I).",
     "noise": "Train on noisy ground truth (Figure 11).",
     "generalisation": "Test on another source, then fine-tune (Figures 14, 15).",
     "flicker": "Measure temporal stability along a camera move.",

@@ -35,12 +35,12 @@ def table_study(methods: Sequence[str]) -> TrialStudy:
   pbrnet study table --steps 2000 --views 200       train.baselines, three trainings of each
   pbrnet study table --method unet --method can_own --method plus
 """,
-    methods_option(BASELINES, "A method to compare with; repeatable.  [default: train.baselines]"),
+    methods_option(BASELINES, "Method to compare with (repeatable).  [default: train.baselines]"),
     views_option,
     seeds=3,
 )
 def command(request: TrialRequest, methods: tuple[str, ...]) -> None:
-    """Train all methods alike and compare them (Table I).
+    """Train all methods under equal conditions and compare them (Table I).
 
     All methods get the same views and steps, and are trained several times. Intervals tell how much
     other test scenes would change a mean, the spread how much another training would.

@@ -137,5 +137,5 @@ def load_model(path: Path) -> tuple[nn.Module, ModelCard]:
     except (SafetensorError, RuntimeError, OSError) as error:
         raise InputError(f"{path}: does not match its card ({_words(error)})") from None
     if not all(torch.isfinite(value).all() for value in state.values()):
-        raise InputError(f"{path}: the weights hold NaN or infinity; train the network again")
+        raise InputError(f"{path}: the weights contain NaN or infinity; train the network again")
     return channels_last(network.eval().requires_grad_(False)), card

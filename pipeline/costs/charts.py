@@ -108,11 +108,11 @@ def _timeline_chart(rows: Sequence[Row]) -> LedgerChart | None:
         if lanes[worker] < _ROWS:
             bars.append((group, lanes[worker], (begin - shift) / 60, (end - shift) / 60))
     caption = (
-        "Each row is a worker process and its successors; each bar is a view or a scene"
+        "Each row is a worker process and its replacements; each bar is a view or a scene"
         f"{_selection(count, len(bars))}."
     )
     if cuts:
-        caption += " Dashed lines stand for idle times."
+        caption += " Dashed lines show idle times."
     bars = bars[:: -(-len(bars) // _BARS)]
 
     def draw(axes: Axes) -> None:
@@ -218,7 +218,7 @@ def _samples_chart(rows: Sequence[Row]) -> LedgerChart | None:
         if len({x for x, _ in points}) > 1:
             return LedgerChart(
                 f"Cost by {name}",
-                "Shading and color of a view, without each worker's first view of a scene.",
+                "Shading and colour of a view, excluding each worker's first view of a scene.",
                 _scatter(points[:: -(-len(points) // _DOTS)], name),
             )
     return None

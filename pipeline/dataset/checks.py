@@ -44,7 +44,7 @@ REASONS = {
     "negative": "a negative radiance, depth or distance",
     "inconsistent": "depth or normal make no sense where a surface is seen, or differ between the "
     "view and its panorama",
-    "mislabelled": "materials or labels do not agree with what is seen",
+    "mislabelled": "materials or labels do not match the visible surfaces",
     "misaligned": "flow or occlusion do not agree with depth and cameras",
     "light": "the parts of the light do not add up to color",
     "few_surfaces": "too few pixels see a surface",
@@ -113,7 +113,7 @@ def load_frames(
             return Rejection("damaged", f"{kind}: {_one_line(message)}")
         if frame.meta.get("kind") != kind:
             return Rejection(
-                "damaged", f"{kind}: holds a frame of kind {shown(frame.meta.get('kind'))}"
+                "damaged", f"{kind}: contains a frame of kind {shown(frame.meta.get('kind'))}"
             )
         names = frame.meta.get("light_names")
         expected = layout(kind, len(names) if isinstance(names, list) else 0)

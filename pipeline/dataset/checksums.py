@@ -28,7 +28,7 @@ def read_sums(path: Path) -> dict[str, str]:
     for line in lines:
         match = _LINE.fullmatch(line)
         if match is None:
-            raise InputError(f"{path}: damaged, {line[:80]!r} is no checksum of a file")
+            raise InputError(f"{path}: damaged, {line[:80]!r} is not a checksum of a file")
         listed[match[2]] = match[1]
     return listed
 

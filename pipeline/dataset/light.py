@@ -104,7 +104,7 @@ def light_fault(frames: Mapping[Kind, Frame], lights: int) -> str | None:
             return f"{name}: {wrong} pixels differ from color by more than {_TOLERANCE:.1%}"
     names = light.meta.get("light_names", [])
     if not isinstance(names, list) or len(names) != lights:
-        return "another number of light groups than light.groups says"
+        return "the number of light groups differs from light.groups"
     if lights:
         groups = light_groups(light, lights).astype(np.float32)
         wrong = int((~(np.abs(groups.sum(axis=0) - color) <= tolerance)).any(axis=-1).sum())

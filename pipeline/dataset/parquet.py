@@ -160,7 +160,7 @@ def decode_image(cell: bytes) -> AnyArray:
         dtype = np.dtype(planes.dtype.names[0])
         return np.stack(planes, -1).view(dtype)[..., 0]
     except (EOFError, TypeError, ValueError) as error:
-        raise InputError(f"a cell that holds no image: {error}") from None
+        raise InputError(f"a cell without an image: {error}") from None
 
 
 def image_type(path: Path, field: pa.Field) -> tuple[np.dtype[Any], tuple[int, ...]]:

@@ -14,6 +14,6 @@ def library(name: str, purpose: str) -> Any:
         return importlib.import_module(name)
     except ImportError as error:
         raise MachineError(
-            f"{purpose} needs the library {name.split('.')[0]} ({error}); install it with: "
+            f"{purpose} requires the library {name.split('.')[0]} ({error}); install it with: "
             "pip install 'pbrnet[export]'"
         ) from None

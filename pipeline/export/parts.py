@@ -155,7 +155,9 @@ def _claim(folder: Path) -> None:
         raise InputError(f"{folder}: not a folder")
     found = {path.name for path in folder.iterdir()} - {_LOCK}
     if found and RECORD not in found:
-        raise InputError(f"{folder}: holds other files; choose an empty or new folder with --out")
+        raise InputError(
+            f"{folder}: contains other files; choose an empty or new folder with --out"
+        )
 
 
 def _clear(folder: Path) -> None:

@@ -82,7 +82,9 @@ def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) ->
 def room_of(row: ViewRow, rooms: Sequence[Room]) -> Room:
     """Return the room that a camera is in, or the nearest; `InputError` without rooms."""
     if not rooms:
-        raise InputError(f"{row.scene_id}: renderformer has a file a room; scene.json has none")
+        raise InputError(
+            f"{row.scene_id}: renderformer writes one file per room, but scene.json has no rooms"
+        )
     place = shapely.Point(row.pose[:2, 3])
     height = row.pose[2, 3]
 

@@ -194,7 +194,7 @@ def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:
         for number, cells in enumerate(table.to_pylist()):
             scale = cells.get("radiance_scale", 1.0)
             if not is_scale(scale):
-                raise InputError(f"{path}: a radiance_scale that is no power of two")
+                raise InputError(f"{path}: radiance_scale is not a power of two")
             check_row(path, cells)
             yield ViewRow(
                 cells["scene_id"],

@@ -34,7 +34,7 @@ def _trajectories(job: Job) -> dict[str, list[ViewRow]]:
 def _check(job: Job) -> None:
     if not _trajectories(job):
         raise InputError(
-            f"{job.rows.folder}: tum needs trajectories, and no view is part of one; set "
+            f"{job.rows.folder}: tum requires trajectories, but no view is part of one; set "
             "cameras.walks in params.yaml, then run: dvc repro dataset"
         )
 

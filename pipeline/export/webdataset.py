@@ -37,8 +37,8 @@ def _check(job: Job) -> None:
         other = keys.setdefault(key_of(row), row.name)
         if other != row.name:
             raise InputError(
-                f"{job.rows.folder}: the views {other} and {row.name} would have one key, "
-                f"{key_of(row)}; export them apart, with --scene"
+                f"{job.rows.folder}: the views {other} and {row.name} would have the same key, "
+                f"{key_of(row)}; export them separately with --scene"
             )
 
 

@@ -147,7 +147,7 @@ class Farm:
         """Connect to the scheduler; reset `address` if one of its workers does not see `needed`."""
         if "://" not in self.address and not re.search(r":\d+$", self.address):
             raise ParameterError(
-                f"{self.address!r} is no scheduler's address; write it like tcp://head:8786"
+                f"{self.address!r} is not a scheduler address; write it like tcp://head:8786"
             )
         try:
             client = Client(self.address, timeout=CONNECT_PATIENCE, set_as_default=False)
@@ -158,7 +158,7 @@ class Farm:
             ) from None
         if self.needed and not _all_see(client, self.needed):
             say(
-                f"note: the workers at {self.address} do not see {self.needed.parent}, which this "
+                f"note: the workers at {self.address} cannot see {self.needed.parent}, which this "
                 "stage needs; it runs on local workers instead",
                 err=True,
             )

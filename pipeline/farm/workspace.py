@@ -119,7 +119,7 @@ def require_data(workspace: Workspace) -> None:
     """Raise `MachineError` unless this worker sees the command's data folder."""
     if not workspace.token_path.is_file():
         raise MachineError(
-            f"a worker does not see {workspace.data}: every worker needs the project folder under "
+            f"a worker cannot see {workspace.data}: every worker needs the project folder under "
             "the same path, or farm.transfer: auto, which sends scenes to those that render"
         )
 

@@ -161,7 +161,7 @@ def inspect_diversity(folder: Path) -> Inspection:
     """
     shards = sorted(folder.glob("*.parquet"))
     if not shards:
-        raise InputError(f"{folder}: not a dataset folder; --diversity needs one")
+        raise InputError(f"{folder}: not a dataset folder; --diversity requires one")
     figures = dataset_figures(shards)
     views = sum(len(values["depth"]) for values in figures.values())
     return Inspection(

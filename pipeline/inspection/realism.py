@@ -128,7 +128,7 @@ def measure(data: Path) -> Realism:
             found.append({**counts(seen, scene), **picture_figures(read_frame(frame).rgb)})
             classes += class_pixels(view.seen, scene)
     if not found:
-        raise InputError(f"{data}: there are no frames of colour of its cameras to measure")
+        raise InputError(f"{data}: contains no colour frames to measure")
     total = max(1, sum(classes.values()))
     return Realism(
         {figure.name: np.array([view[figure.name] for view in found]) for figure in FIGURES},

@@ -124,7 +124,7 @@ def with_leaks(inspection: Inspection, path: Path) -> Inspection:
     Raises `InputError` if `path` is no scene.
     """
     if inspection.kind != "scene":
-        raise InputError(f"{path}: not a scene; --leaks needs one")
+        raise InputError(f"{path}: not a scene; --leaks requires one")
     set_variant()
     leaks = find_leaks(open_scene(load_scene(path if path.is_dir() else path.parent)))
     sentences = [str(leak) for leak in leaks] or ["none: with all portals closed no light gets in"]

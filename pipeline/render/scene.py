@@ -58,7 +58,7 @@ def set_variant(requested: Variant = "auto") -> str:
         return chosen
     if requested not in ("auto", current):
         raise MachineError(
-            f"this process already renders with {current}; {requested} needs a process of its own"
+            f"this process already renders with {current}; {requested} requires a separate process"
         )
     return str(current)
 
@@ -156,7 +156,7 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     missing = sorted(set(index_of) - {shape.id() for shape in shapes})
     if missing:
         raise InputError(
-            f"{scene.xml}: the shape {missing[0]!r}, which scene.json names, is missing in it"
+            f"{scene.xml}: the shape {missing[0]!r}, which scene.json names, is missing"
         )
     geometry = SceneGeometry(
         root,

@@ -38,7 +38,7 @@ def list_scenes(data: Path, plan: StagePlan) -> dict[str, Scene]:
                 )
             if not SAFE_NAME.fullmatch(scene.scene_id):
                 raise InputError(
-                    f"{folder}: a scene id may hold letters, digits, '.', '_' and '-' only"
+                    f"{folder}: a scene id may contain letters, digits, '.', '_' and '-' only"
                 )
             scenes[scene.scene_id] = scene
         except InputError as error:

@@ -54,7 +54,7 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
             if is_up_to_date(job):
                 plan.kept += 1
             elif stage_fingerprint(job.folder) is None and (job.folder / "scene.json").is_file():
-                error = f"{job.folder} holds a scene of another tool; rename or remove it"
+                error = f"{job.folder} contains a scene of another tool; rename or remove it"
                 plan.failures.append(Failure("scenes", scene_id, "", error))
             else:
                 plan.add(job, Target(job.folder, "scenes", scene_id))

@@ -18,7 +18,5 @@ class IfcOptions(SourceOptions):
 
     storey: tuple[str, ...] = field(
         default=(),
-        metadata=described(
-            "Storey of an IFC building to import; may be repeated. All if absent.", "NAME"
-        ),
+        metadata=described("Storey to import (repeatable).  [default: all]", "NAME"),
     )

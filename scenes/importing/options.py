@@ -34,15 +34,15 @@ class SourceOptions:
     auto_lamps: ClassVar[Literal["auto", "unlit"]] = "auto"
 
     licence: str = field(
-        default="", metadata=described("Terms of use, e.g. CC-BY-4.0, if no file says so.")
+        default="", metadata=described("Licence, such as CC-BY-4.0, if no file states it.")
     )
-    author: str = field(default="", metadata=described("Whose work it is, if no file says so."))
+    author: str = field(default="", metadata=described("Author, if no file states it."))
     lamps: Literal["auto", "home", "on", "off", "fill"] = field(
         default="auto",
         metadata=described(
-            "home: lamps as the file has them; fill: also a plain ceiling lamp in every room "
-            "without light; auto: in closed ones, of Mitsuba and PBRT only if no room has light. "
-            "Sweet Home 3D: also all on, or all off."
+            "home: lamps of the file; fill: plus a plain ceiling lamp in every room without light; "
+            "auto: plus lamps in closed rooms without light, for Mitsuba and PBRT only if no room "
+            "has light. Sweet Home 3D only: all on, or all off."
         ),
     )
 
@@ -66,18 +66,20 @@ class FreeAxesOptions(SourceOptions):
 
     scale: float | None = field(
         default=None,
-        metadata=described("Metres per unit of the file; guessed if absent.", **within(1e-6, 1e6)),
+        metadata=described(
+            "Metres per unit of the file; estimated by default.", **within(1e-6, 1e6)
+        ),
     )
     up: Literal["auto", "x", "y", "z"] = field(
         default="auto", metadata=described("Axis that points up in the file.")
     )
     root: Path | None = field(
         default=None,
-        metadata=described("Folder above the file's; the import may open files inside it."),
+        metadata=described("Parent folder of the file in which the import may open files."),
     )
     sky: bool = field(
         default=False,
         metadata=described(
-            "Add sun and sky to a scene without any, for rooms that are too dark otherwise."
+            "Add sun and sky to a scene without any, for rooms that are otherwise too dark."
         ),
     )

@@ -19,7 +19,7 @@ class MitsubaOptions(FreeAxesOptions):
 
     parameter: dict[str, str] = field(
         default_factory=dict,
-        metadata=described("Value for a $parameter of the file; may be repeated.", "NAME=VALUE"),
+        metadata=described("Value of a $parameter of the file (repeatable).", "NAME=VALUE"),
     )
     skip_missing: bool = field(
         default=False, metadata=described("Leave out shapes whose mesh file is missing.")

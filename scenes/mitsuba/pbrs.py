@@ -391,7 +391,7 @@ def _near(folder: Path, name: str, opened: OpenedFiles) -> Path | None:
 def _lines(path: Path) -> list[str]:
     if path.stat().st_size > _MAX_BYTES:
         raise InputError(
-            f"{path}: is larger than {_MAX_BYTES >> 20} MiB, so it is no table of the release"
+            f"{path}: is larger than {_MAX_BYTES >> 20} MiB, so it is not a table of the release"
         )
     text = path.read_bytes().decode("utf-8", "replace")
     return [line for line in text.splitlines() if line.strip()]

@@ -20,12 +20,12 @@ class SweetHomeOptions(SourceOptions):
 
     level: tuple[str, ...] = field(
         default=(),
-        metadata=described("Level of a home to import; may be repeated. All if absent.", "NAME"),
+        metadata=described("Level to import (repeatable).  [default: all]", "NAME"),
     )
     time: str | None = field(
         default=None,
         metadata=described(
-            "Local time of day in a home, instead of its own.",
+            "Local time of day, instead of the home's.",
             "HH:MM",
             allowed="in quotes, such as '19:30'",
         ),

@@ -89,4 +89,4 @@ def test_every_figure_is_measured() -> None:
 
 def test_a_folder_without_colour_is_refused_in_one_line(tmp_path: Path) -> None:
     done = CliRunner().invoke(inspect, [str(tmp_path), "--realism"])
-    assert "no frames of colour" in str(done.exception)
+    assert "no colour frames" in str(done.exception)

@@ -30,7 +30,7 @@ Examples:
 
 Renders inputs and ground truth of every frame. The measure is the mean absolute difference of
 display values between neighbouring frames, over the pixels that both frames see. Lower is more
-stable; compare with the value of the renderer. A sheet of frames is written beside the JSON.""",
+stable; compare with the value of the renderer. A contact sheet is written beside the JSON.""",
 )
 @click.argument("scene", type=FOLDER)
 @click.option("--view", "view_id", required=True, help="View at the start of the move.")
@@ -42,7 +42,7 @@ stable; compare with the value of the renderer. A sheet of frames is written bes
     type=click.Choice(["dolly", "truck", "pan", "still"]),
     default="dolly",
     show_default=True,
-    help="Forward, to the right, a turn to the right, or no move.",
+    help="Move forward, to the right, turn to the right, or stand still.",
 )
 @click.option(
     "--frames", type=click.IntRange(2, 240), default=8, show_default=True, help="Number of frames."
@@ -55,7 +55,7 @@ stable; compare with the value of the renderer. A sheet of frames is written bes
 )
 @size_option("Image size.  [default: as in the camera file]")
 @methods_option(
-    PREDICTABLE, "A method to measure; repeatable.  [default: pbrnet, else the trained method]"
+    PREDICTABLE, "Method to measure (repeatable).  [default: pbrnet, or the trained method]"
 )
 @click.option(
     "--out",
@@ -121,7 +121,7 @@ def command(
 
 def _lines(study: FlickerMeasurement) -> list[str]:
     truth = study.methods["renderer"].mean
-    lines = [f"{study.visible:.1%} of the pixels are visible in both of two neighbouring frames"]
+    lines = [f"{study.visible:.1%} of the pixels are visible in both neighbouring frames"]
     for name, one in study.methods.items():
         ratio = "" if name.startswith("renderer") or truth == 0 else f", {one.mean / truth:.2f}x"
         lines.append(f"{name:>22}: {one.mean:.5f}{ratio}")

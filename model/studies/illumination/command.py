@@ -31,8 +31,8 @@ Examples:
   pbrnet study illumination --views 40 --spp 256   smaller uncertainty, much longer
   pbrnet study illumination --factor 2             lamps twice as bright, outdoors half
 
-Needs trained networks, and the scenes and cameras that the dataset was made from. An interrupted
-study resumes when the command is run again. The frames in DATA/studies/illumination may be deleted.
+Requires trained networks, and the scenes and cameras of the dataset. An interrupted study resumes
+when the command is run again. The frames in DATA/studies/illumination may be deleted.
 Writes metrics/studies/illumination.json and illumination.png.""",
 )
 @config_options(IlluminationConfig)
@@ -66,7 +66,7 @@ def _lines(result: IlluminationResult, target: Path) -> list[str]:
         lines += [
             f"  left out in {count}: {reason}" for reason, count in sorted(change.skipped.items())
         ]
-    return [*lines, f"{target}: all figures; the picture is beside it"]
+    return [*lines, f"{target}: all figures; the image is beside it"]
 
 
 def _measures(found: Agreement, reference: str) -> str:

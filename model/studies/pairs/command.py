@@ -53,28 +53,28 @@ Examples:
   pbrnet study pairs --folder old=renders/old --folder new=renders/new
   pbrnet study pairs --score answers/*.json
 
-Give observers only the page. The key beside it, NAME-key.json, says where each picture is
-from. Keep it: without it, answers cannot be scored.""",
+Give observers only the page. The key beside it, NAME-key.json, states the origin of each image.
+Keep it: without it, answers cannot be scored.""",
 )
 @click.argument("files", nargs=-1, type=FILE, metavar="[FILE]...")
 @click.option("--score", "scoring", is_flag=True, help="Score the answer files FILE.")
 @config_options(PairsConfig)
 @methods_option(
     EVALUATED_METHODS,
-    "A method to show; repeatable.  [default: pbrnet, product, trained baselines]",
+    "Method to show (repeatable).  [default: pbrnet, product, trained baselines]",
 )
 @click.option(
     "--folder",
     "pictures",
     multiple=True,
     metavar="NAME=FOLDER",
-    help="Compare folders of PNG or JPEG pictures instead of methods; at least two.",
+    help="Compare folders of PNG or JPEG images instead of methods; at least two.",
 )
 @click.option(
     "--question",
     default=None,
     metavar="TEXT",
-    help=f"Question about pictures of folders.  [default: {QUESTION}]",
+    help=f"Question about images of folders.  [default: {QUESTION}]",
 )
 @click.option(
     "--out",
@@ -96,7 +96,7 @@ def command(
     question: str | None,
     **options: Any,
 ) -> None:
-    """Ask observers which of two pictures is the photo-realistic rendering (Table II).
+    """Ask observers which of two images is the photo-realistic rendering (Table II).
 
     Writes a self-contained page that runs in any browser; observers answer, save a file and send
     it. With --score, reads answer files and reports how often each method's picture was taken for
@@ -111,13 +111,13 @@ def command(
         raise click.BadParameter(f"{page}: the file name must end in .html", param_hint="--out")
     if scoring != bool(files):
         raise click.UsageError(
-            "--score needs the answer files, and they need --score: "
+            "--score requires the answer files, and they require --score: "
             "pbrnet study pairs --score FILE..."
         )
     if pictures and methods:
         raise click.UsageError("--folder and --method exclude each other")
     if question is not None and not pictures:
-        raise click.UsageError("--question is about pictures of folders: give --folder, too")
+        raise click.UsageError("--question requires --folder")
     if scoring:
         key = read_key(key_path_of(page))
         people = read_all(files, key)
@@ -150,7 +150,7 @@ def _page_lines(written: WrittenPage, config: PairsConfig, page: Path) -> list[s
         )
     elif count < config.pairs:
         lines.append(
-            f"{count} pairs, not {config.pairs}: no picture is shown twice (the smallest folder "
+            f"{count} pairs, not {config.pairs}: no image is shown twice (the smallest folder "
             f"has {written.views}), and every two folders get the same even number"
         )
     if not written.practice:

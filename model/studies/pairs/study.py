@@ -56,7 +56,7 @@ class PairsConfig:
     pairs: int = option(
         50,
         click.IntRange(2, MAX_PAIRS),
-        "Maximum number of pairs, equal for all methods; no view or picture is shown twice.",
+        "Maximum number of pairs, equal for all methods; no view or image is shown twice.",
     )
     seconds: float = option(3.0, click.FloatRange(0.1, 60), "Time a pair is shown.")
     answer_seconds: float = option(

@@ -25,8 +25,8 @@ Examples:
   pbrnet study time --views 8 --repeats 7      smaller uncertainty
   pbrnet study time --clock cpu                on a busy machine
 
-Run it on a quiet machine, or with --clock cpu. Needs trained networks, and the scenes and cameras
-that the dataset was made from. Reference images are kept in DATA/studies/time and may be deleted.
+Run it on an idle machine, or with --clock cpu. Requires trained networks, and the scenes and
+cameras of the dataset. Reference images are kept in DATA/studies/time and may be deleted.
 Writes metrics/studies/time.json and time.png.""",
 )
 @config_options(TimeConfig)

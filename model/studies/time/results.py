@@ -15,7 +15,7 @@ from pbrnet.scenes.checked import within
 Clock = Literal["wall", "cpu"]
 CLOCKS: dict[Clock, str] = {
     "wall": "seconds",
-    "cpu": "processor seconds, sum of all threads",
+    "cpu": "CPU seconds, sum of all threads",
 }
 HYBRID_SAMPLES = (1, 2, 4, 8)  # per pixel, for networks that take noisy samples
 # Per pixel, of light transport with fewer samples than it has by itself, and with fewer surfels.

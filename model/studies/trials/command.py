@@ -84,7 +84,9 @@ def trial_command(
             function(TrialRequest(request.params, folders, config, dry_run), **given)
 
         command.__doc__ = function.__doc__
-        where = "Folder of the backbone; another folder than the default holds metrics, too."
+        where = (
+            "Folder of the backbone; if it is not the default, metrics are stored there as well."
+        )
         callback: Any = folders_options(where)(command)
         for option in (*_trial_options(seeds), *reversed(options)):
             callback = option(callback)

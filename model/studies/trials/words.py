@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pbrnet.model.titles import METHOD_TITLES
 
 # Titles of row labels that are common to all of these studies; a study adds its own.
-LABELS = {**METHOD_TITLES, "truth": "The renderer's own picture"}
+LABELS = {**METHOD_TITLES, "truth": "The ground truth itself"}
 
 
 @dataclass(frozen=True)

@@ -172,7 +172,7 @@ def test_a_pinned_list_refuses_another_truth(
 @pytest.mark.parametrize(
     ("spoil", "reason"),
     [
-        (lambda folder: next(folder.glob("home-b*")).unlink(), "1 of 6 views have no picture"),
+        (lambda folder: next(folder.glob("home-b*")).unlink(), "1 of 6 views have no image"),
         (
             lambda folder: write_exr(
                 folder / "home-b--room-0-s0.exr", rgb_planes(np.zeros((5, 7, 3), np.float32))

@@ -248,7 +248,7 @@ def test_the_unit_of_radiance_is_undone(tmp_path: Path) -> None:
     index = table.schema.get_field_index("radiance_scale")
     wrong = pa.array([0.3] * len(table), pa.float32())
     pq.write_table(table.set_column(index, table.schema.field(index), wrong), shard)
-    with pytest.raises(InputError, match="no power of two"):
+    with pytest.raises(InputError, match="not a power of two"):
         list(Dataset(tmp_path / "dataset", "train").ordered())
 
 

@@ -116,7 +116,7 @@ def test_too_large_or_too_different_is_refused_and_leaves_nothing(
         packed(metrics=Path("broken"))
     Path("broken/evaluation.json").unlink()
     Path("broken").rmdir()
-    with pytest.raises(InputError, match="packing needs a dataset"):
+    with pytest.raises(InputError, match="packing requires a dataset"):
         packed(data=Path("nowhere"))
     assert sorted(path.name for path in project.iterdir()) == [
         "data", "metrics", "models", "params.yaml",

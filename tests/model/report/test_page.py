@@ -137,7 +137,7 @@ def text(root: Path) -> str:
 def test_the_page_nests_and_has_every_section(text: str) -> None:
     assert set(SECTIONS) <= Page(text).ids
     assert 'class="missing"' not in text.replace('<p class="missing">All scenes', "")
-    assert "SSIM of both networks, on unseen scenes" in text
+    assert "SSIM of both networks (pbrnet), on test scenes" in text
     assert "&lt;integrator&gt;" in text and "<integrator>" not in text, "foreign text is escaped"
     assert "prefers-color-scheme: dark" in text and 'name="viewport"' in text
 

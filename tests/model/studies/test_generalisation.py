@@ -233,7 +233,7 @@ def test_a_source_within_the_dataset_is_not_trained_on(run: Run, folders: Folder
         ((), 2, "--other FOLDER, --source PATTERN"),
         (("--source", "nothing-*"), 3, "no floor plan or scene is called 'nothing-*'"),
         (("--source", "a"), 3, "one floor plan only, 'a'"),
-        (("--source", "[abcd]"), 3, "every training scene is of the source"),
+        (("--source", "[abcd]"), 3, "every training scene belongs to the source"),
         (("--other", "data"), 2, "--other data is DATA itself"),
         (("--other", "nowhere"), 3, "no dataset shards here"),
         (("--other", "../twin"), 3, "has the name of a training scene"),

@@ -448,7 +448,7 @@ def test_the_report_notes_a_damaged_result(tmp_path: Path, place: list[str], val
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (("--score",), 2, "--score needs the answer files"),
+        (("--score",), 2, "--score requires the answer files"),
         (("a.json",), 2, "they need --score"),
         (("--score", "a.json"), 3, "no such key"),
         (("--pairs", 4), 2, "--pairs: 4 is not allowed; 3 methods need at least 6"),

@@ -117,7 +117,7 @@ def test_the_page_shows_the_pictures_of_its_key_and_reveals_none(run: Run, tmp_p
     code, words, errors = run(*TWO, "--question", "Which <room> is tidier?", "--out", "p.html")
     assert code == 0, errors
     assert "4 pairs, 4 each of old and new, 4 in all of the same file name; 2 more for" in words
-    assert "4 pairs, not 50: no picture is shown twice (the smallest folder has 6)" in words
+    assert "4 pairs, not 50: no image is shown twice (the smallest folder has 6)" in words
     key, content = read_key(tmp_path / "p-key.json"), content_of(tmp_path / "p.html")
     assert isinstance(key, FolderKey) and key.folders == ("old", "new")
     for shown, pair in zip(content["pairs"], key.pairs, strict=True):

@@ -619,7 +619,7 @@ def test_checksums_find_what_is_damaged_missing_or_foreign(packed: Path, tmp_pat
     for words in (f"{shard.name} is damaged", "scenes.csv is missing", "notes.txt is not on"):
         assert words in str(caught.value)
     (folder / "SHA256SUMS").write_text("../../etc/passwd\n")
-    with pytest.raises(InputError, match="is no checksum"):
+    with pytest.raises(InputError, match="is not a checksum"):
         verify_sums(folder)
     (folder / "SHA256SUMS").unlink()
     result = CliRunner().invoke(cli, inspect)
