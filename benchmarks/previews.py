@@ -33,7 +33,9 @@ def preview_rows(bench: Bench) -> Iterator[Row]:
         "guides": lambda: guides(scene, view),
         "fast": lambda: fast_guides(scene, view),
         "sample": lambda: render_samples(scene, view, trace, 0),
-        "frame": lambda: render_noisy(scene, view, noisy_settings(single), 0),
+        "frame": lambda: render_noisy(
+            scene, view, noisy_settings(single.groundtruth, single.shading, single.noisy), 0
+        ),
     }
     for work in ways.values():  # compiles; the round that is not counted records once more
         work()

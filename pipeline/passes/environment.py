@@ -18,7 +18,6 @@ import numpy as np
 
 from pbrnet.pipeline.channels import NORMAL, RGB, Kind
 from pbrnet.pipeline.frames import Channels, Result
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import SUBPIXELS, Image, denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import panorama_launch, render_blocks
 from pbrnet.pipeline.passes.illumination import Panorama
@@ -42,9 +41,10 @@ class EnvironmentSettings:
     denoiser: str | None
 
 
-def settings(params: Params) -> dict[Kind, EnvironmentSettings]:
+def settings(
+    truth: GroundTruthParams, panorama: EnvironmentParams
+) -> dict[Kind, EnvironmentSettings]:
     """Return the panorama's settings and those of the ground truth that its paths share."""
-    truth, panorama = params.groundtruth, params.environment
     denoiser = None if truth.denoise == "none" else denoiser_version()
     trace = replace(truth, spp=panorama.spp, noise=0.0, min_spp=1, train_spp=0, joint=True)
     return {"environment": EnvironmentSettings(panorama, trace, denoiser)}

@@ -18,14 +18,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from pbrnet.pipeline.channels import TINT, Kind
 from pbrnet.pipeline.frames import Channels, Result
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.lights import Lights
@@ -40,11 +39,6 @@ _NARROW = 1.5  # pixels: sources of less mean width are narrow
 _MAX_MULTIPLE = 64  # of `light_samples`: most points on one long, thin source
 _PROBE_WIDTH = 128  # columns of the coarse panorama that searches for openings
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # R2 sequence: 1/g, 1/g^2, g^3 = g + 1
-
-
-def settings(params: Params) -> dict[Kind, IlluminationParams]:
-    """Return what the trace reads: those of the panorama, without the rays for shadows."""
-    return {"illumination": replace(params.illumination, shadow_rays=0)}
 
 
 def render(

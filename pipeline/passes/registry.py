@@ -9,7 +9,7 @@ determines pixels cannot be missing from it; view scores, the farm and training 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 from pbrnet.pipeline.channels import Kind
@@ -55,33 +55,42 @@ TRACES: tuple[Trace[Any], ...] = (
             "labels": ("labels", "inputs"),
             "video": ("video", "inputs"),
         },
-        surfaces.settings,
+        lambda params: dict.fromkeys(surfaces.MAKERS),  # they depend on the view alone
         surfaces.render_surfaces,
     ),
-    Trace({"illumination": ("illumination",)}, illumination.settings, illumination.render),
+    Trace(
+        {"illumination": ("illumination",)},
+        lambda params: {"illumination": replace(params.illumination, shadow_rays=0)},
+        illumination.render,
+    ),
     Trace(
         {"visibility": ("visibility", "illumination", "inputs")},
-        visibility.settings,
+        lambda params: {"visibility": params.illumination},
         visibility.render,
     ),
     Trace(
         {"shading": _TRUTH, "color": _TRUTH, "light": ("light", *_TRUTH)},
-        truth.truth_settings,
+        lambda params: truth.truth_settings(params.groundtruth, params.shading, params.light),
         truth.render_truths,
         seed="truth",
         together=lambda settings: settings.joint,
     ),
     # Of other samples: a network that sees the ground truth's own would learn its noise.
-    Trace({"noisy": (*_TRUTH, "guides")}, truth.noisy_settings, truth.render_noisy, seed="noisy"),
+    Trace(
+        {"noisy": (*_TRUTH, "guides")},
+        lambda params: truth.noisy_settings(params.groundtruth, params.shading, params.noisy),
+        truth.render_noisy,
+        seed="noisy",
+    ),
     Trace(
         {"environment": ("environment", *_TRUTH)},
-        environment.settings,
+        lambda params: environment.settings(params.groundtruth, params.environment),
         environment.render,
         seed="environment",
     ),
     Trace(
         {"transport": ("transport", "guides")},
-        transport.settings,
+        lambda params: transport.settings(params.transport),
         transport.render,
         seed="transport",
     ),

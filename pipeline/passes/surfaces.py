@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.frames import Result
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.inputs import VisibleSurfaces, inputs_of, visible_surfaces
 from pbrnet.pipeline.passes.labels import labels_of
 from pbrnet.pipeline.passes.materials import materials_of
@@ -20,11 +19,6 @@ MAKERS: dict[Kind, Callable[[VisibleSurfaces], Result]] = {
     "labels": labels_of,
     "video": lambda surfaces: (video_of(surfaces), {}),
 }
-
-
-def settings(params: Params) -> dict[Kind, None]:
-    """Return no settings: these frames depend on the view alone."""
-    return dict.fromkeys(MAKERS)
 
 
 def render_surfaces(

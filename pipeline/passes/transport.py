@@ -20,7 +20,6 @@ import numpy as np
 
 from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT, Kind
 from pbrnet.pipeline.frames import Channels, Result
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality, denoise, denoiser_version
 from pbrnet.pipeline.passes.truth import Preparation, prepare
 from pbrnet.pipeline.pathtrace import integrator
@@ -89,9 +88,9 @@ class TransportSettings:
     denoiser: str
 
 
-def settings(params: Params) -> dict[Kind, TransportSettings]:
+def settings(params: TransportParams) -> dict[Kind, TransportSettings]:
     """Return the settings of a `transport` frame."""
-    return {"transport": TransportSettings(params.transport, denoiser_version())}
+    return {"transport": TransportSettings(params, denoiser_version())}
 
 
 def render(

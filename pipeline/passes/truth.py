@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 from pbrnet.pipeline.channels import DENOISED, DENOISED_SHADING, HALF, NOISY_SHADING, RGB, Kind
 from pbrnet.pipeline.frames import Channels, Result
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import (
     Guides,
     Quality,
@@ -26,7 +25,12 @@ from pbrnet.pipeline.passes.groundtruth import (
     render_truth,
 )
 from pbrnet.pipeline.passes.light import light_of
-from pbrnet.pipeline.passes.settings import GroundTruthParams
+from pbrnet.pipeline.passes.settings import (
+    GroundTruthParams,
+    LightParams,
+    NoisyParams,
+    ShadingParams,
+)
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.light_groups import group_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
@@ -98,16 +102,17 @@ def sample_guides(scene: RenderScene, view: View) -> Guides:
     return guides(scene, view)
 
 
-def truth_settings(params: Params) -> dict[Kind, TruthSettings]:
+def truth_settings(
+    trace: GroundTruthParams, shading: ShadingParams, light: LightParams
+) -> dict[Kind, TruthSettings]:
     """Return the settings of shading, colour and light.
 
     Those of colour in a joint trace hold the grey of shading: Russian roulette depends on the twin.
     """
-    trace = params.groundtruth
     denoiser = None if trace.denoise == "none" else denoiser_version()
-    shading = TruthSettings(trace, params.shading.albedo, denoiser)
-    color = shading if trace.joint else replace(shading, albedo=None)
-    return {"shading": shading, "color": color, "light": replace(color, groups=params.light.groups)}
+    grey = TruthSettings(trace, shading.albedo, denoiser)
+    color = grey if trace.joint else replace(grey, albedo=None)
+    return {"shading": grey, "color": color, "light": replace(color, groups=light.groups)}
 
 
 def noisy_trace(params: GroundTruthParams, spp: int) -> GroundTruthParams:
@@ -123,11 +128,12 @@ def noisy_trace(params: GroundTruthParams, spp: int) -> GroundTruthParams:
     )
 
 
-def noisy_settings(params: Params) -> dict[Kind, NoisySettings]:
+def noisy_settings(
+    truth: GroundTruthParams, shading: ShadingParams, noisy: NoisyParams
+) -> dict[Kind, NoisySettings]:
     """Return the settings of a `noisy` frame."""
-    trace = noisy_trace(params.groundtruth, params.noisy.spp)
-    settings = NoisySettings(trace, params.shading.albedo, denoiser_version())
-    return {"noisy": settings}
+    trace = noisy_trace(truth, noisy.spp)
+    return {"noisy": NoisySettings(trace, shading.albedo, denoiser_version())}
 
 
 def render_truths(

@@ -15,7 +15,6 @@ import numpy as np
 
 from pbrnet.pipeline.channels import TINT, Kind
 from pbrnet.pipeline.frames import Channels, Result
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import facing_normals
 from pbrnet.pipeline.passes.panorama_lights import sources, unshadowed_irradiance
@@ -33,11 +32,6 @@ _WINDOW = (0.5, 1.0, 1.0, 1.0, 0.5)  # weights of the 5 x 5 neighbourhood, per a
 _MIN_COSINE = 0.9  # between the normals of one surface
 _MAX_OFFSET = 0.01  # of the depth: distance of a surface from the pixel's tangent plane
 _TOLERANCE = 0.02  # metres before a source's mean position within which a ray has arrived
-
-
-def settings(params: Params) -> dict[Kind, IlluminationParams]:
-    """Return what the trace reads: those of the panorama and its shadows."""
-    return {"visibility": params.illumination}
 
 
 def render(
