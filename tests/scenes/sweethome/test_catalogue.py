@@ -31,7 +31,7 @@ from pbrnet.scenes.photometry import blackbody, color_temperature
 from pbrnet.scenes.procedural.furnishing.asset_sampler import load_kind_index
 from pbrnet.scenes.procedural.home import make_home
 from pbrnet.scenes.sweethome.catalogue import packages
-from pbrnet.scenes.sweethome.catalogue.convert import convert
+from pbrnet.scenes.sweethome.catalogue.convert import PieceJob, convert
 from pbrnet.scenes.sweethome.catalogue.library import UnusablePiece, read_library
 from pbrnet.scenes.sweethome.catalogue.packages import INSTALLED
 from pbrnet.scenes.sweethome.catalogue.properties import parse_properties
@@ -196,7 +196,7 @@ def test_images_are_found_bounded_and_parted_from_their_alpha(
 ) -> None:
     """The material file names an absolute path in another case, beside a black colour."""
     piece = next(piece for piece in read_library(library).pieces if piece.name == "Panel")
-    asset = convert(library, piece, tmp_path / "out", NOWHERE, "mark", 1000, 64)
+    asset = convert(PieceJob(library, piece, tmp_path / "out", NOWHERE, "mark", 1000, 64))
     (part,) = [part for part in asset.parts if part.texture]
     assert part.texture and part.alpha and min(part.color) > 0.5
     with Image.open(tmp_path / "out" / part.texture) as image:
@@ -225,7 +225,7 @@ def test_a_lamp_keeps_its_clear_shade_as_opal_glass(library: Path, tmp_path: Pat
         tmp_path / "clear.sh3f", **{"models/lamp.obj": clear, "models/lamp.mtl": materials}
     )
     piece = next(piece for piece in read_library(source).pieces if piece.lights)
-    asset = convert(source, piece, tmp_path / "lamp", NOWHERE, "", 1000, 64)
+    asset = convert(PieceJob(source, piece, tmp_path / "lamp", NOWHERE, "", 1000, 64))
     assert asset.checks.size_error < 1e-4 and any("opal" in note for note in asset.checks.notes)
     assert all(part.kind not in ("glass", "sheer") for part in asset.parts)
     assert asset.lumens == pytest.approx(USUAL, rel=0.02)
@@ -249,13 +249,13 @@ def test_models_that_cannot_be_used_are_refused(library: Path, tmp_path: Path) -
     for name, (data, reason) in cases.items():
         source = draw.write_catalogue(tmp_path / f"{name}.sh3f", **{"models/table.obj": data})
         with pytest.raises(UnusablePiece, match=reason):
-            convert(source, table, tmp_path / name, NOWHERE, "", 1000, 64)
+            convert(PieceJob(source, table, tmp_path / name, NOWHERE, "", 1000, 64))
         assert not (tmp_path / name).exists()
     with pytest.raises(UnusablePiece, match="max_triangles"):
-        convert(library, table, tmp_path / "many", NOWHERE, "", 10, 64)
+        convert(PieceJob(library, table, tmp_path / "many", NOWHERE, "", 10, 64))
     gone = replace(table, model="models/none.obj")
     with pytest.raises(UnusablePiece, match=r"none\.obj"):
-        convert(library, gone, tmp_path / "gone", NOWHERE, "", 1000, 64)
+        convert(PieceJob(library, gone, tmp_path / "gone", NOWHERE, "", 1000, 64))
 
 
 # -- what a piece leaves free -------------------------------------------------------------------
@@ -583,7 +583,7 @@ def test_pieces_of_the_real_package(tmp_path: Path) -> None:
         chosen += [(path, piece) for piece in library.pieces[::20]]
     for path, piece in chosen:
         try:
-            asset = convert(path, piece, tmp_path / piece.key, NOWHERE, "", 200_000, 256)
+            asset = convert(PieceJob(path, piece, tmp_path / piece.key, NOWHERE, "", 200_000, 256))
         except UnusablePiece as reason:
             refused.append(f"{piece.key}: {reason}")
             continue
