@@ -4,7 +4,7 @@ import sys
 
 import torch
 from network import fit, network, tensor
-from rows import rows
+from pbrnet_reader import read
 
 FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
 COLORS = ["noisy_color", "denoised_color", "color"]
@@ -12,7 +12,7 @@ COLORS = ["noisy_color", "denoised_color", "color"]
 
 def load(split):
     """Few samples with reflectance and normal; few samples, what Intel's denoiser makes, truth."""
-    views = list(rows(FOLDER, split, [*COLORS, "reflectance", "normal"]))
+    views = list(read(FOLDER, [*COLORS, "reflectance", "normal"], split))
     noisy, denoised, truth = (
         torch.log1p(20 * tensor([view[name] for view in views])) for name in COLORS
     )

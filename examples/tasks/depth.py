@@ -5,14 +5,14 @@ import sys
 import torch
 from network import display, fit, network, tensor
 from PIL import Image
-from rows import rows
+from pbrnet_reader import read
 
 FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
 
 
 def load(split):
     """Colour and the pixel's row in the image, logarithm of depth, and where it is known."""
-    views = list(rows(FOLDER, split, ["color", "depth"]))
+    views = list(read(FOLDER, ["color", "depth"], split))
     color = display(tensor([view["color"] for view in views]))
     depth = tensor([view["depth"] for view in views])
     height = torch.linspace(-1, 1, color.shape[2])[:, None].expand_as(depth)

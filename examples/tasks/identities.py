@@ -6,7 +6,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
-from rows import rows
+from pbrnet_reader import read
 
 TABLES = ("instances", "layout", "light_sources")
 
@@ -245,7 +245,7 @@ def main(folder):
     file = Path(folder) / "classes.json"
     classes = json.loads(file.read_text()) if file.is_file() else {}
     found, before = defaultdict(list), None
-    for row in rows(folder, "*", None):
+    for row in read(folder, split="all"):
         row |= {name: json.loads(row[name]) for name in TABLES if name in row}
         for title, error, limit in checks(row, before, classes):
             found[title].append((float(error), limit, f"{row['scene_id']}/{row['view_id']}"))

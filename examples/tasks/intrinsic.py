@@ -4,7 +4,7 @@ import sys
 
 import torch
 from network import display, fit, network, tensor
-from rows import rows
+from pbrnet_reader import read
 
 FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
 LEAST = 0.02  # of reflectance, whose logarithm is learned
@@ -12,7 +12,7 @@ LEAST = 0.02  # of reflectance, whose logarithm is learned
 
 def load(split):
     """Colour, reflectance, light, and where their product is the colour within 20 %."""
-    views = list(rows(FOLDER, split, ["color", "reflectance", "irradiance", "residual"]))
+    views = list(read(FOLDER, ["color", "reflectance", "irradiance", "residual"], split))
     color, reflectance, light, residual = (tensor([view[k] for view in views]) for k in views[0])
     matte = (residual.abs() < 0.2 * color).all(1, keepdim=True) & (reflectance > LEAST).all(
         1, keepdim=True

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 from PIL import Image
-from rows import rows
+from pbrnet_reader import read
 
 
 def points(view):
@@ -36,7 +36,7 @@ def drawn(source, target):
 
 
 names = ["scene_id", "view_set", "K", "camera_to_world", "depth", "color", "radiance_scale"]
-views = [view for view in rows(sys.argv[1], "*", names) if view["view_set"]]
+views = [view for view in read(sys.argv[1], names, "all") if view["view_set"]]
 sheet = []
 for source, target in pairwise(views):
     if (source["scene_id"], source["view_set"]) != (target["scene_id"], target["view_set"]):

@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from rows import rows
+from pbrnet_reader import read
 
 names = ["scene_id", "view_id", "lights", "light_names", "color"]
 wanted = sys.argv[2] if len(sys.argv) > 2 else ""
-for view in rows(sys.argv[1], "*", names):
+for view in read(sys.argv[1], names, "all"):
     name = f"{view['scene_id']}--{view['view_id']}"
     if wanted in ("", name):
         break

@@ -8,14 +8,14 @@ import numpy as np
 import torch
 from network import display, fit, network, tensor
 from PIL import Image
-from rows import rows
+from pbrnet_reader import read
 
 FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
 
 
 def load(split):
     """Colour and normal, and the class of each pixel, 0: none."""
-    views = list(rows(FOLDER, split, ["color", "normal", "nyu13"]))
+    views = list(read(FOLDER, ["color", "normal", "nyu13"], split))
     color = display(tensor([view["color"] for view in views]))
     normal = tensor([view["normal"] for view in views])
     return torch.cat([color, normal], 1), tensor([view["nyu13"] for view in views]).long()

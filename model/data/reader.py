@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -31,9 +30,11 @@ from pbrnet.pipeline.dataset.parquet import (
     image_type,
     open_parquet,
     reading,
+    shards_of,
 )
 from pbrnet.pipeline.radiance import RADIANCE_SCALE, RADIANCES, is_scale
 from pbrnet.pipeline.tonemap import Exposure
+from pbrnet.reader import shuffled
 from pbrnet.scenes.arrays import AnyArray, UInt8Array
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file, read_csv
@@ -62,7 +63,6 @@ SCALARS = (
 )
 NOISY_SPP = "noisy_spp"  # samples per pixel of noisy images, a number
 _PIECE = 32704  # values; PyTorch starts threads from 32768 on
-_SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +132,7 @@ class Dataset:
     ) -> None:
         self.folder, self.split = Path(folder), split
         self.only = None if only is None else frozenset(only)
-        self.shards = _shards(self.folder, split)
+        self.shards = shards_of(self.folder, split)
         there = image_columns(self.folder, split)
         optional = [name for name in OPTIONAL if name in there]
         wanted = dict.fromkeys((*PAPER, *columns, *optional))
@@ -183,16 +183,12 @@ class Dataset:
         """The rows of pass `number`: row groups shuffled, then rows through a shuffle buffer."""
         rng = generator(seed, "order", number)
         groups = [(s, g) for s, sizes in enumerate(self.groups) for g in range(len(sizes))]
-        order: list[Row] = []
-        held: list[Row] = []
-        for index in rng.permutation(len(groups)):
+
+        def rows(index: int) -> list[Row]:
             shard, group = groups[index]
-            held += [Row(shard, group, row) for row in self.groups[shard][group]]
-            while len(held) > buffer:
-                order.append(held.pop(int(rng.integers(len(held)))))
-        while held:
-            order.append(held.pop(int(rng.integers(len(held)))))
-        return order
+            return [Row(shard, group, row) for row in self.groups[shard][group]]
+
+        return list(shuffled(rng.permutation(len(groups)), rng, buffer, rows))
 
     def column(self, name: str) -> list[Any]:
         """Python values of a scalar column of the split; empty if the column does not exist."""
@@ -331,29 +327,10 @@ def coin_flips(seed: int, start: int, rows_per_pass: int) -> Iterator[bool]:
         number, skip = number + 1, 0
 
 
-def _shards(folder: Path, split: Split) -> list[Path]:
-    found = [
-        (path, match) for path in sorted(folder.glob("*")) if (match := _SHARD.fullmatch(path.name))
-    ]
-    if not found:
-        raise InputError(f"{folder}: no dataset shards here; make them with: pbrnet dataset")
-    own = [(path, match) for path, match in found if match[1] == split]
-    if not own:
-        raise InputError(
-            f"{folder}: the {split} split is empty; render more homes, or change dataset.splits"
-        )
-    count = int(own[0][1][3])
-    if [(int(match[2]), int(match[3])) for _, match in own] != [(i, count) for i in range(count)]:
-        raise InputError(
-            f"{folder}: {len(own)} of {count} {split} shards; pack it again with: pbrnet dataset"
-        )
-    return [path for path, _ in own]
-
-
 def image_columns(folder: Path, split: Split) -> set[str]:
     """Return the names of the columns that all shards of a split have."""
     names = []
-    for path in _shards(Path(folder), split):
+    for path in shards_of(Path(folder), split):
         with reading(path), open_parquet(path) as file:
             names.append(set(file.schema_arrow.names))
     return set.intersection(*names)

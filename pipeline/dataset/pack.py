@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 import os
+import shutil
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -21,6 +22,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pbrnet import reader
 from pbrnet.pipeline.channels import layout
 from pbrnet.pipeline.dataset.checks import Rejection, Size, check_frames, load_frames, read_failures
 from pbrnet.pipeline.dataset.checksums import write_sums
@@ -139,6 +141,7 @@ class _Packer:
         summary = _summarise(folder, self.sources, splits, packed)
         scenes = [source.scene for source in kept]
         write_text(folder / "README.md", dataset_card(summary, self.columns, scenes, params))
+        shutil.copyfile(reader.__file__, folder / "pbrnet_reader.py")
         samples = params.groundtruth.spp
         write_croissant(folder, self.columns, scenes, summary.facts, samples)
         licences = sorted({credit.licence for scene in scenes for credit in scene.credits})

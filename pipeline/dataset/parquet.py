@@ -26,7 +26,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from pbrnet import reader
 from pbrnet.pipeline.dataset.columns import FORMAT, dataset_columns
+from pbrnet.pipeline.splits import SPLITS
 from pbrnet.pipeline.views import check_intrinsics, check_pose
 from pbrnet.scenes.arrays import AnyArray, UInt8Array
 from pbrnet.scenes.checked import check_name, shown
@@ -46,6 +48,32 @@ _NAMES = {
 }
 _EXPOSURES = ("exposure_shading", "white_shading", "exposure_color", "white_color")
 _REMEDY = "pack it again with: pbrnet dataset"
+
+
+def shards_of(folder: Path, split: str = "") -> list[Path]:
+    """Return the shards of a split, or of all, in the order of the splits.
+
+    Raises `InputError` if there are none, or if some are missing.
+    """
+    found = [
+        (match, path)
+        for path in sorted(folder.glob("*"))
+        if (match := reader.SHARD.fullmatch(path.name))
+    ]
+    if not found:
+        raise InputError(f"{folder}: no dataset shards here; make them with: pbrnet dataset")
+    shards = []
+    for name in (split,) if split else SPLITS:
+        own = [(match, path) for match, path in found if match[1] == name]
+        if split and not own:
+            raise InputError(
+                f"{folder}: the {name} split is empty; render more homes, or change dataset.splits"
+            )
+        count = int(own[0][0][3]) if own else 0
+        if [(int(one[2]), int(one[3])) for one, _ in own] != [(i, count) for i in range(count)]:
+            raise InputError(f"{folder}: {len(own)} of {count} {name} shards; {_REMEDY}")
+        shards += [path for _, path in own]
+    return shards
 
 
 @contextmanager
@@ -156,9 +184,7 @@ def decode_image(cell: bytes) -> AnyArray:
     Raises `InputError` for bytes that are no such cell.
     """
     try:
-        planes = np.load(io.BytesIO(cell), allow_pickle=False)
-        dtype = np.dtype(planes.dtype.names[0])
-        return np.stack(planes, -1).view(dtype)[..., 0]
+        return reader.image(cell)
     except (EOFError, TypeError, ValueError) as error:
         raise InputError(f"a cell without an image: {error}") from None
 
@@ -214,12 +240,7 @@ def fill_image(path: Path, name: str, cell: pa.Scalar, out: AnyArray) -> None:
         planes = _planes(cell.as_buffer(), out.dtype, out.shape)
     except ValueError as error:
         raise InputError(f"{path}: an image of {name!r}: {error}; {_REMEDY}") from None
-    # Faster than np.stack by half: shifts run on whole registers, single bytes do not.
-    bits = out.view(f"<u{out.itemsize}")
-    bits[...] = planes[-1]
-    for plane in planes[-2::-1]:
-        np.left_shift(bits, 8, out=bits)
-        np.bitwise_or(bits, plane, out=bits)
+    reader.join_planes(planes, out)
 
 
 def _planes(content: pa.Buffer, dtype: np.dtype[Any], shape: tuple[int, ...]) -> UInt8Array:

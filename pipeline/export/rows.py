@@ -6,7 +6,6 @@ as float32 in the renderer's unit; all else about a row as Python values by colu
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,15 +23,14 @@ from pbrnet.pipeline.dataset.parquet import (
     images_of,
     open_parquet,
     reading,
+    shards_of,
 )
 from pbrnet.pipeline.radiance import RADIANCES, is_scale
-from pbrnet.pipeline.splits import SPLITS
 from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file
 
-_SHARD = re.compile(r"(train|validation|test)-(\d{5})-of-(\d{5})\.parquet")
 _CAMERA = ("scene_id", "view_id", "split", "camera_to_world", "exposure_color", "white_color")
 _OPTIONAL = ("radiance_scale", "room_type", "trajectory", "frame", "projection")
 _RADIANCES = RADIANCES | {"lights"}
@@ -82,7 +80,7 @@ class DatasetRows:
         self, folder: Path, splits: Sequence[str] = (), scenes: Sequence[str] = ()
     ) -> None:
         self.folder = Path(folder)
-        self.shards = _shards(self.folder)
+        self.shards = shards_of(self.folder)
         self.metadata: dict[bytes, bytes] = {}
         names: list[set[str]] = []
         rows: list[ViewRow] = []
@@ -158,23 +156,6 @@ class DatasetRows:
         for name in _RADIANCES & found.keys():
             found[name] = found[name].astype(np.float32) * np.float32(row.radiance_scale)
         return Content(found, {name: table.column(name)[0].as_py() for name in values})
-
-
-def _shards(folder: Path) -> list[Path]:
-    found = [
-        (path, match) for path in sorted(folder.glob("*")) if (match := _SHARD.fullmatch(path.name))
-    ]
-    if not found:
-        raise InputError(f"{folder}: no dataset shards here; make them with: pbrnet dataset")
-    for split in dict.fromkeys(match[1] for _, match in found):
-        numbers = [(int(match[2]), int(match[3])) for _, match in found if match[1] == split]
-        count = numbers[0][1]
-        if numbers != [(number, count) for number in range(count)]:
-            raise InputError(
-                f"{folder}: {len(numbers)} of {count} {split} shards; pack it again with: "
-                "pbrnet dataset"
-            )
-    return [path for path, _ in sorted(found, key=lambda one: SPLITS.index(one[1][1]))]
 
 
 def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:

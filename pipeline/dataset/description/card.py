@@ -7,7 +7,8 @@ alone: no date of packing, no machine.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +19,10 @@ from pbrnet.pipeline.dataset.columns import NAMES, PREVIEW, Column
 from pbrnet.pipeline.dataset.description.citation import NAME, VERSION, bibtex
 from pbrnet.pipeline.dataset.description.facts import DatasetFacts, percent
 from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.photograph import FORMULA, SHARPENING_RADIUS
 from pbrnet.pipeline.templating import templates
 from pbrnet.pipeline.terminal import visible
+from pbrnet.reader import TASKS, chosen_columns
 from pbrnet.scenes.contract import Credit, Scene
 
 # SPDX identifiers that the Hugging Face hub knows under its own, lower-case names.
@@ -59,7 +62,7 @@ def dataset_card(
     example = min(summary.files, key=lambda name: (not name.startswith("train"), name))
     environment = templates("pbrnet.pipeline.dataset.description", markup=False)
     return environment.get_template("dataset_card.md").render(
-        front_matter=_front_matter(summary, licences),
+        front_matter=_front_matter(summary, licences, columns),
         summary=summary,
         columns=columns,
         shapes={column.name: " x ".join(map(str, column.shape)) for column in columns},
@@ -72,7 +75,9 @@ def dataset_card(
         params=params,
         megabytes=summary.bytes / 1e6,
         example=example,
-        glob=f"{example.split('-')[0]}-*.parquet",
+        tasks=dict(_tasks(columns)),
+        photograph=FORMULA,
+        sharpening_radius=SHARPENING_RADIUS,
         facts=summary.facts,
         noise=_noise(summary.facts),
         scenes=sum(summary.scenes.values()),
@@ -91,7 +96,18 @@ def _noise(facts: DatasetFacts) -> str:
     return told
 
 
-def _front_matter(summary: DatasetSummary, licences: Sequence[str]) -> str:
+def _tasks(columns: Sequence[Column]) -> Iterator[tuple[str, list[str]]]:
+    """Yield the tasks of the reader that the dataset serves, with their columns in its order."""
+    names = [column.name for column in columns]
+    for task in TASKS:
+        with suppress(KeyError):
+            chosen = chosen_columns(task, names)
+            yield task, [name for name in names if name in chosen]
+
+
+def _front_matter(
+    summary: DatasetSummary, licences: Sequence[str], columns: Sequence[Column]
+) -> str:
     single = licences[0] if len(licences) == 1 else ""
     known = single.lower() if single in HUB_LICENCES else "other"
     matter: dict[str, Any] = {
@@ -102,19 +118,24 @@ def _front_matter(summary: DatasetSummary, licences: Sequence[str]) -> str:
         "tags": ["rendering", "indoor", "global-illumination", "intrinsic-images", "synthetic"],
         "size_categories": [_size_category(summary.total)],
         "configs": [
-            {
-                "config_name": "default",
-                "data_files": [
-                    {"split": split, "path": f"{split}-*.parquet"}
-                    for split, rows in summary.rows.items()
-                    if rows
-                ],
-            }
+            {"config_name": "default", "default": True, "data_files": _data_files(summary)},
+            *(
+                {"config_name": task, "data_files": _data_files(summary), "columns": names}
+                for task, names in _tasks(columns)
+            ),
         ],
     }
     if known == "other":
         matter["license_name"] = visible(" AND ".join(licences))
     return yaml.safe_dump(matter, sort_keys=False, allow_unicode=True).strip()
+
+
+def _data_files(summary: DatasetSummary) -> list[dict[str, str]]:
+    return [
+        {"split": split, "path": f"{split}-*.parquet"}
+        for split, rows in summary.rows.items()
+        if rows
+    ]
 
 
 def _size_category(rows: int) -> str:

@@ -1,0 +1,1 @@
+../../reader/pbrnet_reader.py
