@@ -56,17 +56,18 @@ _TONES = 2.2  # exponent of the display tones in which it works
 # luminance L.
 FORMULA = f"""\
 white = {GREY} * 2^{WHITE_STOPS}
-A     = exp(mean(log(L(B))))      B: mean colours of blocks of 8 x 8 pixels, without the black ones
+A     = exp(mean(log(L(B))))       B: means over blocks of 8 x 8 pixels, without black ones
 gain  = {_KEY} / A * 2^clip({1 - _ADAPTATION:g} * log2(A / {_DAYLIT:.4g}), {_DIMMEST}, {_BRIGHTEST})
-gain  = gain / clip(q, 1, 2^{_PROTECTION})     q: quantile {1 - _CLIPPED:g} of L(r) * gain / white
-I     = sqrt(mean((gain * B)^2))  of blocks with all bands of gain * B below white
+gain  = gain / clip(q, 1, 2^{_PROTECTION})   q: quantile {1 - _CLIPPED:g} of L(r) * gain / white
+I     = sqrt(mean((gain * B)^2))   over the B with all bands of gain * B below white
 g     = clip((L(I) / max(I, L(I) / 1000))^{_BALANCE}, {1 / _MOST_GAIN:g}, {_MOST_GAIN:g})
 g     = g * L(I) / L(g * I)
 t     = min(gain * L(r) / white, 1)^(1 / {_TONES})
-r     = r * ((t + clip(t - blur(t), -{_HALO}, {_HALO})) / t)^{_TONES}     where 0 < t < 1
+r     = r * ((t + clip(t - blur(t), -{_HALO}, {_HALO})) / t)^{_TONES}   where 0 < t < 1
 x     = min(gain * g * r, white)^{_CONTRAST}
-y     = (1 + h / m) * x / (x + h)  m = white^{_CONTRAST}, k = {GREY}^{_CONTRAST}
-                                  h = {1 - GREY:g} * m * k / ({GREY} * m - k)"""
+m, k  = white^{_CONTRAST}, {GREY}^{_CONTRAST}
+h     = {1 - GREY:g} * m * k / ({GREY} * m - k)
+y     = (1 + h / m) * x / (x + h)"""
 
 
 @dataclass(frozen=True)

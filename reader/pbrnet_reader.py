@@ -172,7 +172,8 @@ def table(source: Source, columns: Columns = None, split: str = "train") -> pa.T
     """Arrow table of a split, for `.to_pandas()` or `polars.from_arrow`; cells as stored."""
     store, shards = _shards(source, split)
     names = chosen_columns(columns, pq.read_schema(shards[0], filesystem=store).names)
-    return pa.concat_tables(pq.read_table(one, list(names), filesystem=store) for one in shards)
+    tables = (pq.read_table(one, columns=list(names), filesystem=store) for one in shards)
+    return pa.concat_tables(tables)
 
 
 def decode(row: Mapping[str, Any]) -> Row:
@@ -187,12 +188,17 @@ def image(cell: bytes) -> np.ndarray[Any, Any]:
     """Image (H, W), (H, W, C) or (n, H, W, C) of a cell, of the type in which it is stored.
 
     The cell is a `.npy` file of the bytes of its values, plane by plane, lowest bytes first, in a
-    field with the name of the values' type.
+    field with the name of the values' type. Raises `ValueError` or `TypeError` for others.
     """
-    planes = np.load(io.BytesIO(cell), allow_pickle=False)
-    (name,) = planes.dtype.names
+    stream = io.BytesIO(cell)
+    np.lib.format.read_magic(stream)
+    shape, _, about = np.lib.format.read_array_header_1_0(stream)
+    planes = np.frombuffer(cell, np.uint8, offset=stream.tell()).reshape(shape)
+    (name,) = about.names
     whole = np.empty(planes.shape[1:], name)
-    join_planes(planes[name], whole)
+    if len(planes) != whole.itemsize:
+        raise ValueError(f"{len(planes)} bytes for a value of {name}")
+    join_planes(planes, whole)
     return whole
 
 

@@ -4,8 +4,8 @@ import sys
 from itertools import pairwise
 
 import numpy as np
-from PIL import Image
 from pbrnet_reader import read
+from PIL import Image
 
 
 def points(view):

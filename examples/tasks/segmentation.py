@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import torch
 from network import display, fit, network, tensor
-from PIL import Image
 from pbrnet_reader import read
+from PIL import Image
 
 FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
 

@@ -50,7 +50,11 @@ def names() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("code", snippets("python"))
-def test_python_runs_on_the_sample(code: str, names: dict[str, Any]) -> None:
+def test_python_runs_on_the_sample(
+    code: str, names: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(ROOT / "reader")
+    monkeypatch.chdir(ROOT)
     known = dict(names)
     exec(compile(code, "<snippet>", "exec"), known)
     made = [known[name] for name in known.keys() - names.keys() if name != "__builtins__"]

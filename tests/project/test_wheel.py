@@ -13,7 +13,7 @@ import pytest
 
 from tests.fixtures.paths import ROOT
 
-PARTS = ("model", "params", "pbrnet", "pipeline", "recipes", "scenes", "weights")
+PARTS = ("model", "params", "pbrnet", "pipeline", "reader", "recipes", "scenes", "weights")
 FILES = ("dvc.yaml", "keys.yaml", "params.yaml", "pyproject.toml", "README.md", "LICENSE")
 TINY = """
 image: {width: 16, height: 16}

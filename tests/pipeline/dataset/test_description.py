@@ -16,10 +16,12 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 from PIL import Image
+from scipy import ndimage
 
 from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.description.facts import DatasetFacts, view_facts
 from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.reader import chosen_columns
 from tests.fixtures.dataset import box_frames as frames_of
 from tests.fixtures.dataset import make_data, make_view, rows_of, small_params, write_view
 from tests.fixtures.paths import ROOT
@@ -46,33 +48,56 @@ def table_of(folder: Path) -> Any:
     return pq.read_table(folder / "train-00000-of-00001.parquet")
 
 
-def run_card(folder: Path, libraries: tuple[str, ...], home: Path) -> list[str]:
-    """Run the card's programs for some libraries; return the last line of each.
+PROGRAMS = {
+    "import read": ["(24, 32, 3) float32"] * 6,
+    "TorchStream": ["torch.Size([2, 24, 32, 3]) torch.float32"] * 6,
+    "load_dataset": ["(24, 32, 3) float64", "(24, 32)"],
+    "to_pandas": ["6 (24, 32, 3)"],
+    "np.load": ["(24, 32, 3)"],
+    "polars": ["(24, 32, 3) (3, 3)"],
+    "duckdb": ["(24, 32, 3)"],
+}
+FOREIGN = ("polars", "duckdb")  # that this project does not install
 
-    In the dataset's folder, beside README.md and the CSV files, and without this package.
-    """
-    first, *others = re.findall(r"```python\n(.*?)```", (folder / "README.md").read_text(), re.S)
-    chosen = [one for one in others if re.search(rf"(import|from|,) ({'|'.join(libraries)})", one)]
-    assert len(chosen) == len(libraries)
-    program = "\nprint('next')\n".join([first, *chosen])
-    environment = {**os.environ, "HF_HUB_OFFLINE": "1", "HF_HOME": str(home)}
+
+@pytest.mark.parametrize(
+    "program", [pytest.param(p, marks=pytest.mark.check if p in FOREIGN else ()) for p in PROGRAMS]
+)
+def test_a_program_of_the_card_runs(program: str, folder: Path, tmp_path: Path) -> None:
+    """Elsewhere, without this package, with what lies in the dataset's folder."""
+    if program in FOREIGN:
+        pytest.importorskip(program)
+    codes = re.findall(r"```python\n(.*?)```", (folder / "README.md").read_text(), re.S)
+    assert len(codes) == len(PROGRAMS)
+    (code,) = (code for code in codes if program in code)
+    code = "import sys; sys.modules['pbrnet'] = None\n" + code.replace("FOLDER", str(folder))
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(folder),
+        "HF_HUB_OFFLINE": "1",
+        "HF_HOME": str(tmp_path / "cache"),
+    }
     ran = subprocess.run(
-        [sys.executable, "-c", program], cwd=folder, env=environment, capture_output=True, text=True
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
     )
     assert ran.returncode == 0, ran.stderr
-    return [part.strip().splitlines()[-1] for part in ran.stdout.split("next\n")[1:]]
+    assert ran.stdout.splitlines() == PROGRAMS[program]
 
 
-def test_the_programs_of_the_card_run(folder: Path, tmp_path: Path) -> None:
-    lines = run_card(folder, ("datasets", "pyarrow.dataset", "torch"), tmp_path)
-    assert lines == ["(24, 32, 3) float64", "(24, 32, 3)", "torch.Size([24, 32, 3])"]
-
-
-@pytest.mark.check
-def test_the_programs_of_the_card_run_with_other_libraries(folder: Path, tmp_path: Path) -> None:
-    for library in ("polars", "duckdb"):
-        pytest.importorskip(library)
-    assert run_card(folder, ("polars", "duckdb"), tmp_path) == ["(24, 32, 3)"] * 2
+def test_a_task_is_a_configuration_that_loads_its_columns_alone(folder: Path) -> None:
+    front = yaml.safe_load((folder / "README.md").read_text().split("---\n")[1])
+    configs = {one.pop("config_name"): one for one in front["configs"]}
+    assert list(configs) == ["default", "depth", "intrinsic"], "it has no labels, light, video"
+    names = table_of(folder).column_names
+    assert "columns" not in configs["default"]
+    for task in ("depth", "intrinsic"):
+        chosen = set(chosen_columns(task, names))
+        assert configs[task]["columns"] == [name for name in names if name in chosen]
+        assert configs[task]["data_files"] == configs["default"]["data_files"]
 
 
 def test_shards_hold_only_what_every_reader_knows(folder: Path) -> None:
@@ -120,6 +145,50 @@ def test_exposures_follow_from_the_cards_formula(folder: Path) -> None:
         assert row[f"exposure_{name}"] == pytest.approx(exposure, rel=1e-3)
         white = light.max() * exposure * burn
         assert row[f"white_{name}"] == pytest.approx(white, rel=1e-3)
+
+
+FORMULA = """
+    white = 0.18 * 2^3.6
+    A     = exp(mean(log(L(B))))       B: means over blocks of 8 x 8 pixels, without black ones
+    gain  = 0.16 / A * 2^clip(0.25 * log2(A / 0.00064), -1.6, 0.4)
+    gain  = gain / clip(q, 1, 2^0.6)   q: quantile 0.95 of L(r) * gain / white
+    I     = sqrt(mean((gain * B)^2))   over the B with all bands of gain * B below white
+    g     = clip((L(I) / max(I, L(I) / 1000))^0.75, 0.25, 4)
+    g     = g * L(I) / L(g * I)
+    t     = min(gain * L(r) / white, 1)^(1 / 2.2)
+    r     = r * ((t + clip(t - blur(t), -0.1, 0.1)) / t)^2.2   where 0 < t < 1
+    x     = min(gain * g * r, white)^1.35
+    m, k  = white^1.35, 0.18^1.35
+    h     = 0.82 * m * k / (0.18 * m - k)
+    y     = (1 + h / m) * x / (x + h)
+"""
+
+
+def test_previews_follow_from_the_cards_formula(folder: Path) -> None:
+    text = (folder / "README.md").read_text()
+    assert FORMULA in text and "Gaussian `blur` of\n0.8 pixels" in text
+    row = rows_of(table_of(folder))[0]
+    r = row["color"].astype(np.float64) * row["radiance_scale"]
+    blocks = r.reshape(3, 8, 4, 8, 3).mean(axis=(1, 3)).reshape(-1, 3)
+    white = 0.18 * 2**3.6
+    average = np.exp(np.log(blocks @ LUMINANCE).mean())
+    gain = 0.16 / average * 2 ** np.clip(0.25 * np.log2(average / 0.00064), -1.6, 0.4)
+    gain /= np.clip(np.quantile(r @ LUMINANCE * gain / white, 0.95), 1, 2**0.6)
+    lit = gain * blocks
+    light = np.sqrt((lit[(lit < white).all(axis=1)] ** 2).mean(axis=0))
+    level = light @ LUMINANCE
+    g = np.clip((level / np.maximum(light, level / 1000)) ** 0.75, 0.25, 4)
+    g *= level / (g * light @ LUMINANCE)
+    t = np.minimum(gain * (r @ LUMINANCE) / white, 1) ** (1 / 2.2)
+    sharp = t + np.clip(t - ndimage.gaussian_filter(t, 0.8, mode="nearest"), -0.1, 0.1)
+    r *= np.where((t > 0) & (t < 1), sharp / t, 1)[..., None] ** 2.2
+    x = np.minimum(gain * g * r, white) ** 1.35
+    m, k = white**1.35, 0.18**1.35
+    h = 0.82 * m * k / (0.18 * m - k)
+    y = (1 + h / m) * x / (x + h)
+    display = np.where(y <= 0.0031308, 12.92 * y, 1.055 * y ** (1 / 2.4) - 0.055)
+    with Image.open(io.BytesIO(row["preview"]["bytes"])) as picture:
+        np.testing.assert_allclose(255 * display, np.asarray(picture), atol=0.6)
 
 
 def test_the_card_says_that_the_truth_is_denoised(folder: Path) -> None:
