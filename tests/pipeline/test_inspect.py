@@ -13,11 +13,9 @@ import OpenEXR
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 from PIL import Image
 from safetensors.numpy import save_file
 
-from pbrnet.pipeline.commands.data import inspect
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.images import (
     NOTHING,
@@ -34,6 +32,7 @@ from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.registry import import_scene
 from tests.fixtures import sweethome as draw
+from tests.fixtures.command import printed
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.paths import ROOT
 
@@ -160,11 +159,10 @@ def test_the_command_prints_and_draws(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    ran = CliRunner().invoke(inspect, [str(data / "color" / "home-0000" / "000.exr")])
-    assert ran.exit_code == 0 and "Frame 000.exr" in ran.output
+    assert "Frame 000.exr" in printed("inspect", data / "color" / "home-0000" / "000.exr")
     assert Image.open(tmp_path / "inspect-000.png").size[0] > 300
-    ran = CliRunner().invoke(inspect, [str(data / "dataset"), "--json", "--text-only"])
-    assert json.loads(ran.output)["kind"] == "dataset"
+    told = printed("inspect", data / "dataset", "--json", "--text-only")
+    assert json.loads(told)["kind"] == "dataset"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["inspect-000.png"]
 
 
@@ -245,10 +243,9 @@ def test_sizes_are_counted(flat: Path) -> None:
 @pytest.mark.slow
 def test_a_picture_of_a_scene_holds_plan_dollhouse_and_renders(flat: Path, tmp_path: Path) -> None:
     whole, plan = tmp_path / "whole.png", tmp_path / "plan.png"
-    ran = CliRunner().invoke(inspect, [str(flat), "--out", str(plan), "--plan-only"])
-    assert ran.exit_code == 0 and "triangles" in ran.output and "MB in memory" in ran.output
-    ran = CliRunner().invoke(inspect, [str(flat), "--out", str(whole)])
-    assert ran.exit_code == 0, ran.output
+    told = printed("inspect", flat, "--out", plan, "--plan-only")
+    assert "triangles" in told and "MB in memory" in told
+    printed("inspect", flat, "--out", whole)
     with Image.open(whole) as picture, Image.open(plan) as smaller:
         assert picture.height > min(smaller.height, 400) + 300
 

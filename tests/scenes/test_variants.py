@@ -7,9 +7,7 @@ import mitsuba as mi
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 
-from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.params import load_params
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.stages.scenes import run_scenes
@@ -25,6 +23,7 @@ from pbrnet.scenes.registry import import_scene
 from pbrnet.scenes.variants.refinish import with_metric_uvs
 from pbrnet.scenes.variants.vary import vary_scene
 from tests.fixtures import sweethome as draw
+from tests.fixtures.command import printed
 from tests.fixtures.paths import ROOT
 
 PARAMS = SceneParams(texture_size=64)
@@ -230,8 +229,7 @@ def test_the_stage_makes_variants_of_imports(tmp_path: Path) -> None:
 def test_the_command_makes_variants_beside_the_scene(tmp_path: Path) -> None:
     file = draw.pack(tmp_path / "flat.sh3d", furnished(), {"box": draw.BOX})
     out = tmp_path / "scenes" / "flat"
-    ran = CliRunner().invoke(cli, ["import", str(file), "--out", str(out), "--variants", "1"])
-    assert ran.exit_code == 0, ran.output
+    printed("import", file, "--out", out, "--variants", 1)
     assert load_scene(out.with_name("flat-v1")).source["of"] == "flat"
 
 

@@ -5,6 +5,7 @@ import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.tonemap import Exposure, tonemap
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.files import digest_file
+from tests.fixtures import command
 from tests.fixtures.paths import ROOT
 from tests.fixtures.predict import box_camera, box_frames, box_room
 from tests.fixtures.predictor import untrained_models
@@ -65,18 +67,8 @@ def predict(*words: object) -> Result:
     return CliRunner().invoke(cli, ["predict", *map(str, words)])
 
 
-def predicted(*words: object) -> str:
-    """Predict, which must succeed; returns what is printed."""
-    done = predict(*words)
-    assert done.exit_code == 0, done.output
-    return done.output
-
-
-def refused(*words: object) -> str:
-    """Predict what cannot be; returns the message of its error."""
-    done = predict(*words)
-    assert isinstance(done.exception, InputError), done.output
-    return str(done.exception)
+predicted = partial(command.printed, "predict")
+refused = partial(command.refused, "predict")
 
 
 @pytest.mark.parametrize("method", ["pbrnet", "product", "product_linear", "plus", "unet", "can"])

@@ -1,18 +1,18 @@
 """Summary of an evaluation: flat figures, and pictures from the best to the worst."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from PIL import Image
 
 from pbrnet.model.evaluation.evaluate import evaluate
 from pbrnet.model.evaluation.reference import SHOWN
 from pbrnet.model.settings import EvaluateParams, TrainParams
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.params import Params
+from tests.fixtures.command import printed, refused
 from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
 
@@ -33,10 +33,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def run(*arguments: str) -> str:
-    done = CliRunner().invoke(cli, ["reference", *arguments])
-    assert done.exit_code == 0, done.output
-    return done.output
+run = partial(printed, "reference")
 
 
 @pytest.mark.slow
@@ -77,6 +74,5 @@ def test_what_is_missing_is_named(project: Path) -> None:
     for file, words in (("evaluation.csv", "evaluation.csv: no such file"),
                         ("evaluation.json", "evaluation.json: no such file")):  # fmt: skip
         Path("metrics", file).unlink()
-        done = CliRunner().invoke(cli, ["reference", "--sheet", "sheet.png"])
-        assert done.exit_code != 0 and words in str(done.exception)
+        assert words in refused("reference", "--sheet", "sheet.png")
     assert not Path("sheet.png").exists()

@@ -6,15 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from click.testing import CliRunner
 from safetensors.torch import load_file
 
 from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.inference import load_networks
 from pbrnet.model.release import pretrained
 from pbrnet.model.release.pretrained import MEAN, WORST, find_models, half_type, pack
-from pbrnet.pipeline.cli import cli
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.command import printed
 from tests.fixtures.model import box_dataset
 from tests.fixtures.predictor import untrained_models
 
@@ -170,6 +169,5 @@ def test_several_methods_share_a_folder_and_a_card(project: Path) -> None:
 
 
 def test_the_command_packs_and_says_how_much(project: Path) -> None:
-    done = CliRunner().invoke(cli, ["pretrained", "--out", "small"])
-    assert done.exit_code == 0, done.output
-    assert "shading, composition: on 4 views" in done.output and "small: 0.1 MB" in done.output
+    said = printed("pretrained", "--out", "small")
+    assert "shading, composition: on 4 views" in said and "small: 0.1 MB" in said

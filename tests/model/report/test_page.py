@@ -11,10 +11,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from matplotlib.figure import Figure
 
-from pbrnet.model.commands.report import report
 from pbrnet.model.figures.charts import line_chart, line_figure, strip_figure, strip_plot
 from pbrnet.model.figures.diagrams import TALL, WIDE, Node, chain, panorama_guide
 from pbrnet.model.figures.row_pictures import environment_pictures, light_pictures, rows_with
@@ -24,6 +22,7 @@ from pbrnet.pipeline.frames import frame_path
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.contract import Credit
+from tests.fixtures.command import printed
 from tests.fixtures.dataset import add_scene, make_data, make_view, small_params
 from tests.fixtures.report import make_ledger, make_results
 
@@ -274,10 +273,8 @@ def test_the_command_writes_by_rename(
     monkeypatch.chdir(root)
     (tmp_path / "params.yaml").write_text("seed: 0\n")
     out = tmp_path / "new" / "index.html"
-    arguments = ["--params", str(tmp_path / "params.yaml"), "--out", str(out)]
-    ran = CliRunner().invoke(report, arguments)
-    assert ran.exit_code == 0, ran.output
-    assert "Written" in ran.output
+    said = printed("report", "--params", tmp_path / "params.yaml", "--out", out)
+    assert "Written" in said
     assert [path.name for path in out.parent.iterdir()] == ["index.html"]
 
 

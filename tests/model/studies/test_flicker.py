@@ -5,13 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 from pbrnet.model.data.reader import Example
 from pbrnet.model.studies.flicker.study import FlickerConfig, flicker, move_cameras, reproject
-from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.params import Params
-from pbrnet.scenes.errors import InputError
+from tests.fixtures.command import printed, refused
 from tests.fixtures.model import made_example
 from tests.fixtures.predict import box_camera, box_room
 from tests.fixtures.predictor import untrained_models
@@ -107,8 +105,7 @@ def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.slow
 def test_the_command_measures_networks_beside_the_renderer(room: Path) -> None:
     words = ["study", "flicker", str(room), "--view", "v0", "--frames", "3", "--size", "40x30"]
-    done = CliRunner().invoke(cli, [*words, "--method", "pbrnet", "--method", "unet"])
-    assert done.exit_code == 0, done.output
+    printed(*words, "--method", "pbrnet", "--method", "unet")
     result = json.loads(Path("metrics/studies/flicker.json").read_text())
     assert list(result["methods"]) == ["pbrnet", "renderer", "renderer_one_exposure", "unet"]
     assert all(len(one["pairs"]) == 2 for one in result["methods"].values())
@@ -116,8 +113,7 @@ def test_the_command_measures_networks_beside_the_renderer(room: Path) -> None:
     assert 0 < result["methods"]["renderer"]["mean"] < 0.2
     assert Path("metrics/studies/flicker.png").is_file()
     chosen = ["--method", "pbrnet", "--method", "hybrid"]
-    still = CliRunner().invoke(cli, [*words, "--move", "still", *chosen])
-    assert still.exit_code == 0, still.output
+    printed(*words, "--move", "still", *chosen)
     result = json.loads(Path("metrics/studies/flicker.json").read_text())
     assert result["methods"]["pbrnet"]["mean"] == 0 and result["visible"] == 1
     assert result["methods"]["renderer"]["mean"] > 0  # its noise
@@ -128,8 +124,7 @@ def test_the_command_measures_networks_beside_the_renderer(room: Path) -> None:
 
 def test_the_report_shows_it_and_notes_a_damaged_one(room: Path, tmp_path: Path) -> None:
     words = ["study", "flicker", str(room), "--view", "v0", "--frames", "2", "--size", "40x30"]
-    done = CliRunner().invoke(cli, [*words, "--move", "pan", "--method", "product"])
-    assert done.exit_code == 0, done.output
+    printed(*words, "--move", "pan", "--method", "product")
     path = Path("metrics/studies/flicker.json")
     result = json.loads(path.read_text())
     times = result["methods"]["product"]["mean"] / result["methods"]["renderer"]["mean"]
@@ -151,6 +146,4 @@ def test_the_report_shows_it_and_notes_a_damaged_one(room: Path, tmp_path: Path)
 
 def test_a_wall_in_the_way_is_said(room: Path) -> None:
     words = ["study", "flicker", str(room), "--view", "v0", "--step", "2", "--frames", "3"]
-    done = CliRunner().invoke(cli, words)
-    assert isinstance(done.exception, InputError)
-    assert "an obstacle is 4.00 m away" in str(done.exception)
+    assert "an obstacle is 4.00 m away" in refused(*words)

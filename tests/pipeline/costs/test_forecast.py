@@ -5,15 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, joined, view_size
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.views import ImageParams
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.command import printed
 from tests.fixtures.params import pbrs_params, plain_truth
 
 OPEN, FIXED, RATE = 4.0, 0.6, 2e-6  # seconds a scene, a view, a sample
@@ -52,11 +51,7 @@ def truth_of(data: Path) -> StageCost:
 def asked(data: Path, *words: str, params: str = "scenes: {homes: 10}\n") -> str:
     """Output of `pbrnet cost`."""
     (data / "params.yaml").write_text(params)
-    run = CliRunner().invoke(
-        cli, ["cost", "--data", str(data), "--params", str(data / "params.yaml"), *words]
-    )
-    assert run.exit_code == 0, run.output
-    return run.output
+    return printed("cost", "--data", data, "--params", data / "params.yaml", *words)
 
 
 def test_known_costs_are_found_again_and_scale(tmp_path: Path) -> None:
@@ -121,20 +116,17 @@ def test_the_command_says_core_hours(tmp_path: Path) -> None:
         "groundtruth: {spp: 64}\n"
     )
     words = ["cost", "--data", str(tmp_path / "data"), "--params", str(tmp_path / "params.yaml")]
-    run = CliRunner().invoke(cli, [*words, "--json"])
-    assert run.exit_code == 0, run.output
-    facts = json.loads(run.output)
+    facts = json.loads(printed(*words, "--json"))
     assert (facts["scenes"], facts["views"]) == (10, 50)
     truth = 10 * OPEN + 50 * (FIXED + RATE * 160 * 120 * 64)
     assert facts["core_hours"] * 3600 == pytest.approx(truth + 10 * 3.0)
     assert facts["relative_error"] < 1e-6
-    run = CliRunner().invoke(cli, [*words, "--views", "500000", "--cores", "1000"])
-    assert "500,000 views of 100,000 scenes, 160x120" in run.output
-    assert "on 1,000 cores: " in run.output
+    said = printed(*words, "--views", "500000", "--cores", "1000")
+    assert "500,000 views of 100,000 scenes, 160x120" in said
+    assert "on 1,000 cores: " in said
     walks = "scenes: {homes: 10}\ncameras: {walks: 2, walk_frames: 30, stereo_baseline: 0.1}\n"
     (tmp_path / "params.yaml").write_text(walks)
-    run = CliRunner().invoke(cli, [*words, "--json"])
-    assert json.loads(run.output)["views"] == 10 * 2 * (5 + 2 * 30)
+    assert json.loads(printed(*words, "--json"))["views"] == 10 * 2 * (5 + 2 * 30)
 
 
 def test_without_measured_views_there_is_no_estimate(tmp_path: Path) -> None:

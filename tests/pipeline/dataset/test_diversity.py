@@ -6,9 +6,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
-from pbrnet.pipeline.commands.data import inspect
 from pbrnet.pipeline.dataset.diversity import (
     QUANTITIES,
     count_lights,
@@ -17,6 +15,7 @@ from pbrnet.pipeline.dataset.diversity import (
 )
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.scenes.errors import InputError
+from tests.fixtures.command import printed, refused
 from tests.fixtures.dataset import make_data, small_params
 
 
@@ -72,18 +71,13 @@ def test_diversity_of_a_dataset_counts_every_view_once(tmp_path: Path) -> None:
     assert set(figures["procedural"]["lights"]) == {2.0}
 
     picture = tmp_path / "diversity.png"
-    told = CliRunner().invoke(
-        inspect, [str(data / "dataset"), "--diversity", "--out", str(picture)]
-    )
-    assert told.exit_code == 0, told.output
-    assert "9 views" in told.output and "saturation" in told.output
+    told = printed("inspect", data / "dataset", "--diversity", "--out", picture)
+    assert "9 views" in told and "saturation" in told
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
 
 def test_diversity_says_what_it_cannot_read(tmp_path: Path) -> None:
-    told = CliRunner().invoke(inspect, [str(tmp_path), "--diversity"])
-    assert isinstance(told.exception, InputError) and "not a dataset folder" in str(told.exception)
-
+    assert "not a dataset folder" in refused("inspect", tmp_path, "--diversity")
     params = small_params()
     data = make_data(tmp_path, params, scenes=3)
     pack_dataset(data, params)

@@ -9,15 +9,14 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from click.testing import CliRunner
 
-from pbrnet.pipeline.commands.export_data import export_data
 from pbrnet.pipeline.export import images, nerfstudio
 from pbrnet.pipeline.export.parts import RECORD, ExportOptions, Job, run_export
 from pbrnet.pipeline.export.registry import FORMATS
 from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_folder
+from tests.fixtures.command import printed, refused
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.exports import make_dataset
 
@@ -178,18 +177,15 @@ def test_a_folder_with_other_files_is_refused(dataset: Path, tmp_path: Path) -> 
 
 def test_the_command_exports_a_selection(dataset: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    where = ["--data", str(dataset.parent), "--out", str(out)]
-    done = CliRunner().invoke(export_data, ["--to", "colmap", "--split", "test", *where])
-    assert done.exit_code == 0, done.output
-    assert "1 views as colmap" in done.output
+    data = ("--data", dataset.parent)
+    said = printed("export-data", "--to", "colmap", "--split", "test", *data, "--out", out)
+    assert "1 views as colmap" in said
     assert [path.name for path in out.iterdir() if path.is_dir()] == ["home-b"]
-    done = CliRunner().invoke(export_data, ["--to", "colmap", "--scene", "home-z", *where])
-    assert isinstance(done.exception, InputError)
-    assert "home-a, home-b" in str(done.exception)
-    for name, said in {"tum": "3 views as tum", "coco": "6 views as coco"}.items():
-        where = ["--data", str(dataset.parent), "--out", str(tmp_path / name)]
-        done = CliRunner().invoke(export_data, ["--to", name, *where])
-        assert done.output.splitlines()[-1].startswith(said), done.output
-        assert ("3 left out" in done.output) == (name == "tum")
-    usage = CliRunner().invoke(export_data, ["--help"]).output
+    error = refused("export-data", "--to", "colmap", "--scene", "home-z", *data, "--out", out)
+    assert "home-a, home-b" in error
+    for name, last in {"tum": "3 views as tum", "coco": "6 views as coco"}.items():
+        said = printed("export-data", "--to", name, *data, "--out", tmp_path / name)
+        assert said.splitlines()[-1].startswith(last), said
+        assert ("3 left out" in said) == (name == "tum")
+    usage = printed("export-data", "--help")
     assert all(f"--to {name} " in usage for name in FORMATS)

@@ -6,9 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.render.leaks import find_leaks
 from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.scenes.contract import Portal, Scene, load_scene, save_scene
@@ -16,6 +14,7 @@ from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.procedural.home import make_home
 from pbrnet.scenes.reconstruction.light_walks import OpeningIndex, diffuse_bounce
 from pbrnet.scenes.registry import import_scene
+from tests.fixtures.command import printed
 from tests.fixtures.gltf import Builder
 from tests.fixtures.leak import ROOM, box_quads, built, west
 from tests.fixtures.stages import write_room
@@ -74,12 +73,11 @@ def test_portals_block_what_crosses_them_and_nothing_else() -> None:
 
 def test_inspect_says_where_light_leaks(tmp_path: Path) -> None:
     room(tmp_path / "open", "ceiling")
-    told = CliRunner().invoke(cli, ["inspect", str(tmp_path / "open"), "--leaks", "--text-only"])
-    assert told.exit_code == 0, told.output
-    assert "light leaks into living" in told.output
+    told = printed("inspect", tmp_path / "open", "--leaks", "--text-only")
+    assert "light leaks into living" in told
     room(tmp_path / "closed")
-    told = CliRunner().invoke(cli, ["inspect", str(tmp_path / "closed"), "--leaks", "--text-only"])
-    assert "no light gets in" in told.output
+    told = printed("inspect", tmp_path / "closed", "--leaks", "--text-only")
+    assert "no light gets in" in told
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ from pbrnet.scenes.importing.materials.textures import read_rgbe
 from pbrnet.scenes.mitsuba.values import snake
 from pbrnet.scenes.reconstruction.orientation import guess_scale, upright
 from pbrnet.scenes.registry import import_scene
+from tests.fixtures.command import printed
 from tests.fixtures.encoded import empty_png, exr
 from tests.fixtures.mitsuba_files import (
     LAMP_0_6,
@@ -953,9 +954,8 @@ def test_missing_meshes_can_be_left_out(tmp_path: Path) -> None:
 def test_the_command_lists_what_was_found_and_lost(tmp_path: Path) -> None:
     path = write(tmp_path / "in", usual())
     out = tmp_path / "out"
-    result = CliRunner().invoke(cli, ["import", str(path), "--out", str(out), "--author", "Me"])
-    assert result.exit_code == 0, result.output
+    said = printed("import", path, "--out", out, "--author", "Me")
     for word in ("4.00 x 3.00 m", "2.60 m high", "1 area", "portals  none", "triangles", "+Y axis"):
-        assert word in result.output
+        assert word in said
     assert load_scene(out).scene_id == "out"
     assert json.loads((out / "scene.json").read_text())["source"]["kind"] == "mitsuba"
