@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from types import TracebackType
 
@@ -10,25 +11,45 @@ from tqdm import tqdm
 
 from pbrnet.pipeline.terminal import say, visible
 
+FIRST = 3.0  # seconds until the first line
+_TRUSTED = 0.2  # share of the work after which the forecast counts no more
+
 
 class Progress:
     """Counter of finished items, as a context manager.
 
     On a terminal a bar with rate and remaining time is redrawn in place; elsewhere a line is
-    printed at most every `every` seconds and once at the end. `unit` is a plural noun.
+    printed after `FIRST` seconds, then every `every` seconds, and once at the end, whether or not
+    items are finished meanwhile. `unit` is a plural noun. `kept` of the `total` items were there
+    before. `expected` is the forecast of the task's seconds.
     """
 
-    def __init__(self, total: int, label: str, unit: str = "views", every: float = 10.0) -> None:
+    def __init__(
+        self,
+        total: int,
+        label: str,
+        unit: str = "views",
+        every: float = 10.0,
+        kept: int = 0,
+        expected: float | None = None,
+    ) -> None:
         self.total, self.label, self.unit, self.every = total, label, unit, every
-        self.done = 0
-        self._started = self._printed = time.monotonic()
+        self.kept, self.expected = kept, expected
+        self.done = kept
+        self._ahead: dict[str, int] = {}  # finished on workers, in batches that are not back yet
+        self._lock, self._ended = threading.Lock(), threading.Event()
+        self._started = time.monotonic()
+        self._printed = self._started + FIRST - every
         self._bar = (
-            tqdm(total=total, desc=label, unit=unit.removesuffix("s"), file=sys.stderr)
+            tqdm(
+                total=total, initial=kept, desc=label, unit=unit.removesuffix("s"), file=sys.stderr
+            )
             if sys.stderr.isatty()
             else None
         )
 
     def __enter__(self) -> Progress:
+        threading.Thread(target=self._beat, name="progress", daemon=True).start()
         return self
 
     def __exit__(
@@ -37,20 +58,35 @@ class Progress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._ended.set()
         if self._bar is not None:
             self._bar.close()
         else:
             self._print()
 
-    def advance(self, count: int = 1, note: str = "") -> None:
-        """Count `count` more finished items; `note` is shown beside the bar."""
-        self.done += count
+    def advance(self, count: int = 1, note: str = "", of: str = "") -> None:
+        """Count `count` more finished items; `note` is shown beside the bar.
+
+        `of` is the name under which `announce` has counted them before.
+        """
+        with self._lock:
+            self.done += count
+            counted = self._ahead.pop(of, 0)
         if self._bar is not None:
             if note:
                 self._bar.set_postfix_str(visible(note), refresh=False)
+            self._bar.update(count - counted)
+        else:
+            self._print_if_due(note)
+
+    def announce(self, of: str, count: int) -> None:
+        """Count items that are finished on a worker; `advance` follows. Any thread may call it."""
+        with self._lock:
+            if of in self._ahead:
+                return
+            self._ahead[of] = count
+        if self._bar is not None:
             self._bar.update(count)
-        elif time.monotonic() - self._printed >= self.every:
-            self._print(note)
 
     def write(self, line: str) -> None:
         """Print a line without disturbing the bar."""
@@ -59,12 +95,44 @@ class Progress:
         else:
             say(line, err=True)
 
+    def seconds_left(self) -> float | None:
+        """Return the estimated seconds left: the forecast at first, then by what is finished."""
+        elapsed = time.monotonic() - self._started
+        shown = self.done + sum(self._ahead.values())
+        share = (shown - self.kept) / max(1, self.total - self.kept)
+        if shown >= self.total or (share <= 0 and self.expected is None):
+            return None
+        measured = elapsed / share if share > 0 else 0.0
+        trust = min(1.0, share / _TRUSTED) if self.expected is not None else 1.0
+        return max(0.0, trust * measured + (1 - trust) * (self.expected or 0.0) - elapsed)
+
+    def _beat(self) -> None:
+        """Redraw the bar or print a line when one is due, until the task ends."""
+        while not self._ended.wait(1.0):
+            if self._bar is None:
+                self._print_if_due()
+            else:
+                self._bar.refresh()
+
+    def _print_if_due(self, note: str = "") -> None:
+        if time.monotonic() - self._printed >= self.every:
+            self._print(note)
+
     def _print(self, note: str = "") -> None:
         self._printed = time.monotonic()
         seconds = self._printed - self._started
-        rate = self.done / seconds if seconds > 0 else 0.0
-        left = (
-            f", {(self.total - self.done) / rate:.0f} s left" if 0 < self.done < self.total else ""
-        )
-        text = f"{self.label}: {self.done}/{self.total} {self.unit}, {rate:.2f}/s{left}"
-        say(f"{text} {note}".rstrip(), err=True)
+        shown, left = self.done + sum(self._ahead.values()), self.seconds_left()
+        rate = (shown - self.kept) / seconds if seconds > 0 else 0.0
+        parts = [f"{self.label}: {shown}/{self.total} {self.unit}", f"{rate:.2f}/s"]
+        if left is not None:
+            parts.append(f"{span(left)} left")
+        elif not self._ended.is_set():
+            parts.append(f"{span(seconds)} so far")
+        say(f"{', '.join(parts)} {note}".rstrip(), err=True)
+
+
+def span(seconds: float) -> str:
+    """Return a duration in words: `40 seconds`, `12 minutes`, `1.6 hours`."""
+    if seconds < 90:
+        return f"{seconds:.0f} seconds"
+    return f"{seconds / 60:.0f} minutes" if seconds < 5400 else f"{seconds / 3600:,.1f} hours"

@@ -116,6 +116,16 @@ class View:
                 check_pose(getattr(self, name), f"{where}.{name}")
 
     @property
+    def name(self) -> tuple[str, str]:
+        """Scene and view id, which together name the view."""
+        return self.scene_id, self.view_id
+
+    @property
+    def walk(self) -> tuple[str, str]:
+        """Scene and trajectory."""
+        return self.scene_id, self.trajectory
+
+    @property
     def is_panorama(self) -> bool:
         """True for an equirectangular view, which has no `K`."""
         return self.projection == "equirectangular"

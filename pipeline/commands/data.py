@@ -21,6 +21,7 @@ from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.inspection.datasets import inspect_diversity, inspect_realism
 from pbrnet.pipeline.inspection.describe import inspect_path
 from pbrnet.pipeline.inspection.scenes import with_leaks
+from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.files import atomic_file
 
@@ -31,7 +32,8 @@ Examples:
   pbrnet dataset                       pack the frames in data/
   pbrnet dataset --data /mnt/big/data  pack the frames of another data folder
 
-Views that fail a check are listed with the reason in data/dataset/rejected.csv."""
+Views that fail a check are listed with the reason in data/dataset/rejected.csv. Exit code 1 if
+they leave a walk with gaps."""
 )
 @common_options
 def dataset(request: Request) -> None:
@@ -39,6 +41,19 @@ def dataset(request: Request) -> None:
     summary = pack_dataset(request.data, request.params)
     for line in summary_lines(summary, request.data / "dataset"):
         say(line)
+    require_whole_walks(summary)
+
+
+def require_whole_walks(summary: DatasetSummary) -> None:
+    """Raise `StageError` with the names of walks that have rejected frames."""
+    if summary.walks:
+        named = ", ".join(
+            f"{scene}/{walk} ({count} frames)" for (scene, walk), count in summary.walks.items()
+        )
+        raise StageError(
+            f"dataset: rejected frames in {len(summary.walks)} walks: {named}; all else is packed. "
+            "dataset.checks has the limits, and whole_walks rejects such walks as a whole"
+        )
 
 
 def summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:

@@ -31,6 +31,7 @@ class Request:
     data: Path
     scheduler: str | None = None  # address of dask's
     params_file: Path = Path("params.yaml")
+    dry_run: bool = False  # print the plan only
 
 
 class Size(click.ParamType):
@@ -58,7 +59,8 @@ idle_seed_option = click.option(
 def common_options(command: Command) -> Command:
     """Add `--params`, `--seed` and `--data` to a command, which receives a `request`.
 
-    It holds the options of `farm_options`, too, merged into `params.farm`.
+    It holds the options of `farm_options` and `stage_options`, too, those of the farm merged into
+    `params.farm`.
     """
 
     @click.option(
@@ -84,13 +86,17 @@ def common_options(command: Command) -> Command:
         scheduler: str | None = None,
         workers: int | None = None,
         transfer: str | None = None,
+        dry_run: bool = False,
+        remove_orphans: bool = False,
         **others: Any,
     ) -> Any:
         params = load_params(params_file, seed)
         warn_of_keys(Path("keys.yaml"))
         resolved(data)  # refuses links in a circle
-        params = replace(params, farm=chosen(params.farm, workers=workers, transfer=transfer))
-        return command(request=Request(params, data, scheduler, params_file), **others)
+        days = 0.0 if remove_orphans else None
+        farm = chosen(params.farm, workers=workers, transfer=transfer, trash_days=days)
+        params = replace(params, farm=farm)
+        return command(request=Request(params, data, scheduler, params_file, dry_run), **others)
 
     return wrapped
 
@@ -135,3 +141,18 @@ def farm_options(command: Command) -> Command:
         default=None,
         help="Number of local workers; 0 means one per allowed CPU.",
     )(command)
+
+
+def stage_options(command: Command) -> Command:
+    """Add `--dry-run`, `--remove-orphans` and `farm_options`; use it above `common_options`."""
+    command = click.option(
+        "--dry-run",
+        is_flag=True,
+        help="Print what would be made, kept and removed, and the time by the ledger; do nothing.",
+    )(command)
+    command = click.option(
+        "--remove-orphans",
+        is_flag=True,
+        help="Remove for good what is no longer asked for, and all that lies in DATA/trash.",
+    )(command)
+    return farm_options(command)

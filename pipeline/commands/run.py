@@ -8,9 +8,9 @@ from pathlib import Path
 
 import click
 
-from pbrnet.pipeline.commands.data import summary_lines
-from pbrnet.pipeline.commands.options import Request, common_options, farm_options
-from pbrnet.pipeline.commands.start import say_start
+from pbrnet.pipeline.commands.data import require_whole_walks, summary_lines
+from pbrnet.pipeline.commands.options import Request, common_options, stage_options
+from pbrnet.pipeline.commands.start import say_plans, say_start
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.assets import run_assets
@@ -23,7 +23,12 @@ from pbrnet.scenes.errors import PbrnetError
 
 
 def _dataset(data: Path, params: Params, scheduler: str | None) -> str:
-    return lines_of(summary_lines(pack_dataset(data, params), data / "dataset"))
+    summary = pack_dataset(data, params)
+    lines = summary_lines(summary, data / "dataset")
+    if summary.walks:
+        say(*lines)
+        require_whole_walks(summary)
+    return lines_of(lines)
 
 
 STAGES: dict[str, Callable[[Path, Params, str | None], object]] = {
@@ -42,7 +47,10 @@ STAGES: dict[str, Callable[[Path, Params, str | None], object]] = {
 Examples:
   pbrnet run --params params/paper.yaml --data /mnt/big/paper
   pbrnet run --data /tmp/seven --seed 7 --until cameras
+  pbrnet run --dry-run        what would be made, kept and removed, and how long it takes
 
+What the parameters no longer ask for moves to DATA/trash and comes back when it is asked for
+again; after farm.trash_days, or with --remove-orphans, it is removed.
 Exit code 1 if some scenes or views failed; the dataset contains the others, and its rejected.csv
 lists the failed views. Running the command again keeps what is up to date and retries the rest."""
 )
@@ -53,17 +61,21 @@ lists the failed views. Running the command again keeps what is up to date and r
     show_default=True,
     help="Last stage to run.",
 )
-@farm_options
+@stage_options
 @common_options
 def run(request: Request, until: str) -> None:
     """Run all stages from assets to the dataset once, for one parameter file and data folder.
 
-    Prints the main settings to stderr, then a summary of each stage. `dvc repro` does the same in
-    the project's own data folder, and also trains and evaluates the networks.
+    Prints to stderr the main settings, what it will make, keep and remove, and how long that may
+    take, then a summary of each stage. `dvc repro` does the same in the project's own data folder,
+    and also trains and evaluates the networks.
     """
     names = list(STAGES)[: list(STAGES).index(until) + 1]
     kinds = {kind for name in names for kind in FRAME_STAGES.get(name, (name,))}
     say_start(request, kinds)
+    say_plans(request, names)
+    if request.dry_run:
+        return
     failed: list[str] = []
     for number, (name, stage) in enumerate(STAGES.items(), 1):
         say(f"[{number}/{len(STAGES)}] {name}")

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
 import click
 
-from pbrnet.pipeline.commands.options import Request, common_options, farm_options
-from pbrnet.pipeline.commands.start import say_start
+from pbrnet.pipeline.commands.options import Request, common_options, farm_options, stage_options
+from pbrnet.pipeline.commands.start import say_plans, say_start
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
@@ -37,14 +42,14 @@ Examples:
   pbrnet scenes                            the scenes of params.yaml
   pbrnet scenes --seed 7 --data /tmp/seven"""
 )
-@farm_options
+@stage_options
 @common_options
 def scenes(request: Request) -> None:
     """Generate procedural homes and import the scenes listed in scenes.imports.
 
     Keeps scenes that are up to date, and scenes that 'pbrnet import' wrote to DATA/scenes.
     """
-    _print_summary(run_scenes(request.data, request.params, request.scheduler))
+    _run(request, "scenes", run_scenes)
 
 
 @click.command(
@@ -53,23 +58,23 @@ Examples:
   pbrnet cameras
   pbrnet cameras --workers 1 --data /tmp/seven"""
 )
-@farm_options
+@stage_options
 @common_options
 def cameras(request: Request) -> None:
     """Sample views that see much furniture, and report why other candidates were rejected."""
     say_start(request, ("cameras",))
-    _print_summary(run_cameras(request.data, request.params, request.scheduler))
+    _run(request, "cameras", run_cameras)
 
 
 def _frame_command(stage: str, epilog: str, text: str) -> click.Command:
     """Return the command that renders the frames of a stage; `text` is its help."""
 
     @click.command(stage, help=text, epilog=epilog)
-    @farm_options
+    @stage_options
     @common_options
     def command(request: Request) -> None:
         say_start(request, FRAME_STAGES[stage])
-        _print_summary(run_frames(stage, request.data, request.params, request.scheduler))
+        _run(request, stage, partial(run_frames, stage))
 
     return command
 
@@ -120,5 +125,9 @@ color = _frame_command(
 )
 
 
-def _print_summary(summary: Summary) -> None:
-    say(*str(summary).split("\n"))
+def _run(request: Request, name: str, stage: Callable[[Path, Params, str | None], Summary]) -> None:
+    """Run a stage and print its summary, or print its plan."""
+    if request.dry_run:
+        say_plans(request, [name])
+    else:
+        say(*str(stage(request.data, request.params, request.scheduler)).split("\n"))

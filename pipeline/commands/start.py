@@ -1,18 +1,19 @@
-"""Announcement of a rendering command: images, samples, views, time and workers."""
+"""Announcement of a rendering command: its main settings, and what its stages will do."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from dask.system import cpu_count
 
 from pbrnet.pipeline.commands.options import Request
-from pbrnet.pipeline.costs.forecast import SCENE_STAGES, stage_costs, view_size
-from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.costs.forecast import SCENE_STAGES
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.passes.settings import GroundTruthParams
+from pbrnet.pipeline.stages.plans import plan_stages
+from pbrnet.pipeline.stages.runner import plan_line
 from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.errors import InputError
@@ -27,10 +28,9 @@ def say_start(request: Request, stages: Collection[str] = ()) -> None:
 
 
 def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
-    """Return lines about images, samples, views, time and workers of a run.
+    """Return lines about images, samples, views and workers of a run.
 
-    `stages`: the kinds of frames that are made, and `scenes` and `cameras`; all if empty. The time
-    is that of all views, also of those that are up to date; it is left out without a ledger.
+    `stages`: the kinds of frames that are made, and `scenes` and `cameras`; all if empty.
     """
     params = request.params
     kinds = params.kinds
@@ -49,13 +49,7 @@ def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
         views = scenes * params.cameras.most_views
         words = f"at most {views:,} of {scenes:,} scenes" if scenes else ""
     lines += [f"views: {words}"] if words else []
-    seconds = _seconds(request, wanted, scenes, views)
-    workers = _workers(params.farm, request.scheduler)
-    if seconds:
-        lines.append(
-            f"time: about {_span(seconds)} of one core for all views, estimated from the ledger"
-        )
-    return [*lines, f"workers: {workers}"]
+    return [*lines, f"workers: {_workers(params.farm, request.scheduler)}"]
 
 
 def _samples(truth: GroundTruthParams) -> str:
@@ -78,19 +72,6 @@ def _counted(data: Path) -> tuple[int, int]:
         return 0, 0
 
 
-def _seconds(request: Request, wanted: Collection[str], scenes: int, views: int) -> float | None:
-    """Return the core-seconds that the ledger lets expect; None if it does not tell."""
-    try:
-        costs = stage_costs(read_ledger(request.data))
-    except InputError:
-        return None
-    asked = {"truth" if kind in _TRUTHS else kind for kind in wanted}
-    known = [cost for cost in costs if cost.stage in asked]
-    size = view_size(request.params)
-    found = [cost.total(scenes, views, size.samples(cost.stage)) for cost in known]
-    return sum(found) if found else None
-
-
 def _workers(params: FarmParams, scheduler: str | None) -> str:
     address = scheduler or os.environ.get("DASK_SCHEDULER_ADDRESS")
     if address:
@@ -98,7 +79,12 @@ def _workers(params: FarmParams, scheduler: str | None) -> str:
     return f"up to {params.workers or cpu_count()} on this machine"
 
 
-def _span(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} seconds"
-    return f"{seconds / 60:.0f} minutes" if seconds < 5400 else f"{seconds / 3600:,.1f} hours"
+def say_plans(request: Request, names: Iterable[str]) -> None:
+    """Print what stages will make, keep and remove: as output if that is all, else on stderr."""
+    try:
+        for plan in plan_stages(names, request.data, request.params):
+            say(plan_line(request.data, plan, request.params), err=not request.dry_run)
+    except InputError as error:
+        if not request.params.assets.enabled:
+            raise
+        say(f"not known before the catalogues are: {error}", err=not request.dry_run)

@@ -8,7 +8,7 @@ cross-validation: random halves of the scenes predict the other halves.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -115,12 +115,31 @@ def fit_costs(ledger: pa.Table) -> tuple[list[StageCost], dict[str, HeldOut]]:
     Raises `InputError` if the ledger has no rows of the ground truth.
     """
     stages, scenes = _measured(ledger)
+    if "truth" not in stages:
+        raise InputError(
+            "the ledger has no ground truth yet; the forecast needs the cost of a few views, "
+            "render some first: pbrnet groundtruth"
+        )
     return _costs(stages), _held_out(stages, scenes)
 
 
-def stage_costs(ledger: pa.Table) -> list[StageCost]:
-    """Fit the cost of every stage as `fit_costs` does, without its errors."""
-    return _costs(_measured(ledger)[0])
+def seconds_of(
+    ledger: pa.Table, made: Iterable[tuple[str, str, str]], size: ViewSize
+) -> float | None:
+    """Return the core-seconds of files to make, each a stage, scene and view.
+
+    None if the ledger has nothing about one of their stages.
+    """
+    costs = {cost.stage: cost for cost in _costs(_measured(ledger)[0])}
+    by_stage: dict[str, set[tuple[str, str]]] = {}
+    for stage, scene, view in made:
+        by_stage.setdefault("truth" if stage in _TRUTHS else stage, set()).add((scene, view))
+    if not by_stage.keys() <= costs.keys():
+        return None
+    return sum(
+        costs[stage].total(len({scene for scene, _ in views}), len(views), size.samples(stage))
+        for stage, views in by_stage.items()
+    )
 
 
 def _costs(stages: Mapping[str, Measured]) -> list[StageCost]:
@@ -169,11 +188,6 @@ def _measured(ledger: pa.Table) -> tuple[dict[str, Measured], int]:
         if row["seconds"] is not None:
             by_stage.setdefault(row["stage"], []).append(row)
     by_stage["truth"] = _truths(by_stage)
-    if not by_stage["truth"]:
-        raise InputError(
-            "the ledger has no ground truth yet; the forecast needs the cost of a few views, "
-            "render some first: pbrnet groundtruth"
-        )
     names = sorted({row["scene_id"] for rows in by_stage.values() for row in rows})
     numbers = {name: number for number, name in enumerate(names)}
     stages = {}

@@ -9,7 +9,9 @@ the dataset card counts such views.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,8 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_json
 
 Size = tuple[int, int]  # width, height
+SURFACES: tuple[Kind, ...] = ("inputs", "materials", "labels", "video")  # frames without light
+TRUTHS: tuple[Kind, ...] = ("shading", "color")
 Frames = dict[Kind, Frame]
 
 REASONS = {
@@ -51,6 +55,7 @@ REASONS = {
     "black": "too many pixels without any light",
     "blown_out": "too many pixels at the limit of half floats",
     "noise": "the noise estimate is above the limit",
+    "walk": "another frame of its walk is rejected, and dataset.checks.whole_walks is true",
     "fireflies": "too many pixels far brighter than all around them, or too much of the light",
 }
 
@@ -141,27 +146,105 @@ def check_frames(
     noise. `neighbours` holds the inputs of the next (`forward`) and the previous frame of a
     trajectory, where they are known. `lights` is the dataset's number of light groups.
     """
-    inputs = frames["inputs"].channels
-    truths: tuple[Kind, ...] = ("shading", "color")
-    renders = {kind: frames[kind].rgb for kind in truths}
-    stored = {kind: frames[kind].rgb / frames[kind].radiance_scale for kind in truths}
+    return check_surfaces(view, frames, size, limits, neighbours or {}) or check_light(
+        view, frames, size, panorama, limits, environment, lights
+    )
+
+
+def check_light(
+    view: View,
+    frames: Mapping[Kind, Frame],
+    size: Size,
+    panorama: Size,
+    limits: CheckParams,
+    environment: Size,
+    lights: int,
+) -> Rejection | None:
+    """Return the first reason to reject the frames with light, or None; see `check_frames`."""
+    others = {kind: frame for kind, frame in frames.items() if kind not in SURFACES}
+    renders = {kind: frames[kind].rgb for kind in TRUTHS if kind in frames}
+    stored = {kind: image / frames[kind].radiance_scale for kind, image in renders.items()}
     return (
-        _stale(view, frames)
-        or _wrong_size(frames, {"illumination": panorama, "environment": environment}, size)
-        or _not_finite(frames)
-        or _negative(frames)
-        or _inconsistent(inputs)
+        _stale(view, others)
+        or _wrong_size(others, {"illumination": panorama, "environment": environment}, size)
+        or _not_finite(others)
+        or _negative(others)
         or _elsewhere(view, frames)
-        or _mislabelled(view, frames)
-        or _misaligned(view, frames, neighbours or {})
         or _unbalanced(frames, lights)
-        or _few_surfaces(inputs, limits.min_valid)
         or _over("black", "pixels are black", renders, black_share, limits.max_black)
         or _over("blown_out", "pixels are at the limit", stored, blown_share, limits.max_blown)
         or _noisy(frames, limits.max_noise)
         or _over("fireflies", "pixels are fireflies", renders, firefly_share, limits.max_fireflies)
         or _chance_light(frames, limits.max_firefly_light)
     )
+
+
+def check_surfaces(
+    view: View,
+    frames: Mapping[Kind, Frame],
+    size: Size,
+    limits: CheckParams,
+    neighbours: dict[str, Channels],
+) -> Rejection | None:
+    """Return the first reason to reject the frames without light, or None; see `check_frames`."""
+    seen = {kind: frames[kind] for kind in SURFACES if kind in frames}
+    inputs = frames["inputs"].channels
+    return (
+        _stale(view, seen)
+        or _wrong_size(seen, {}, size)
+        or _not_finite(seen)
+        or _negative(seen)
+        or _inconsistent(inputs)
+        or _mislabelled(view, seen)
+        or _misaligned(view, seen, neighbours, limits)
+        or _few_surfaces(inputs, limits.min_valid)
+    )
+
+
+def surfaces_of(
+    data: Path,
+    view: View,
+    trajectory: Iterable[View],
+    failures: Mapping[tuple[str, str], str],
+    kinds: Sequence[Kind],
+    size: Size,
+    limits: CheckParams,
+) -> Frames | Rejection:
+    """Read the frames without light of a view and check them.
+
+    `trajectory` holds the views of its scene, among them its neighbours.
+    """
+    frames = load_frames(data, view, failures, [kind for kind in SURFACES if kind in kinds])
+    if isinstance(frames, Rejection):
+        return frames
+    neighbours = _neighbours(data, view, trajectory) if "video" in frames else {}
+    return check_surfaces(view, frames, size, limits, neighbours) or frames
+
+
+def _neighbours(data: Path, view: View, trajectory: Iterable[View]) -> dict[str, Channels]:
+    """Return the inputs of the next (`forward`) and the previous frame that can be read.
+
+    A frame that cannot be read is its own view's fault.
+    """
+    found = {}
+    for other in trajectory if view.trajectory else ():
+        way = {1: "forward", -1: "backward"}.get(other.frame - view.frame)
+        if other.trajectory == view.trajectory and way:
+            with suppress(InputError):
+                frame = read_frame(frame_path(data, "inputs", other))
+                shapes = {values.shape for values in frame.channels.values()}
+                if shapes == {(view.height, view.width)} and layout("inputs").keys() <= set(
+                    frame.channels
+                ):
+                    found[way] = frame.channels
+    return found
+
+
+def broken_walks(views: Iterable[View], rejected: Iterable[View]) -> dict[tuple[str, str], int]:
+    """Return the walks of which some frames are rejected, by scene and name: how many."""
+    counts = Counter(view.walk for view in rejected if view.trajectory)
+    lengths = Counter(view.walk for view in views)
+    return {walk: count for walk, count in sorted(counts.items()) if count < lengths[walk]}
 
 
 def black_share(image: Float32Array) -> float:
@@ -288,12 +371,15 @@ def _mislabelled(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
 
 
 def _misaligned(
-    view: View, frames: Mapping[Kind, Frame], neighbours: dict[str, Channels]
+    view: View,
+    frames: Mapping[Kind, Frame],
+    neighbours: dict[str, Channels],
+    limits: CheckParams,
 ) -> Rejection | None:
     if "video" not in frames:
         return None
     video, inputs = frames["video"].channels, frames["inputs"].channels
-    fault = flow_fault(video, inputs, view, neighbours)
+    fault = flow_fault(video, inputs, view, neighbours, limits)
     return Rejection("misaligned", f"video: {fault}") if fault else None
 
 
@@ -324,7 +410,7 @@ def _over(
 
 
 def _noisy(frames: Mapping[Kind, Frame], limit: float) -> Rejection | None:
-    for kind in ("shading", "color"):
+    for kind in (kind for kind in TRUTHS if kind in frames):
         noise = noise_of(frames[kind])
         if noise is not None and not noise <= limit:
             return Rejection("noise", f"{kind}: relative noise {noise:.3g}, limit {limit:.3g}")
@@ -332,7 +418,7 @@ def _noisy(frames: Mapping[Kind, Frame], limit: float) -> Rejection | None:
 
 
 def _chance_light(frames: Mapping[Kind, Frame], limit: float) -> Rejection | None:
-    for kind in ("shading", "color"):
+    for kind in (kind for kind in TRUTHS if kind in frames):
         share = _figure(frames[kind], "firefly_light")
         if share is not None and not share <= limit:
             message = f"{kind}: {share:.1%} of the light is in fireflies, limit {limit:.1%}"

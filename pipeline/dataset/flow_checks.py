@@ -12,21 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbrnet.pipeline.channels import VIDEO_BANDS
+from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.views import Matrix, View
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.geometry.directions import pixel_directions
 
-MOST_ERROR = 0.01  # pixels
 _ROUNDING = 1e-6  # of the flow's length: float32
 _PLANE = 2e-3  # relative: inverse depths of four pixels in one plane fit a plane so well
 _SAME = 2e-3  # relative difference of depth that is none
 _NEARER = 0.98  # of a point's depth: a surface nearer than that hides it
 _FEW = 24  # pixels that tell nothing
-_MOST_HIDDEN = (
-    0.05  # share of the points on a visible surface that may be called hidden: thin things
-)
-_MOST_VISIBLE = 0.2  # share of the points behind a surface that may be called visible: narrow gaps
 
 
 @dataclass(frozen=True)
@@ -40,7 +36,11 @@ class Agreement:
 
 
 def flow_fault(
-    video: Channels, inputs: Channels, view: View, neighbours: dict[str, Channels]
+    video: Channels,
+    inputs: Channels,
+    view: View,
+    neighbours: dict[str, Channels],
+    limits: CheckParams,
 ) -> str | None:
     """Say what is wrong with a `video` frame, or return None.
 
@@ -56,8 +56,8 @@ def flow_fault(
         places, depth = reprojected(inputs, view, pose)
         error, inside = flow_error(columns, rows, places, depth, view)
         worst = float(error.max())
-        if worst > MOST_ERROR:
-            share = float((error > MOST_ERROR).mean())
+        if worst > limits.max_flow_error:
+            share = float((error > limits.max_flow_error).mean())
             return f"{way}: {share:.1%} of the flow is wrong, by up to {worst:.4g} pixels"
         # A point on the border may be on either side of it.
         border = np.abs(places[..., :2] / (view.width, view.height) - 0.5).max(axis=-1) - 0.5
@@ -67,12 +67,18 @@ def flow_fault(
             return f"{way}: a point is both hidden and outside the image"
         if way in neighbours:
             found = agreement(hidden, outside, places, depth, inputs, neighbours[way])
-            if found.visible >= _FEW and found.called_hidden > _MOST_HIDDEN * found.visible:
+            if (
+                found.visible >= _FEW
+                and found.called_hidden > limits.max_called_hidden * found.visible
+            ):
                 return (
                     f"{way}: {found.called_hidden} of {found.visible} points on the surface "
                     "that is seen are called hidden"
                 )
-            if found.hidden >= _FEW and found.called_visible > _MOST_VISIBLE * found.hidden:
+            if (
+                found.hidden >= _FEW
+                and found.called_visible > limits.max_called_visible * found.hidden
+            ):
                 return (
                     f"{way}: {found.called_visible} of {found.hidden} points behind the surface "
                     "that is seen are called visible"

@@ -14,17 +14,25 @@ import csv
 import os
 import shutil
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pbrnet import reader
-from pbrnet.pipeline.channels import layout
-from pbrnet.pipeline.dataset.checks import Rejection, Size, check_frames, load_frames, read_failures
+from pbrnet.pipeline.dataset.checks import (
+    SURFACES,
+    Rejection,
+    Size,
+    broken_walks,
+    check_light,
+    load_frames,
+    read_failures,
+    surfaces_of,
+)
 from pbrnet.pipeline.dataset.checksums import write_sums
 from pbrnet.pipeline.dataset.columns import Column, dataset_columns
 from pbrnet.pipeline.dataset.description.card import DatasetSummary, dataset_card
@@ -38,7 +46,6 @@ from pbrnet.pipeline.dataset.description.facts import DatasetFacts, ViewFacts, v
 from pbrnet.pipeline.dataset.label_tables import CLASSES
 from pbrnet.pipeline.dataset.rows import RowSource, make_row
 from pbrnet.pipeline.dataset.shards import ShardWriter
-from pbrnet.pipeline.frames import Channels, frame_path, read_frame
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
@@ -122,6 +129,14 @@ class _Packer:
         candidates = [source for source in self.sources if source.views]
         splits = split_plans(candidates, params.dataset.splits, params.seed)
         packed = self._pack(folder, splits)
+        walks = broken_walks(
+            (view for source in self.sources for view in source.views),
+            (item.view for item in packed.rejected),
+        )
+        dropped: frozenset[tuple[str, str]] = frozenset()
+        if walks and params.dataset.checks.whole_walks:
+            dropped, walks = frozenset(walks), {}
+            packed = self._pack_again(packed, folder, splits, dropped)
         kept = [source for source in candidates if packed.rows[source.scene.scene_id]]
         if not kept:
             reasons = Counter(item.why.reason for item in packed.rejected)
@@ -133,12 +148,10 @@ class _Packer:
         dealt = split_plans(kept, params.dataset.splits, params.seed)
         if len(kept) < len(candidates) and {splits[s.plan] for s in kept} != {*dealt.values()}:
             # Rejections emptied a whole split: deal the plans that are left, and pack again.
-            for name in packed.files:
-                (folder / name).unlink()
-            splits, packed = dealt, self._pack(folder, dealt)
+            splits, packed = dealt, self._pack_again(packed, folder, dealt, dropped)
         _write_rejected(folder / "rejected.csv", packed.rejected)
         _write_scenes(folder / "scenes.csv", self.sources, splits, packed)
-        summary = _summarise(folder, self.sources, splits, packed)
+        summary = replace(_summarise(folder, self.sources, splits, packed), walks=walks)
         scenes = [source.scene for source in kept]
         write_text(folder / "README.md", dataset_card(summary, self.columns, scenes, params))
         shutil.copyfile(reader.__file__, folder / "pbrnet_reader.py")
@@ -151,8 +164,25 @@ class _Packer:
         write_sums(folder)
         return summary
 
-    def _pack(self, folder: Path, splits: Mapping[str, str]) -> Packed:
-        """Write the shards; `splits`: the split of each plan."""
+    def _pack_again(
+        self,
+        packed: Packed,
+        folder: Path,
+        splits: Mapping[str, str],
+        dropped: Collection[tuple[str, str]],
+    ) -> Packed:
+        """Remove the shards of a pass and do another one."""
+        for name in packed.files:
+            (folder / name).unlink()
+        return self._pack(folder, splits, dropped)
+
+    def _pack(
+        self,
+        folder: Path,
+        splits: Mapping[str, str],
+        dropped: Collection[tuple[str, str]] = (),
+    ) -> Packed:
+        """Write the shards; `splits`: the split of each plan. `dropped` walks are rejected."""
         params = self.params.dataset
         rows: Counter[str] = Counter()
         rejected: list[Rejected] = []
@@ -161,7 +191,11 @@ class _Packer:
         threads = len(os.sched_getaffinity(0))
 
         def prepare(item: tuple[Source, View]) -> dict[str, Any] | Rejection:
-            return self._row(*item, splits.get(item[0].plan, "train"))
+            source, view = item
+            row = self._row(source, view, splits.get(source.plan, "train"))
+            if view.walk in dropped and not isinstance(row, Rejection):
+                return Rejection("walk", f"{view.trajectory}: another frame of it is rejected")
+            return row
 
         with (
             ExitStack() as stack,
@@ -188,36 +222,23 @@ class _Packer:
     def _row(self, source: Source, view: View, split: str) -> dict[str, Any] | Rejection:
         """Return the row of a view, or the reason of its rejection."""
         params = self.params
-        frames = load_frames(self.data, view, self.failures, params.kinds)
+        size, panorama, environment = self.sizes
+        limits, lights = params.dataset.checks, params.light.images
+        frames = surfaces_of(
+            self.data, view, source.views, self.failures, params.kinds, size, limits
+        )
         if isinstance(frames, Rejection):
             return frames
-        size, panorama, environment = self.sizes
-        neighbours = _neighbours(self.data, source, view) if "video" in frames else {}
-        limits, lights = params.dataset.checks, params.light.images
-        why = check_frames(view, frames, size, panorama, limits, neighbours, environment, lights)
+        others = [kind for kind in params.kinds if kind not in SURFACES]
+        light = load_frames(self.data, view, self.failures, others)
+        if isinstance(light, Rejection):
+            return light
+        frames |= light
+        why = check_light(view, frames, size, panorama, limits, environment, lights)
         if why is not None:
             return why
         row = RowSource(source.scene, view, split, frames, params.tone)
         return make_row(self.columns, row, params.dataset.preview_width)
-
-
-def _neighbours(data: Path, source: Source, view: View) -> dict[str, Channels]:
-    """Return the inputs of the next (`forward`) and the previous frame that can be read.
-
-    A frame that cannot be read is its own view's fault.
-    """
-    found = {}
-    for other in source.views if view.trajectory else ():
-        way = {1: "forward", -1: "backward"}.get(other.frame - view.frame)
-        if other.trajectory == view.trajectory and way:
-            with suppress(InputError):
-                frame = read_frame(frame_path(data, "inputs", other))
-                shapes = {values.shape for values in frame.channels.values()}
-                if shapes == {(view.height, view.width)} and layout("inputs").keys() <= set(
-                    frame.channels
-                ):
-                    found[way] = frame.channels
-    return found
 
 
 def _in_order(

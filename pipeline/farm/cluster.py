@@ -32,6 +32,7 @@ import signal
 import sys
 import tempfile
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -111,9 +112,15 @@ class Farm:
         self._stack.close()
         _kill_workers(nannies)  # those that a busy machine did not end in time
 
-    def run(self, work: Callable[[Any], Any], items: Sequence[Item]) -> Iterator[Outcome]:
+    def run(
+        self,
+        work: Callable[[Any], Any],
+        items: Sequence[Item],
+        finished: Callable[[str], None] | None = None,
+    ) -> Iterator[Outcome]:
         """Yield exactly one final outcome per item, in order of completion.
 
+        `finished` is called with an item's key as soon as a worker has finished it.
         Raises `MachineError` when the scheduler or all workers are gone, or a worker's machine
         cannot run any item.
         """
@@ -126,8 +133,20 @@ class Farm:
             items,
             refill=self._refill,
             external=bool(self.address),
+            finished=finished,
         )
         yield from dispatch.outcomes()
+
+    @property
+    def workers(self) -> str:
+        """The scheduler and its workers in words."""
+        found = self._client.scheduler_info()["workers"].values()
+        if not self.address:
+            address = self._client.scheduler.address
+            return f"workers: {self.wanted} on this machine, scheduler {address}"
+        hosts = Counter(str(info.get("host", "?")) for info in found)
+        named = ", ".join(f"{host} ({count})" for host, count in sorted(hosts.items()))
+        return f"workers: {len(found)} of the scheduler {self.address}: {named or 'none yet'}"
 
     @property
     def threads(self) -> int:

@@ -33,6 +33,8 @@ class Dispatch:
 
     `setup` runs on a worker before each item with the number of `threads` it may use; `refill`
     starts lost workers again; `external` says that other runs may use the same scheduler.
+    `finished` is called with the key of each item that a worker has finished, from another thread
+    and before the outcome of its batch arrives.
     """
 
     def __init__(
@@ -45,9 +47,11 @@ class Dispatch:
         items: Sequence[Item],
         refill: Callable[[], None],
         external: bool,
+        finished: Callable[[str], None] | None = None,
     ) -> None:
         self.client, self.params, self.setup, self.threads = client, params, setup, threads
         self.work, self.refill, self.external = work, refill, external
+        self.finished = finished
         self.attempts = {item.key: 0 for item in items}
         if len(self.attempts) != len(items):
             raise ValueError("two items have the same key")
@@ -70,6 +74,9 @@ class Dispatch:
         Raises `MachineError` when the scheduler or all workers are gone, or an item reports that
         its worker's machine cannot do the work.
         """
+        if self.finished is not None:
+            finished = self.finished
+            self.client.subscribe_topic(self.name, lambda event: finished(event[1]))
         try:
             while True:
                 self.fill_windows()
@@ -79,6 +86,8 @@ class Dispatch:
                 if future is not None and future in self.flight:
                     yield from self.collect(future)
         finally:
+            with contextlib.suppress(Exception):
+                self.client.unsubscribe_topic(self.name)
             with contextlib.suppress(Exception):
                 if self.external and self.flight and self.client.status == "running":
                     self.client.cancel(list(self.flight))
@@ -127,6 +136,7 @@ class Dispatch:
             self.work,
             batch,
             attempts,
+            self.name,
             key=f"{self.name}-{self.submitted}",
             pure=False,
         )

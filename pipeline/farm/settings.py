@@ -23,6 +23,9 @@ class FarmParams:
         100, "scenes after which a worker process is replaced; 0: never", within(0, 1_000_000)
     )
     checksums: bool = param(True, "verify the checksums of kept frames; false avoids reading them")
+    trash_days: float = param(
+        30.0, "days that orphans stay in data/trash; 0: removed at once", within(0, 36_500)
+    )
     transfer: Literal["auto", "shared", "send"] = param(
         "auto", "shared: data folder; send: through dask; auto: per worker"
     )

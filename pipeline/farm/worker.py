@@ -19,6 +19,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from distributed import get_worker
+
 from pbrnet.pipeline.farm.recycling import replace_if_due
 from pbrnet.pipeline.farm.scheduling import Item
 from pbrnet.scenes.errors import MachineError
@@ -49,8 +51,11 @@ def run_batch(
     work: Callable[[Any], Any],
     batch: tuple[Item, ...],
     attempts: list[int],
+    topic: str,
 ) -> list[Outcome]:
     """Run the items of a batch in order and return their outcomes.
+
+    The key of each finished item is an event of `topic`, which the command reads meanwhile.
 
     The list is shorter than the batch after a fatal error, and when the returned files exceed
     `_MAX_RETURNED`; the caller submits the remaining items again.
@@ -79,6 +84,9 @@ def run_batch(
             )
             files = value.get("files", {}) if isinstance(value, dict) else {}
             returned += sum(len(file.content) for file in files.values())
+            if not message:
+                with contextlib.suppress(Exception):  # progress is no reason to fail
+                    get_worker().log_event(topic, item.key)
             if fatal or returned > _MAX_RETURNED:
                 break
     return outcomes

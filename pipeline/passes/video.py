@@ -3,25 +3,29 @@
 The scene stands still, so flow follows from depth and the two cameras: each pixel's surface point
 is reprojected to the neighbour's image. Whether it is visible there is decided by a ray from the
 neighbour's eye to the point, which passes clear glass as camera rays do, and by the side of the
-surface that the eye is on; images are not compared. Where no surface is seen, the point is at
-infinity: its flow is that of the camera's turn, and it is hidden if the ray meets anything.
+surface that the eye is on. Where no surface is seen, the point is at infinity: its flow is that of
+the camera's turn, and it is hidden if the ray meets anything. A ray may also reach a point through
+a gap that falls between the neighbour's pixels, as among leaves: where all four pixels around the
+point's place show something nearer, the neighbour's image does not show the point, and it is
+hidden.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from pbrnet.pipeline.cameras.reprojection import reproject
+from pbrnet.pipeline.cameras.reprojection import Reprojection, reproject
 from pbrnet.pipeline.channels import VIDEO_BANDS
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import VisibleSurfaces, depth
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.views import Matrix
 from pbrnet.scenes.arrays import BoolArray, Float64Array
-from pbrnet.scenes.geometry.directions import unit
+from pbrnet.scenes.geometry.directions import pixel_directions, turned, unit
 
 # Of the distance: above the rounding of float32 hit points, below the thickness of any board.
 _TOLERANCE = 2e-4
+_NEARER = 0.98  # of a point's depth: what is nearer than that is another surface
 _GRID = 1024  # parts of a pixel to which flow is rounded, so that it compresses
 
 
@@ -55,6 +59,7 @@ def _motion(surfaces: VisibleSurfaces, pose: Matrix) -> tuple[Float64Array, Bool
     occluded = np.zeros(count, dtype=bool)
     some = found.inside
     occluded[some] = ~_visible(surfaces, found.offsets, there[:3, 3], some)
+    occluded |= some & _between_pixels(surfaces, found, there)
     return flow, occluded, ~found.inside
 
 
@@ -71,4 +76,26 @@ def _visible(
         (normals * rays).sum(axis=1) > 0 for rays in (surfaces.directions[some], directions)
     )
     result: BoolArray = np.where(seen, arrives & (one == other), np.isinf(free))
+    return result
+
+
+def _between_pixels(
+    surfaces: VisibleSurfaces, found: Reprojection, there: Float64Array
+) -> BoolArray:
+    """Test where all four pixels of `there` around a point's place (P,) show nearer things."""
+    view = surfaces.view
+    rays = pixel_directions(view.intrinsics, view.width, view.height).reshape(-1, 3)
+    directions = unit(turned(rays, there[:3, :3]))
+    _, metres = raycast.nearest(surfaces.scene.geometry, there[:3, 3], directions)
+    shown = (metres / np.sqrt((rays**2).sum(axis=1))).reshape(view.height, view.width)
+    corner = np.floor(found.places - 0.5).astype(np.int64)
+    column, row = np.clip(corner, 0, (view.width - 2, view.height - 2)).T
+    farthest = np.max(
+        [shown[row + down, column + across] for down in (0, 1) for across in (0, 1)], axis=0
+    )
+    surrounded = (corner >= 0).all(axis=1) & (corner < (view.width - 1, view.height - 1)).all(
+        axis=1
+    )
+    depth = np.where(surfaces.valid, found.depth, np.inf)
+    result: BoolArray = found.inside & surrounded & (farthest < _NEARER * depth)
     return result

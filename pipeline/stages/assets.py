@@ -7,10 +7,9 @@ stale pieces.
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.stages.render_jobs import use_code
+from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.pipeline.terminal import lines_of
 from pbrnet.scenes.assets.index import (
     AssetIndex,
@@ -96,7 +96,7 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
         root.mkdir(parents=True, exist_ok=True)
         remove_partials(root)
         if not params.assets.enabled:
-            removed = _remove_orphans(root, {})
+            removed = _remove_orphans(root, {}, params.farm)
             save_index(root, AssetIndex())
             return AssetSummary(AssetIndex(), 0, 0, removed, time.monotonic() - started)
         wanted = params.assets
@@ -104,7 +104,7 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
         catalogues = read_catalogues(files)
         sizes = wanted.max_triangles, wanted.texture_size
         jobs, refused = piece_jobs(root, catalogues, *sizes, key("assets"))
-        removed = _remove_orphans(root, jobs)
+        removed = _remove_orphans(root, jobs, params.farm)
         kept = {name: index_entry(asset) for name, job in jobs.items() if (asset := current(job))}
         work = [job for name, job in jobs.items() if name not in kept]
         made, failures = _convert_all(data, params.farm, scheduler, work, len(kept), refused)
@@ -159,15 +159,19 @@ def _convert_all(
     return made, failures
 
 
-def _remove_orphans(root: Path, wanted: dict[str, Any]) -> int:
-    """Remove converted pieces that are no longer wanted; downloads stay."""
-    removed = 0
-    for file in sorted(root.glob("*/*/piece.json")):
-        folder = file.parent
-        if folder.relative_to(root).as_posix() not in wanted:
-            shutil.rmtree(folder)
-            removed += 1
+def _remove_orphans(root: Path, wanted: dict[str, Any], params: FarmParams) -> int:
+    """Move converted pieces that are no longer wanted to the trash, others back; downloads stay."""
+    pieces = {piece.parent for piece in root.glob("*/*/piece.json")}
+    orphans = sorted(one for one in pieces if one.relative_to(root).as_posix() not in wanted)
+    trash = Trash(root.parent, params.trash_days)
+    trash.add(orphans)
+    trash.put_back(
+        job.out
+        for job in wanted.values()
+        if not current(job) and current(replace(job, out=trash.place(job.out)))
+    )
+    trash.sweep()
     for folder in sorted(root.iterdir()):
         if folder.is_dir() and folder.name != DOWNLOADS and not any(folder.iterdir()):
             folder.rmdir()
-    return removed
+    return len(orphans)

@@ -21,8 +21,18 @@ from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import Failure, data_lock
 from pbrnet.pipeline.stages.render_jobs import CameraJob, sample_scene
-from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, execute, finish
+from pbrnet.pipeline.stages.runner import (
+    NOTHING_PENDING,
+    Pending,
+    StagePlan,
+    Summary,
+    Target,
+    begin,
+    execute,
+    finish,
+)
 from pbrnet.pipeline.stages.scene_listing import active_renderer, list_scenes, scene_digests
+from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.pipeline.views import CameraFile, load_cameras
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError
@@ -36,57 +46,71 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
     with data_lock(data, "cameras"):
         root = data / "cameras"
         remove_partials(root)
-        renderer = active_renderer(params.farm)
-        plan = StagePlan("cameras", "scenes", sample_scene)
-        scenes = list_scenes(data, plan)
-        for given in params.cameras.trajectories:
-            if not (data / "scenes" / given.scene).is_dir():
-                raise InputError(
-                    f"cameras.trajectories: there is no scene {given.scene!r} in {data / 'scenes'}"
-                )
-            source = first_scenes(scenes, params.cameras).get(given.scene, given.scene)
-            if source != given.scene:
-                raise InputError(
-                    f"cameras.trajectories: {given.scene} shares the cameras of {source}; name that"
-                )
-        digests = scene_digests(data, scenes)
-        unreadable = {failure.scene_id for failure in plan.failures}
-        plan.removed = _remove_old_cameras(root, {*scenes, *unreadable})
-        views = ViewParams(params.cameras, params.image)
-        expected = camera_fingerprints(scenes, views, params.seed, digests, renderer)
+        plan, scenes, renderer = plan_cameras(data, params)
+        begin(data, params, plan)
         first = first_scenes(scenes, params.cameras)
         made: dict[Path, bool] = {}
         # Scenes that take the cameras of another scene come after those.
         for taking in (False, True):
             part = StagePlan("cameras", "scenes", sample_scene)
-            for scene_id in scenes:
-                if (first[scene_id] != scene_id) == taking:
-                    path = root / f"{scene_id}.json"
-                    if _is_current(path, expected[scene_id]):
-                        part.kept += 1
+            for item in plan.items:
+                scene_id, job = item.group, item.payload
+                if (first[scene_id] != scene_id) != taking:
+                    continue
+                if taking:
+                    lender = root / f"{first[scene_id]}.json"
+                    if not made.get(lender, lender.is_file()):
+                        error = f"there are no cameras of {first[scene_id]} to share"
+                        part.failures.append(Failure("cameras", scene_id, "", error))
                         continue
-                    job = CameraJob(
-                        path,
-                        data / "scenes" / scene_id,
-                        digests[scene_id],
-                        views,
-                        params.seed,
-                        expected[scene_id],
-                    )
-                    if taking:
-                        lender = root / f"{first[scene_id]}.json"
-                        if not _is_current(lender, expected[first[scene_id]]):
-                            error = f"there are no cameras of {first[scene_id]} to share"
-                            part.failures.append(Failure("cameras", scene_id, "", error))
-                            continue
-                        job = replace(job, shared=load_cameras(lender).views)
-                    else:
-                        job = replace(job, trajectories=_trajectories(scene_id, params.cameras))
-                    part.add(job, Target(path, "cameras", scene_id))
-            made |= execute(data, params.farm, scheduler, part, renderer)
-            plan.kept += part.kept
+                    job = replace(job, shared=load_cameras(lender).views)
+                part.add(job, *plan.targets[item.key])
+            made |= execute(data, params, scheduler, part, renderer)
             plan.failures += part.failures
-        return finish(data, plan, made, started, lambda: _notes(root, scenes))
+        return finish(data, params.farm, plan, made, started, lambda: _notes(root, scenes))
+
+
+def plan_cameras(
+    data: Path, params: Params, pending: Pending = NOTHING_PENDING
+) -> tuple[StagePlan, dict[str, Scene], str]:
+    """Return what the stage will do, its scenes, and the renderer; nothing is changed.
+
+    `pending` scenes are left aside, as they will be others by then.
+    """
+    root, renderer = data / "cameras", active_renderer(params.farm)
+    plan = StagePlan("cameras", "scenes", sample_scene)
+    scenes = list_scenes(data, plan, pending.scenes)
+    first = first_scenes(scenes, params.cameras)
+    for given in params.cameras.trajectories:
+        if not (data / "scenes" / given.scene).is_dir() and given.scene not in pending.changed:
+            raise InputError(
+                f"cameras.trajectories: there is no scene {given.scene!r} in {data / 'scenes'}"
+            )
+        source = first.get(given.scene, given.scene)
+        if source != given.scene:
+            raise InputError(
+                f"cameras.trajectories: {given.scene} shares the cameras of {source}; name that"
+            )
+    digests = scene_digests(data, scenes)
+    spared = {*scenes, *(failure.scene_id for failure in plan.failures), *pending.changed}
+    plan.orphans = [file for file in sorted(root.glob("*.json")) if file.stem not in spared]
+    views = ViewParams(params.cameras, params.image)
+    expected = camera_fingerprints(scenes, views, params.seed, digests, renderer)
+    trash = Trash(data, params.farm.trash_days)
+    for scene_id, digest in expected.items():
+        path = root / f"{scene_id}.json"
+        if _is_current(path, digest):
+            plan.kept += 1
+        elif _is_current(trash.place(path), digest):
+            plan.returning.append(path)
+        else:
+            place, own = data / "scenes" / scene_id, first[scene_id] == scene_id
+            given = _trajectories(scene_id, params.cameras) if own else ()
+            job = CameraJob(
+                path, place, digests[scene_id], views, params.seed, digest, trajectories=given
+            )
+            plan.add(job, Target(path, "cameras", scene_id))
+    return plan, scenes, renderer
 
 
 def first_scenes(scenes: Mapping[str, Scene], params: CameraParams) -> dict[str, str]:
@@ -182,12 +206,3 @@ def _reasons(file: CameraFile) -> str:
         return "it has no rooms"
     reasons = sorted(file.rejected.items(), key=lambda entry: (-entry[1], entry[0]))
     return ", ".join(f"{reason} ({count})" for reason, count in reasons)
-
-
-def _remove_old_cameras(root: Path, wanted: set[str]) -> int:
-    removed = 0
-    for file in sorted(root.glob("*.json")):
-        if file.is_file() and file.stem not in wanted:
-            file.unlink()
-            removed += 1
-    return removed

@@ -16,10 +16,12 @@ from typing import Any
 
 from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.dataset.checks import Rejection, surfaces_of
 from pbrnet.pipeline.frames import frame_path, holds
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import (
     TRACE_OF,
+    TRACED,
     frame_fingerprint,
     settings_of,
     trace_seed,
@@ -28,17 +30,30 @@ from pbrnet.pipeline.records import Failure, data_lock
 from pbrnet.pipeline.splits import split_sampling
 from pbrnet.pipeline.stages.cameras import camera_fingerprints
 from pbrnet.pipeline.stages.render_jobs import FrameJob, render_frames
-from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, execute, finish, threaded
+from pbrnet.pipeline.stages.runner import (
+    NOTHING_PENDING,
+    Pending,
+    StagePlan,
+    Summary,
+    Target,
+    begin,
+    execute,
+    finish,
+    threaded,
+)
 from pbrnet.pipeline.stages.scene_listing import (
     SAFE_NAME,
     active_renderer,
     list_scenes,
     scene_digests,
 )
+from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import remove_partials
+
+_MADE_AGAIN = ("missing", "damaged", "stale")  # reasons for a rejection that do not last
 
 # Kinds of frames that each stage renders: those that the parameters ask for, of each its folder.
 FRAME_STAGES: dict[str, tuple[Kind, ...]] = {
@@ -57,59 +72,86 @@ def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = N
     for kind in kinds[1:]:  # DVC expects every output folder of a stage, also an empty one
         (data / kind).mkdir(parents=True, exist_ok=True)
     with data_lock(data, stage):
-        renderer = active_renderer(params.farm)
-        wanted = [kind for kind in kinds if kind in params.kinds]
-        plan = StagePlan(stage, "views" if len(wanted) == 1 else "frames", render_frames)
-        scenes = list_scenes(data, plan)
-        digests = scene_digests(data, scenes)
-        of_cameras = ViewParams(params.cameras, params.image)
-        cameras = camera_fingerprints(scenes, of_cameras, params.seed, digests, renderer)
-        views = _views(data, cameras, plan)
-        expected: dict[Path, _ExpectedFrame] = {}
-        seen = sorted({view.scene_id for view in views})
-        sampling = split_sampling(
-            [scenes[name] for name in seen],
-            *(params.groundtruth, params.noisy, params.dataset.splits, params.seed),
-        )
-        settings = {
-            name: settings_of(replace(params, groundtruth=truth, noisy=noisy), wanted)
-            for name, (truth, noisy) in sampling.items()
-        }
-        for kind in kinds:
-            for view in views if kind in wanted else ():
-                own, scene = settings[view.scene_id][kind], digests[view.scene_id]
-                digest = frame_fingerprint(kind, view, own, params.seed, scene, renderer)
-                expected[frame_path(data, kind, view)] = _ExpectedFrame(kind, view, own, digest)
-            # An unreadable scene may be repaired: its frames are not orphans.
-            unreadable = {failure.scene_id for failure in plan.failures}
-            plan.removed += _remove_orphans(data / kind, expected, unreadable)
-        stale = _stale(expected, params.farm.checksums)
-        plan.kept = len(expected) - len(stale)
-        for paths in _by_trace(stale):
-            frames = [expected[path] for path in paths]
-            view, first = frames[0].view, frames[0].kind
-            job = FrameJob(
-                data,
-                view,
-                digests[view.scene_id],
-                {frame.kind: frame.settings for frame in frames},
-                {frame.kind: frame.fingerprint for frame in frames},
-                trace_seed(first, view, params.seed),
-            )
-            plan.add(job, *(expected[path].target(path) for path in paths))
-        made = execute(data, params.farm, scheduler, plan, renderer)
+        plan, expected, renderer = plan_frames(stage, data, params)
+        begin(data, params, plan)
+        plan.removed += sum(_tidy(data / kind) for kind in kinds)
+        made = execute(data, params, scheduler, plan, renderer)
         # A worker of an earlier run may still have been alive and have overwritten a frame.
-        written = {path: expected[path] for path in stale if made[path]}
+        written = {path: expected[path] for path, fine in made.items() if fine}
         for path in _stale(written, verify=False):
             made[path] = False
             target = expected[path].target(path)
             error = f"{path} was overwritten by another run; run the same command again"
             plan.failures.append(Failure(target.stage, target.scene_id, target.view_id, error))
-        return finish(data, plan, made, started)
+        left = [
+            f"left out: {view.scene_id}/{view.view_id}: {why}"
+            for view, why in plan.left_out.items()
+        ]
+        return finish(data, params.farm, plan, made, started, lambda: left)
+
+
+def plan_frames(
+    stage: str, data: Path, params: Params, pending: Pending = NOTHING_PENDING
+) -> tuple[StagePlan, dict[Path, ExpectedFrame], str]:
+    """Return what a stage will do, the frames it should find in the end, and the renderer.
+
+    Nothing is changed. `pending` scenes are left aside, as they will be others by then.
+    """
+    kinds, renderer = FRAME_STAGES[stage], active_renderer(params.farm)
+    wanted = [kind for kind in kinds if kind in params.kinds]
+    plan = StagePlan(stage, "views" if len(wanted) == 1 else "frames", render_frames)
+    scenes = list_scenes(data, plan, pending.scenes)
+    digests = scene_digests(data, scenes)
+    of_cameras = ViewParams(params.cameras, params.image)
+    cameras = camera_fingerprints(scenes, of_cameras, params.seed, digests, renderer)
+    views = _views(data, cameras, plan, bool(pending.scenes))
+    expected: dict[Path, ExpectedFrame] = {}
+    seen = sorted({view.scene_id for view in views})
+    sampling = split_sampling(
+        [scenes[name] for name in seen],
+        *(params.groundtruth, params.noisy, params.dataset.splits, params.seed),
+    )
+    settings = {
+        name: settings_of(replace(params, groundtruth=truth, noisy=noisy), wanted)
+        for name, (truth, noisy) in sampling.items()
+    }
+    # An unreadable scene may be repaired: its frames are not orphans.
+    spared = {failure.scene_id for failure in plan.failures} | pending.changed
+    for kind in kinds:
+        for view in views if kind in wanted else ():
+            own, scene = settings[view.scene_id][kind], digests[view.scene_id]
+            digest = frame_fingerprint(kind, view, own, params.seed, scene, renderer)
+            expected[frame_path(data, kind, view)] = ExpectedFrame(kind, view, own, digest)
+        orphans = _frames_below(data / kind) - expected.keys()
+        plan.orphans += sorted(path for path in orphans if path.parent.name not in spared)
+        plan.unsure += sum(path.parent.name in pending.changed for path in orphans)
+    stale = _stale(expected, params.farm.checksums)
+    trash = Trash(data, params.farm.trash_days)
+    plan.returning = _current(trash, stale, params.farm.checksums)
+    stale = {path: frame for path, frame in stale.items() if path not in set(plan.returning)}
+    plan.kept = len(expected) - len(stale) - len(plan.returning)
+    if kinds[0] in TRACED:
+        plan.left_out = _rejected(data, views, stale, params)
+        left = {path for path, frame in stale.items() if frame.view.name in plan.left_out}
+        plan.orphans += sorted(path for path in left if path.exists())
+        stale = {path: frame for path, frame in stale.items() if path not in left}
+    for paths in _by_trace(stale):
+        frames = [expected[path] for path in paths]
+        view, first = frames[0].view, frames[0].kind
+        job = FrameJob(
+            data,
+            view,
+            digests[view.scene_id],
+            {frame.kind: frame.settings for frame in frames},
+            {frame.kind: frame.fingerprint for frame in frames},
+            trace_seed(first, view, params.seed),
+        )
+        plan.add(job, *(expected[path].target(path) for path in paths))
+    return plan, expected, renderer
 
 
 @dataclass(frozen=True)
-class _ExpectedFrame:
+class ExpectedFrame:
     """A frame that the data folder should hold."""
 
     kind: Kind
@@ -121,7 +163,40 @@ class _ExpectedFrame:
         return Target(path, self.kind, self.view.scene_id, self.view.view_id)
 
 
-def _by_trace(frames: dict[Path, _ExpectedFrame]) -> list[list[Path]]:
+def _rejected(
+    data: Path, views: list[View], stale: dict[Path, ExpectedFrame], params: Params
+) -> dict[tuple[str, str], str]:
+    """Return by scene and view id which views of stale frames the dataset will reject, and why.
+
+    It rejects them for frames without light; those that are missing, damaged or of another camera
+    do not count, as they are made again.
+    """
+    checks, size = params.dataset.checks, (params.image.width, params.image.height)
+    due = {frame.view.name for frame in stale.values()}
+    whole = {view.walk for view in views if view.name in due and view.trajectory}
+    asked = [
+        view for view in views if view.name in due or (checks.whole_walks and view.walk in whole)
+    ]
+    by_scene: dict[str, list[View]] = defaultdict(list)
+    for view in views:
+        by_scene[view.scene_id].append(view)
+
+    def fault(view: View) -> str:
+        others = by_scene[view.scene_id]
+        found = surfaces_of(data, view, others, {}, params.kinds, size, checks)
+        known = isinstance(found, Rejection) and found.reason not in _MADE_AGAIN
+        return f"{found.reason}, {found.detail}" if known else ""
+
+    faults = dict(zip([view.name for view in asked], threaded(fault, asked), strict=True))
+    if checks.whole_walks:
+        broken = {view.walk for view in asked if faults[view.name] and view.trajectory}
+        for view in asked:
+            if view.walk in broken:
+                faults[view.name] = faults[view.name] or "another frame of its walk is rejected"
+    return {name: why for name, why in faults.items() if why and name in due}
+
+
+def _by_trace(frames: dict[Path, ExpectedFrame]) -> list[list[Path]]:
     """Group frames that one trace renders; sorted by scene, then trace.
 
     In this order a worker changes scenes and kernels as rarely as possible.
@@ -134,7 +209,9 @@ def _by_trace(frames: dict[Path, _ExpectedFrame]) -> list[list[Path]]:
     return [groups[key] for key in sorted(groups)]
 
 
-def _views(data: Path, expected: Mapping[str, str], plan: StagePlan) -> list[View]:
+def _views(
+    data: Path, expected: Mapping[str, str], plan: StagePlan, may_be_none: bool
+) -> list[View]:
     """Return the views of all scenes, sorted; add broken camera files to the plan's failures.
 
     `expected`: the fingerprint of each scene's camera file.
@@ -165,7 +242,7 @@ def _views(data: Path, expected: Mapping[str, str], plan: StagePlan) -> list[Vie
             "another version of the scene; to sample them again, run: pbrnet cameras",
             err=True,
         )
-    if not views and not plan.failures:
+    if not views and not plan.failures and not may_be_none:
         raise InputError(
             f"{data / 'cameras'}: no scene has a view; 'pbrnet cameras' lists the reasons, and "
             "cameras.min_objects or cameras.min_score may be too high"
@@ -177,7 +254,7 @@ def _some(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-def _stale(expected: dict[Path, _ExpectedFrame], verify: bool) -> dict[Path, _ExpectedFrame]:
+def _stale(expected: dict[Path, ExpectedFrame], verify: bool) -> dict[Path, ExpectedFrame]:
     """Return the frames that are missing, truncated or have another fingerprint.
 
     With `verify` also those whose pixels do not match their checksum.
@@ -187,30 +264,30 @@ def _stale(expected: dict[Path, _ExpectedFrame], verify: bool) -> dict[Path, _Ex
     return {path: expected[path] for path, fine in zip(paths, good, strict=True) if not fine}
 
 
-def _remove_orphans(root: Path, expected: dict[Path, Any], unreadable: set[str]) -> int:
-    """Remove orphan frames and partial files below `root`; return how many.
+def _current(trash: Trash, stale: dict[Path, ExpectedFrame], verify: bool) -> list[Path]:
+    """Return the paths of frames that lie up to date in the trash."""
+    lying = {trash.place(path): path for path in stale if trash.place(path).is_file()}
+    missing = _stale({place: stale[path] for place, path in lying.items()}, verify)
+    return [path for place, path in lying.items() if place not in missing]
 
-    Removes only EXR files one folder deep, partial files, and folders that are empty afterwards;
-    frames of `unreadable` scenes stay. Other files are named in a note and kept.
+
+def _frames_below(root: Path) -> set[Path]:
+    """Return the paths of the EXR files one folder deep, without partial files."""
+    return {path for path in root.glob("*/*.exr") if path.is_file() and path.name[0] != "."}
+
+
+def _tidy(root: Path) -> int:
+    """Remove partial files and empty folders below `root`; return how many files.
+
+    What this stage did not write is kept, and named in a note.
     """
-    removed = remove_partials(root)
-    foreign = []
-    for folder in sorted(root.iterdir()) if root.is_dir() else ():
-        if not folder.is_dir():
-            foreign.append(folder)
-            continue
-        removed += remove_partials(folder)
-        for file in sorted(folder.iterdir()):
-            if file in expected:
-                continue
-            if file.is_file() and file.suffix == ".exr":
-                if folder.name not in unreadable:
-                    file.unlink()
-                    removed += 1
-            else:
-                foreign.append(file)
-        if not any(folder.iterdir()):
+    folders = [folder for folder in sorted(root.glob("*")) if folder.is_dir()]
+    removed = sum(remove_partials(folder) for folder in (root, *folders))
+    for folder in folders:
+        if folder.exists() and not any(folder.iterdir()):
             folder.rmdir()
+    known = {*folders, *_frames_below(root)}
+    foreign = [path for path in sorted((*root.glob("*"), *root.glob("*/*"))) if path not in known]
     if foreign:
         say(
             f"note: kept files that this stage did not write: {_some([str(p) for p in foreign])}",

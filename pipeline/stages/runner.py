@@ -1,12 +1,12 @@
 """Execution of a stage's plan on the farm, with its ledger, failures and summary.
 
-A stage adds its outdated files to a `StagePlan`; `execute` makes them on the farm; `finish` removes
-files that could not be made again, writes the list of failures and returns the summary.
+A stage adds its outdated files to a `StagePlan`, and changes nothing until it is complete. `begin`
+says the plan and moves orphans; `execute` makes files on the farm; `finish` removes files that
+could not be made again, writes the list of failures and returns the summary.
 """
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -15,7 +15,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from dask.system import cpu_count
+
 from pbrnet.pipeline.costs.estimates import estimator
+from pbrnet.pipeline.costs.forecast import seconds_of, view_size
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.cluster import Farm
 from pbrnet.pipeline.farm.scheduling import Item
@@ -24,11 +27,13 @@ from pbrnet.pipeline.farm.transfer import TransferService
 from pbrnet.pipeline.farm.versions import code_version
 from pbrnet.pipeline.farm.worker import Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
-from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.progress import Progress, span
 from pbrnet.pipeline.records import Failure, save_failures
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.stages.render_jobs import use_code, use_renderer
-from pbrnet.pipeline.terminal import lines_of
+from pbrnet.pipeline.stages.trash import Trash, size_text
+from pbrnet.pipeline.terminal import lines_of, say
 from pbrnet.scenes.errors import PbrnetError
 from pbrnet.scenes.files import remove_partials
 
@@ -69,9 +74,29 @@ class Target:
     view_id: str = ""
 
 
+@dataclass(frozen=True)
+class Pending:
+    """Scenes that stages before will change (or their cameras), and scenes that they remove."""
+
+    changed: frozenset[str] = frozenset()
+    gone: frozenset[str] = frozenset()
+
+    @property
+    def scenes(self) -> frozenset[str]:
+        """All of them."""
+        return self.changed | self.gone
+
+
+NOTHING_PENDING = Pending()
+
+
 @dataclass
 class StagePlan:
-    """Items that a stage runs on the farm, their work function, and failures known beforehand."""
+    """What a stage makes, keeps and removes, and failures known beforehand.
+
+    `orphans` are files or folders that are no longer asked for; `returning` are out of date, and
+    lie up to date in the trash.
+    """
 
     stage: str
     unit: str  # plural noun for the progress bar
@@ -80,6 +105,13 @@ class StagePlan:
     failures: list[Failure] = field(default_factory=list)
     kept: int = 0
     removed: int = 0
+    orphans: list[Path] = field(default_factory=list)
+    returning: list[Path] = field(default_factory=list)
+    # Files that may be made beside those, at most: their scenes or cameras change before.
+    later: list[Target] = field(default_factory=list)
+    # Views, by scene and id, that are not rendered, as the dataset's checks reject them: why.
+    left_out: dict[tuple[str, str], str] = field(default_factory=dict)
+    unsure: int = 0  # files of those scenes that are there now
     renders: bool = True  # whether the workers need a renderer and the scenes' files
     targets: dict[str, list[Target]] = field(default_factory=dict)  # by the item's key
 
@@ -91,8 +123,49 @@ class StagePlan:
         self.targets[key] = list(targets)
 
 
+def plan_line(data: Path, plan: StagePlan, params: Params) -> str:
+    """Return what a stage makes, keeps and removes, and its time by the ledger, as text."""
+    targets = [target for targets in plan.targets.values() for target in targets]
+    again = sum(target.path.exists() for target in targets)
+    parts = [f"{len(targets)} to make" + (f" ({again} of them out of date)" if again else "")]
+    if plan.later:
+        parts.append(f"at most {len(plan.later)} more after the stages before")
+    parts.append(f"{plan.kept} up to date")
+    if plan.unsure:
+        parts.append(f"{plan.unsure} to be kept, made again or moved to the trash")
+    if plan.returning:
+        parts.append(f"{len(plan.returning)} back from the trash")
+    if plan.left_out:
+        parts.append(f"{len(plan.left_out)} views left out, which dataset.checks reject already")
+    if plan.orphans:
+        where = "to the trash" if params.farm.trash_days else "to be removed for good"
+        parts.append(f"{len(plan.orphans)} no longer asked for, {size_text(plan.orphans)}, {where}")
+    seconds = plan_seconds(data, plan, params)
+    if seconds:
+        parts.append(f"about {span(seconds)} of one core by the ledger")
+    return f"{plan.stage}: {', '.join(parts)}"
+
+
+def plan_seconds(data: Path, plan: StagePlan, params: Params) -> float | None:
+    """Return the core-seconds of a plan by the ledger; None if that does not tell."""
+    targets = [target for targets in plan.targets.values() for target in targets] + plan.later
+    made = [(one.stage, one.scene_id, one.view_id) for one in targets]
+    return seconds_of(read_ledger(data), made, view_size(params))
+
+
+def begin(data: Path, params: Params, plan: StagePlan) -> None:
+    """Say on stderr what the stage will do; move orphans into the trash, others back from it."""
+    say(plan_line(data, plan, params), err=True)
+    trash = Trash(data, params.farm.trash_days)
+    trash.put_back(plan.returning)
+    trash.add(plan.orphans)
+    trash.sweep()
+    plan.kept += len(plan.returning)
+    plan.removed += len(plan.orphans)
+
+
 def execute(
-    data: Path, params: FarmParams, scheduler: str | None, plan: StagePlan, renderer: str = ""
+    data: Path, params: Params, scheduler: str | None, plan: StagePlan, renderer: str = ""
 ) -> dict[Path, bool]:
     """Run the plan's items on the farm; return for each target whether it was made.
 
@@ -101,22 +174,30 @@ def execute(
     made = {target.path: False for targets in plan.targets.values() for target in targets}
     if not plan.items:
         return made
-    ledger = Ledger(data)
+    ledger, farm_params = Ledger(data), params.farm
+    seconds = plan_seconds(data, plan, params)
+    expected = None if seconds is None else seconds / min(cpu_count(), len(plan.items))
     with (
-        Progress(plan.kept + len(made), plan.stage, plan.unit) as progress,
-        open_workspace(data, params.transfer, params.cache_mb) as workspace,
+        Progress(
+            plan.kept + len(made), plan.stage, plan.unit, kept=plan.kept, expected=expected
+        ) as progress,
+        open_workspace(data, farm_params.transfer, farm_params.cache_mb) as workspace,
     ):
-        progress.advance(plan.kept)
         setup: Callable[[int], None] = partial(use_code, code_version(), workspace)
         service: TransferService | None = None
         needed: Path | None = workspace.token_path
         if plan.renders:
-            variant = set_variant(params.variant)
+            variant = set_variant(farm_params.variant)
             setup = partial(use_renderer, variant, renderer, code_version(), workspace)
             service, needed = scene_service(workspace), None
         try:
-            with Farm(params, scheduler, setup, len(plan.items), service, needed) as farm:
-                for outcome in farm.run(plan.work, _weighted(data, plan)):
+            with Farm(farm_params, scheduler, setup, len(plan.items), service, needed) as farm:
+                progress.write(farm.workers)
+
+                def finished(key: str) -> None:
+                    progress.announce(key, len(plan.targets.get(key, ())))
+
+                for outcome in farm.run(plan.work, _weighted(data, plan), finished):
                     made.update(_record(outcome, plan, renderer, ledger, progress))
         finally:
             for folder in sorted({target.parent for target in made}):
@@ -175,28 +256,25 @@ def _record(
                 ended=outcome.ended,
                 renderer=renderer or None,
             )
-        progress.advance(1, target.scene_id)
+    progress.advance(len(targets), targets[0].scene_id, outcome.key)
     return {path: not error for path, error in errors.items()}
 
 
 def finish(
     data: Path,
+    params: FarmParams,
     plan: StagePlan,
     made: dict[Path, bool],
     started: float,
     notes: Callable[[], Iterable[str]] = tuple,
 ) -> Summary:
-    """Remove out-of-date files that could not be made again and write the list of failures.
+    """Move out-of-date files that could not be made again to the trash; write the failures.
 
-    Raises `StageError` if there are failures. Out-of-date files are removed here and not before
-    `execute`: a run that is started by mistake and interrupted loses only files that it has
-    replaced.
+    Raises `StageError` if there are failures. Out-of-date files go here and not before `execute`: a
+    run that is started by mistake and interrupted loses only files that it has replaced.
     """
-    for path in [path for path, fine in made.items() if not fine]:
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
+    trash = Trash(data, params.trash_days)
+    trash.add(path for path, fine in made.items() if not fine and path.exists())
     failures = sorted(plan.failures, key=lambda f: (f.scene_id, f.view_id, f.stage))
     save_failures(data, plan.stage, failures)
     count = sum(made.values())
@@ -211,7 +289,8 @@ def finish(
             "else is done; run the same command again to retry.",
         )
     seconds = time.monotonic() - started
-    return Summary(plan.stage, count, plan.kept, plan.removed, seconds, tuple(notes()))
+    lines = tuple(line for line in (*notes(), trash.described()) if line)
+    return Summary(plan.stage, count, plan.kept, plan.removed, seconds, lines)
 
 
 def threaded(function: Callable[[A], B], values: Sequence[A]) -> list[B]:

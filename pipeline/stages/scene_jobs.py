@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
@@ -160,11 +159,7 @@ def stage_fingerprint(folder: Path) -> str | None:
     return str(found) if found is not None else None
 
 
-def remove_old_scenes(root: Path, wanted: set[str]) -> int:
-    """Remove the scenes of this stage that are not in `wanted`; return how many."""
-    removed = 0
-    for folder in scene_folders(root):
-        if folder.name not in wanted and stage_fingerprint(folder):
-            shutil.rmtree(folder)
-            removed += 1
-    return removed
+def old_scenes(root: Path, wanted: set[str]) -> list[Path]:
+    """Return the folders of this stage's scenes that are not in `wanted`."""
+    folders = scene_folders(root)
+    return [one for one in folders if one.name not in wanted and stage_fingerprint(one)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from pbrnet.pipeline.farm.scene_digest import scene_digest
@@ -23,13 +23,15 @@ def active_renderer(params: FarmParams) -> str:
     return renderer_version()
 
 
-def list_scenes(data: Path, plan: StagePlan) -> dict[str, Scene]:
+def list_scenes(data: Path, plan: StagePlan, without: Collection[str] = ()) -> dict[str, Scene]:
     """Return all readable scenes by id; add the others to the plan's failures.
 
-    Raises `InputError` if there are none at all.
+    Scenes of the names `without` are left aside. Raises `InputError` if there are none at all.
     """
     scenes = {}
     for folder in scene_folders(data / "scenes"):
+        if folder.name in without:
+            continue
         try:
             scene = load_scene(folder)
             if scene.scene_id != folder.name:
@@ -43,7 +45,7 @@ def list_scenes(data: Path, plan: StagePlan) -> dict[str, Scene]:
             scenes[scene.scene_id] = scene
         except InputError as error:
             plan.failures.append(Failure(plan.stage, folder.name, "", str(error)))
-    if not scenes and not plan.failures:
+    if not scenes and not plan.failures and not without:
         raise InputError(f"{data / 'scenes'}: there are no scenes; run first: pbrnet scenes")
     return scenes
 

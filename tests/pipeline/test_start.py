@@ -13,6 +13,7 @@ from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.inspection.one_view import view_at
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import GroundTruthParams
+from pbrnet.pipeline.stages.runner import StagePlan, Target, plan_line
 from pbrnet.pipeline.views import CameraFile, save_cameras
 from pbrnet.scenes.params import SceneParams
 
@@ -56,7 +57,7 @@ def test_samples_and_denoiser_are_said(tmp_path: Path, truth: GroundTruthParams,
 
 
 def test_the_ledger_tells_the_time(tmp_path: Path) -> None:
-    """Two scenes of one view took 600 s each: so do the sixteen of the parameters."""
+    """Two scenes of one view took 600 s each, for 16 samples: 32 take 1,200 s in three scenes."""
     ledger = Ledger(tmp_path)
     for scene in ("one", "two"):
         for stage in ("shading", "color"):
@@ -70,11 +71,17 @@ def test_the_ledger_tells_the_time(tmp_path: Path) -> None:
                 spp=16,
             )
     ledger.save()
-    params = Params(scenes=SceneParams(homes=16))
-    params = replace(params, cameras=replace(params.cameras, views_per_scene=1))
-    expected = "time: about 2.7 hours of one core for all views, estimated from the ledger"
-    assert expected in start_lines(Request(params, tmp_path), ("shading", "color"))
-    assert not any("time" in line for line in start_lines(Request(params, tmp_path), ("inputs",)))
+    params = Params(groundtruth=GroundTruthParams(32))
+    plan = StagePlan("groundtruth", "frames", print)
+    for scene in ("one", "two", "three"):
+        frames = [Target(tmp_path / kind, kind, scene, "0") for kind in ("shading", "color")]
+        plan.add(None, *frames)
+    said = plan_line(tmp_path, plan, params)
+    assert (
+        said == "groundtruth: 6 to make, 0 up to date, about 60 minutes of one core by the ledger"
+    )
+    plan.add(None, Target(tmp_path, "inputs", "one", "0"))
+    assert "ledger" not in plan_line(tmp_path, plan, params), "nothing is known about inputs"
 
 
 def test_views_are_counted_where_cameras_are_there(tmp_path: Path) -> None:

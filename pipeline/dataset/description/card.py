@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import yaml
@@ -40,6 +40,8 @@ class DatasetSummary:
     files: tuple[str, ...]  # names of the shards, sorted
     bytes: int  # of the shards together
     facts: DatasetFacts
+    # Walks with rejected frames, by scene and name: how many.
+    walks: dict[tuple[str, str], int] = field(default_factory=dict)
 
     @property
     def total(self) -> int:

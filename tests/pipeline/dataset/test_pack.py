@@ -22,6 +22,7 @@ from click.testing import CliRunner
 
 from pbrnet.pipeline.channels import TINT
 from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.commands.data import require_whole_walks
 from pbrnet.pipeline.dataset.checks import (
     REASONS,
     black_share,
@@ -37,7 +38,9 @@ from pbrnet.pipeline.dataset.shards import ShardWriter
 from pbrnet.pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
 from pbrnet.pipeline.images import read_picture
 from pbrnet.pipeline.splits import Source, SplitParams, kept_back, split_plans
+from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.tonemap import exposure_of
+from pbrnet.pipeline.views import load_cameras, save_cameras
 from pbrnet.scenes.contract import Credit
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.files import digest_folder
@@ -430,6 +433,32 @@ def test_a_bad_view_is_listed_with_its_reason(
     assert [row["view_id"] for row in rows_of(data)] == ["000", "002"]
     assert summary.sampled == 3 == summary.total + 1
     assert REASONS[reason] in (data / "dataset" / "README.md").read_text()
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_walk_with_a_rejected_frame_is_named_or_rejected_whole(
+    tmp_path: Path, whole: bool
+) -> None:
+    params = small_params(checks=CheckParams(whole_walks=whole))
+    data = make_data(tmp_path, params, scenes=2, views=3)
+    path = data / "cameras" / "home-0000.json"
+    cameras = load_cameras(path)
+    walk = [
+        replace(view, trajectory="walk-00" if number else "", frame=number - 1)
+        for number, view in enumerate(cameras.views)
+    ]
+    save_cameras(path, replace(cameras, views=tuple(walk)))
+    frame_path(data, "color", walk[2]).unlink()
+    summary = pack_dataset(data, params)
+    reasons = [(line["view_id"], line["reason"]) for line in rejected_of(data)]
+    if whole:
+        assert reasons == [("001", "walk"), ("002", "missing")] and not summary.walks
+        require_whole_walks(summary)
+    else:
+        assert reasons == [("002", "missing")]
+        with pytest.raises(StageError, match=r"home-0000/walk-00 \(1 frames\)"):
+            require_whole_walks(summary)
+    assert summary.total == 6 - len(reasons)
 
 
 def test_nan_is_refused_even_where_another_program_wrote_it() -> None:

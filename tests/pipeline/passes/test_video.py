@@ -10,6 +10,7 @@ import pytest
 
 from pbrnet.pipeline.channels import VIDEO_BANDS
 from pbrnet.pipeline.dataset.flow_checks import flow_fault
+from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.surfaces import render_surfaces
@@ -79,6 +80,27 @@ def test_a_board_hides_what_is_behind_it(tmp_path: Path) -> None:
     np.testing.assert_allclose(frame[X][9][on_board], -FOCAL * 0.4 / 2, atol=ROUNDED)
 
 
+def test_what_shows_only_between_pixels_is_hidden(tmp_path: Path) -> None:
+    """A slit of a fifth of a pixel: a ray passes it, but no pixel of the next frame shows the wall.
+
+    The camera at x = 1.5 sees the wall beside the boards, the next one behind them, its places at
+    a tenth of a pixel; there is the slit, between pixels' centres.
+    """
+    pixel = 2 / FOCAL  # metres at the boards' distance
+    boards = {
+        side: board(side, (0.1 * pixel + sign * (0.3 + 0.1 * pixel), 2, 1.5), (0.3, 9))
+        for side, sign in (("left", -1), ("right", 1))
+    }
+    scene = opened(tmp_path, {**boards, "wall": board("wall", (0, 4, 1.5), (9, 9))})
+    here = replace(make_view(), camera_to_world=as_matrix(look((1.5, 0, 1.5), (0, 1, 0))))
+    frame = render_video(scene, moved(here, (0, 0, 1.5)))
+    places = np.arange(32) + 0.5 + frame[X]
+    wall = (render_inputs(scene, here)["Z"] > 3) & (frame[OUTSIDE] == 0)
+    in_line = (wall & (np.abs(places - 16.1) < 0.01))[:-1]  # the last row lies on the border
+    assert in_line.any() and frame[HIDDEN][:-1][in_line].all()
+    assert not frame[HIDDEN][wall & (np.abs(places - 16) > 9)].any()
+
+
 def test_the_back_of_a_thin_sheet_hides_its_front(tmp_path: Path) -> None:
     scene = opened(tmp_path, {"sheet": board("sheet", (0, 2, 1.5), (9, 9))})
     frame = render_video(scene, moved(make_view(), (0, 4, 1.5), (0, -1, 0)))
@@ -138,7 +160,7 @@ class Film:
     def fault(self, number: int, video: Channels) -> str | None:
         around = {"forward": number + 1, "backward": number - 1}
         known = {way: self.inputs[n] for way, n in around.items() if 0 <= n < 3}
-        return flow_fault(video, self.inputs[number], self.views[number], known)
+        return flow_fault(video, self.inputs[number], self.views[number], known, CheckParams())
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,10 @@ import pytest
 from pbrnet.pipeline.cameras.settings import TrajectoryFile
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
-from pbrnet.pipeline.frames import frame_path
+from pbrnet.pipeline.frames import frame_path, read_frame, write_frame
 from pbrnet.pipeline.stages.cameras import camera_fingerprint, run_cameras
-from pbrnet.pipeline.stages.frame_stage import run_frames
+from pbrnet.pipeline.stages.frame_stage import plan_frames, run_frames
+from pbrnet.pipeline.stages.runner import plan_line
 from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.params import SceneParams
@@ -89,6 +90,24 @@ def test_trajectories_are_frames_like_others(tmp_path: Path) -> None:
     frame_path(data, "video", frames[1]).unlink()
     run = run_frames("inputs", data, film)
     assert (run.made, run.kept) == (1, 11) and files(data) == whole
+
+    # What the dataset would reject is not path-traced: here all of a frame is called hidden.
+    place = frame_path(data, "video", frames[1])
+    frame = read_frame(place)
+    wrong = {**frame.channels, "forward.occluded": 1 - frame.channels["forward.outside"]}
+    write_frame(place, "video", wrong, frames[1], fingerprint=frame.meta["fingerprint"])
+    plan = plan_frames("groundtruth", data, film)[0]
+    assert list(plan.left_out) == [frames[1].name] and len(plan.items) == 5
+    assert "misaligned, video: forward" in plan.left_out[frames[1].name]
+    assert "1 views left out" in plan_line(data, plan, film)
+    whole_walks = replace(film.dataset.checks, whole_walks=True)
+    strict = replace(film, dataset=replace(film.dataset, checks=whole_walks))
+    plan = plan_frames("groundtruth", data, strict)[0]
+    assert [*plan.left_out] == [view.name for view in frames] and len(plan.items) == 2
+    lenient = replace(film.dataset.checks, max_called_hidden=1.0)
+    film = replace(film, dataset=replace(film.dataset, checks=lenient))
+    assert not plan_frames("groundtruth", data, film)[0].left_out
+
     for kind, changes in (("inputs", False), ("color", False), ("video", True)):
         moved = replace(frames[1], pose_after=frames[1].camera_to_world)
         one, other = (

@@ -23,7 +23,8 @@ from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
-from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.pipeline.stages.plans import plan_stages
+from pbrnet.pipeline.stages.runner import StageError, plan_line
 from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.pipeline.views import ImageParams, View, load_cameras, save_cameras
 from pbrnet.scenes.contract import load_scene
@@ -202,6 +203,29 @@ def test_strangers_are_removed_and_files_of_others_are_not(
     assert _files(data) == before
 
 
+def test_orphans_come_back_from_the_trash_without_rendering(
+    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = _files(data, "color", "shading")
+    fewer = _alter("cameras", views_per_room=1)
+    everything = _files(data, ".")
+    plans = [plan_line(data, plan, fewer) for plan in plan_stages(STAGES, data, fewer)]
+    assert _files(data, ".") == everything, "a plan changes nothing"
+    assert plans[0].startswith("cameras: 2 to make (2 of them out of date)")
+    assert "at most 32 more" in plans[3] and "8 to be kept, made again or moved" in plans[3]
+    run_cameras(data, fewer)
+    gone = run_frames("groundtruth", data, fewer)
+    assert (gone.made, gone.kept, gone.removed) == (0, 4, 4)
+    assert "4 no longer asked for" in capsys.readouterr().err
+    assert any(note.startswith("trash: 4 files") for note in gone.notes)
+    run_cameras(data, PARAMS)
+    monkeypatch.setattr("pbrnet.pipeline.stages.runner.Farm", None)
+    again = run_frames("groundtruth", data, PARAMS)
+    assert (again.made, again.kept, again.removed) == (0, 8, 0)
+    assert "4 back from the trash" in capsys.readouterr().err
+    assert _files(data, "color", "shading") == before and not (data / "trash").exists()
+
+
 def test_changed_samples_render_ground_truth_only(data: Path) -> None:
     more = replace(PARAMS, groundtruth=replace(PARAMS.groundtruth, spp=8))
     assert run_cameras(data, more).made == 0
@@ -293,7 +317,8 @@ def test_a_failing_scene_is_named_and_stops_nobody(data: Path) -> None:
     # What is out of date and could not be renewed is not left lying about.
     assert not list((data / "color" / "alpha").glob("*.exr"))
     scene.write_text(whole)
-    assert run_frames("groundtruth", data, PARAMS).made == 4
+    again = run_frames("groundtruth", data, PARAMS)
+    assert (again.made, again.kept) == (0, 8), "the trash has the frames of the whole scene"
     assert not (data / "failures" / "groundtruth.json").exists()
 
 

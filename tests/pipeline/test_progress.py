@@ -1,0 +1,66 @@
+"""Progress: lines before anything is finished, and estimates that a forecast steadies."""
+
+import time
+
+import pytest
+
+from pbrnet.pipeline import progress
+from pbrnet.pipeline.progress import Progress, span
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time, a list of one number; the progress beats every tenth of a real second."""
+    now = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_a_line_comes_before_the_first_item(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(progress, "FIRST", 0.1)
+    with Progress(30, "color", kept=6, expected=600.0):
+        time.sleep(1.3)
+    first = capsys.readouterr().err.splitlines()[0]
+    assert first.startswith("color: 6/30 views, 0.00/s, 10 minutes left")
+
+
+def test_the_forecast_gives_way_to_what_is_measured(clock: list[float]) -> None:
+    """100 items of 1 s, forecast at 10 s each: after a fifth the forecast counts no more."""
+    bar = Progress(100, "color", expected=1000.0)
+    assert bar.seconds_left() == 1000
+    clock[0] += 10
+    bar.advance(10)
+    assert bar.seconds_left() == pytest.approx(0.5 * 100 + 0.5 * 1000 - 10)
+    clock[0] += 10
+    bar.advance(10)
+    assert bar.seconds_left() == pytest.approx(80)
+    bar.advance(80)
+    assert bar.seconds_left() is None
+
+
+def test_without_forecast_there_is_no_estimate_before_the_first_item(clock: list[float]) -> None:
+    bar = Progress(12, "color", kept=8)
+    clock[0] += 5
+    assert bar.seconds_left() is None
+    bar.announce("one", 2)
+    assert bar.seconds_left() == pytest.approx(5)
+
+
+def test_what_a_worker_announced_counts_once(clock: list[float]) -> None:
+    bar = Progress(10, "color", expected=0.0)
+    for name in ("one", "two", "two"):
+        bar.announce(name, 2)
+    clock[0] += 4
+    assert bar.seconds_left() == pytest.approx(6)
+    bar.advance(2, of="one")
+    bar.advance(2, of="two")
+    assert bar.seconds_left() == pytest.approx(6) and bar.done == 4
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(40, "40 seconds"), (720, "12 minutes"), (46511, "12.9 hours")]
+)
+def test_durations_are_words(seconds: float, text: str) -> None:
+    assert span(seconds) == text
