@@ -66,7 +66,7 @@ def test_plans_are_never_split_and_half_of_them_are_tested_on(seed: int, wanted:
 
 
 def test_one_plan_cannot_be_divided() -> None:
-    with pytest.raises(InputError, match="there: one floor plan only, 'v'"):
+    with pytest.raises(InputError, match="there: only one floor plan, 'v'"):
         divide({"v-0": 2, "v-1": 3}, PLANS, 1, 0, "there")
 
 
@@ -232,7 +232,7 @@ def test_a_source_within_the_dataset_is_not_trained_on(run: Run, folders: Folder
     [
         ((), 2, "--other FOLDER, --source PATTERN"),
         (("--source", "nothing-*"), 3, "no floor plan or scene is called 'nothing-*'"),
-        (("--source", "a"), 3, "one floor plan only, 'a'"),
+        (("--source", "a"), 3, "only one floor plan, 'a'"),
         (("--source", "[abcd]"), 3, "every training scene belongs to the source"),
         (("--other", "data"), 2, "--other data is DATA itself"),
         (("--other", "nowhere"), 3, "no dataset shards here"),
