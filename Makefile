@@ -1,26 +1,26 @@
 # make repro   environment, then every stage of dvc.yaml that is out of date
-# make quick   lint, and the tests without a cluster, a training or a long render
+# make quick   lint, and tests without clusters, trainings and long renders
 # make test    formatting, lint, types, tests (PROCESSES=2 of them at once, 2 GiB each)
-# make check   tests that take too long for every run: thousands of homes, hundreds of kills
-# make bench   measured figures and their goals, to docs/benchmarks.md: an hour on 2 quiet cores
-#              (ONLY="shards farm" for some topics; the list: python -m benchmarks.run --help)
-# make records checksums of releases, the sample, views and rows of the open benchmark, the plan of
-#              a large release: after a change of the renderer's pixels
-#              (ONLY="tiny quick" for some of tiny, quick, sample, benchmark, plan)
-# make docs    generated tables, and the site, build/site/index.html; a warning or a link that leads
-#              nowhere fails it
-# make site    the site alone
-# make lock    pin anew what pyproject.toml allows
-# make clean   remove what the pipeline made (not the environment)
+# make check   tests that take longer: thousands of homes, hundreds of kills
+# make bench   benchmarks and their goals, to docs/benchmarks.md: an hour on 2 idle cores
+#              (ONLY="shards farm" selects topics; list: python -m benchmarks.run --help)
+# make records checksums of releases, the sample, the open benchmark, the plan of a large release;
+#              run it after a change of the renderer's pixels
+#              (ONLY="tiny quick" selects some of tiny, quick, sample, benchmark, plan)
+# make docs    generated tables, and the site, build/site/index.html; fails on warnings and broken
+#              links
+# make site    only the site
+# make lock    renew the pinned versions within the ranges of pyproject.toml
+# make clean   remove the pipeline's outputs (not the environment)
 
 PYTHON ?= python3
 PROCESSES ?= 2
 SHELL := bash
-export TIMEFORMAT := %R s, of the processors %U s as user and %S s as system
+export TIMEFORMAT := %R s elapsed; CPU: %U s user, %S s system
 VENV := .venv
 BIN := $(VENV)/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
-# Workers and stages are hundreds of processes; each would compile the project's modules anew.
+# Workers and stages are hundreds of processes; each would compile the project's modules again.
 unexport PYTHONDONTWRITEBYTECODE
 # The slow files come first, so that no worker ends long after the other.
 PYTEST := $(BIN)/python -m pytest -q --numprocesses $(PROCESSES) --dist loadfile --no-loadscope-reorder

@@ -1,4 +1,4 @@
-"""Rows a second of several readers, all images decoded: python rows_a_second.py data/dataset
+"""Rows per second of several readers, decoding all images: python rows_a_second.py data/dataset
 
 Wall and processor time, medians of five turns; libraries that are not installed are left out.
 """
@@ -84,7 +84,7 @@ def torch():
 
 
 count = sum(pq.read_metadata(path).num_rows for path in SHARDS)
-print(f"{count} rows, {len(IMAGES)} images a row: {', '.join(IMAGES)}")
+print(f"{count} rows, {len(IMAGES)} images per row: {', '.join(IMAGES)}")
 for reader in (pyarrow, pyarrow_threads, polars, duckdb, datasets, torch):
     spent = []
     try:
@@ -98,5 +98,5 @@ for reader in (pyarrow, pyarrow_threads, polars, duckdb, datasets, torch):
         continue
     wall, cpu = (sorted(times)[len(times) // 2] for times in zip(*spent, strict=True))
     best = min(times[1] for times in spent)
-    print(f"{reader.__name__:16} {count / wall:6.0f} rows a second, "
-          f"{count / cpu:6.0f} a processor second, {count / best:6.0f} at best")  # fmt: skip
+    print(f"{reader.__name__:16} {count / wall:6.0f} rows per second, "
+          f"{count / cpu:6.0f} per CPU second, {count / best:6.0f} at best")  # fmt: skip

@@ -11,7 +11,7 @@ COLORS = ["noisy_color", "denoised_color", "color"]
 
 
 def load(split):
-    """Few samples with reflectance and normal; few samples, what Intel's denoiser makes, truth."""
+    """Noisy input with reflectance and normal; noisy, denoised by Intel, ground truth."""
     views = list(read(FOLDER, [*COLORS, "reflectance", "normal"], split))
     noisy, denoised, truth = (
         torch.log1p(20 * tensor([view[name] for view in views])) for name in COLORS
@@ -21,7 +21,7 @@ def load(split):
 
 
 def cleaned(output, noisy):
-    """Image from the network's output: each pixel is a mean of those around it."""
+    """Image from the network's output: each pixel is a weighted mean of its neighbours."""
     weights = torch.softmax(output, 1)  # of 7 x 7 neighbours
     patches = torch.nn.functional.unfold(noisy, 7, padding=3)
     patches = patches.view(len(noisy), 3, 49, *noisy.shape[2:])

@@ -11,7 +11,7 @@ FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
 
 
 def load(split):
-    """Colour and the pixel's row in the image, logarithm of depth, and where it is known."""
+    """Colour and the pixel's row in the image, log depth, and the mask of known depth."""
     views = list(read(FOLDER, ["color", "depth"], split))
     color = display(tensor([view["color"] for view in views]))
     depth = tensor([view["depth"] for view in views])
@@ -20,7 +20,7 @@ def load(split):
 
 
 def error(predicted, log_depth, known):
-    """Deviation of the logarithms after the best scale for each view."""
+    """Error of log depth after the best scale per view."""
     difference = (predicted - log_depth) * known
     count = known.sum((1, 2, 3)).clamp(min=1)
     mean, square = difference.sum((1, 2, 3)) / count, (difference**2).sum((1, 2, 3)) / count
@@ -35,7 +35,7 @@ with torch.no_grad():
     predicted = model(test[0])
     end = [error(model(views[0]), *views[1:]) for views in (train, test)]
 print(f"error on training views {start[0]:.3f} -> {end[0]:.3f}")
-print(f"error on rooms of other homes {start[1]:.3f} -> {end[1]:.3f}")
+print(f"error on held-out homes {start[1]:.3f} -> {end[1]:.3f}")
 _, log_depth, known = (values[:1] for values in test)
 offset = ((log_depth - predicted[:1]) * known).sum() / known.sum()  # the unknown scale
 pair = torch.cat([log_depth, predicted[:1] + offset], 3)[0, 0]

@@ -1,4 +1,4 @@
-"""Novel views: one view's points drawn from another's place. python novel_view.py FOLDER"""
+"""Novel views: points of one view projected into another. python novel_view.py FOLDER"""
 
 import sys
 from itertools import pairwise

@@ -37,7 +37,7 @@ if view is None:
 name, lit = f"{view['scene_id']}--{view['view_id']}", visible(view)
 lights, color = view["lights"].astype(float), view["color"].astype(float)
 off = np.abs(lights.sum(0) - color).max(2) / np.maximum(color.max(2), 0.01 * color.mean())
-print(f"{name}: {len(lit)} lights, their sum is the colour within {off.max():.3%}")
+print(f"{name}: {len(lit)} lights, their sum equals colour within {off.max():.3%}")
 
 labels = [view["light_names"][number] for number in lit]
 dim = [number for number in range(len(lights)) if number not in lit and lights[number].any()]

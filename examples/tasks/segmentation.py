@@ -37,12 +37,12 @@ with torch.no_grad():
         model(train[0]).argmax(1, keepdim=True),
     )
 for where, truth, said in (
-    ("the rooms trained on", train[1], learned),
-    ("others", label, predicted),
+    ("training views", train[1], learned),
+    ("held-out homes", label, predicted),
 ):
     known = truth > 0
     least, right = ((each == truth)[known].float().mean() for each in (commonest, said))
-    print(f"pixels right in {where}, with one class {least:.3f} -> {right:.3f}")
+    print(f"accuracy on {where}, most common class {least:.3f} -> {right:.3f}")
 for number in label.unique().tolist():
     there, said = label == number, predicted == number
     if number:

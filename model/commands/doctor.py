@@ -60,7 +60,7 @@ EXTRAS = (
         "formats",
         ("DracoPy", "meshopt", "opengl_basisu", "collada", "javaobj"),
         "pbrnet[formats]",
-        "glTF with Draco, meshopt or KTX2; .dae; .sh3d of before 5.3",
+        "glTF with Draco, meshopt or KTX2; .dae; .sh3d before version 5.3",
     ),
     Extra("dvc", ("dvc",), "pbrnet[dvc]", "dvc repro; without it: pbrnet run"),
 )
@@ -119,13 +119,13 @@ def examine() -> list[Finding]:
             memory.total >= 7 * 2**30,
             ""
             if memory.total >= 7 * 2**30
-            else "the default number of workers needs 8 GiB; use fewer --workers",
+            else "the default number of workers requires 8 GiB; use fewer --workers",
         ),
         Finding(
             "disk",
             f"{disk.free / 2**30:.1f} GiB free in {Path.cwd()}",
             disk.free >= 4 * 2**30,
-            "" if disk.free >= 4 * 2**30 else "the quick start needs about 4 GiB",
+            "" if disk.free >= 4 * 2**30 else "the quick start requires about 4 GiB",
         ),
         _packages(),
         *_extras(),
@@ -192,7 +192,7 @@ def _cuda() -> Finding:
     named = ", ".join(f"{name} ({size / 2**30:.0f} GiB)" for name, size in each) or "CUDA"
     advice = [cards.problem] if cards.problem else []
     if not train:
-        advice.append("training takes the CPU: install the CUDA build of torch (torch.lock)")
+        advice.append("training runs on the CPU: install the CUDA build of torch (torch.lock)")
     state = f"{named}: {' and '.join(uses) or 'not used'}"
     return Finding("GPU", state, not cards.problem, "; ".join(advice))
 
