@@ -59,7 +59,7 @@ Examples:
     show_default=True,
     help="Folder of the releases.",
 )
-@click.option("--workers", type=int, default=None, help="Worker processes.")
+@click.option("--workers", type=int, help="Worker processes.")
 def main(only: tuple[str, ...], recipes: Path, out: Path, workers: int | None) -> None:
     """Renew checksums of releases, the sample, the benchmark's views and rows, and the plan."""
     own = recipes.resolve() == (ROOT / "recipes").resolve()

@@ -46,7 +46,6 @@ def found_models_option() -> Decorator:
     return click.option(
         "--models",
         type=FOLDER,
-        default=None,
         help="Folder of trained networks.  [default: models, else the pretrained networks]",
     )
 
@@ -60,9 +59,9 @@ def methods_option(names: Sequence[str], help_text: str, **more: Any) -> Decorat
 
 def size_option(help_text: str) -> Decorator:
     """Option `--size`: (width, height) or None."""
-    return click.option("--size", type=Size(), default=None, metavar="WxH", help=help_text)
+    return click.option("--size", type=Size(), metavar="WxH", help=help_text)
 
 
 def renders_option(help_text: str) -> Decorator:
     """Option `--renders`: a folder, or None."""
-    return click.option("--renders", type=FOLDER, default=None, help=help_text)
+    return click.option("--renders", type=FOLDER, help=help_text)

@@ -78,7 +78,6 @@ def _training(name: str, about: str, epilog: str) -> None:
         "--from",
         "start",
         type=FILE,
-        default=None,
         metavar="MODEL",
         help="Initialise with the weights of this model (fine-tuning).",
     )
@@ -212,12 +211,9 @@ Reads the results of `pbrnet evaluate` and, for the sheet, the dataset. The shee
 view, from the best to the worst of the first method, with the ground truth on the left."""
 )
 @click.option(
-    "--out",
-    type=FILE,
-    default=None,
-    help="JSON to write.  [default: reference.json beside evaluation.json]",
+    "--out", type=FILE, help="JSON to write.  [default: reference.json beside evaluation.json]"
 )
-@click.option("--sheet", type=FILE, default=None, metavar="FILE", help="Contact sheet to write.")
+@click.option("--sheet", type=FILE, metavar="FILE", help="Contact sheet to write.")
 @methods_option(
     evaluation.EVALUATED_METHODS,
     "Column of the sheet (repeatable).",

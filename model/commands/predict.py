@@ -70,7 +70,7 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 @click.argument("scene", type=FOLDER, required=False)
 @click.option("--view", "views", multiple=True, help="View in the camera file (repeatable).")
 @click.option("--all-views", is_flag=True, help="All views of the camera file.")
-@click.option("--camera", type=FILE, default=None, help="Camera file of the scene.")
+@click.option("--camera", type=FILE, help="Camera file of the scene.")
 @click.option("--eye", metavar="X,Y,Z", help="Position of a new camera, in metres, Z up.")
 @click.option("--towards", metavar="X,Y,Z", help="Viewing direction of the new camera.")
 @click.option("--inputs", type=PATH, help="Frame of depth, normal, reflectance, or a folder.")
@@ -81,7 +81,6 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 @click.option(
     "--spp",
     type=click.IntRange(1, MOST_DENOISED),
-    default=None,
     help="Samples per pixel of hybrid (1 to 8), radiosity (1, 2, 4, 8, 16, 64) or denoised.  "
     "[default: as trained, by image size, 16]",
 )
@@ -89,27 +88,23 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
     "--denoiser",
     "quality",
     type=click.Choice(["high", "balanced", "fast"]),
-    default=None,
     help="Quality of Open Image Denoise, for radiosity and denoised; fast takes a quarter of the "
     "time.  [default: high]",
 )
 @click.option(
     "--seconds",
     type=click.FloatRange(0, min_open=True),
-    default=None,
     help="Time budget per view: choose --method, --spp and --denoiser with the lowest error.",
 )
 @size_option("Render the inputs at this size.")
 @click.option(
     "--method",
     type=click.Choice((*PREDICTABLE, *PREVIEWS)),
-    default=None,
     help="Method that computes colour.  [default: pbrnet, or a trained method]",
 )
 @click.option(
     "--tile",
     type=click.IntRange(MIN_TILE),
-    default=None,
     metavar="N",
     help="Predict large images in tiles of N x N pixels, with less memory.",
 )
@@ -120,7 +115,6 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 @click.option(
     "--out",
     type=PATH,
-    default=None,
     help="PNG to write, or a folder for several views.  [default: predictions/SCENE--VIEW.png]",
 )
 @found_models_option()

@@ -20,11 +20,7 @@ Examples:
 The page works offline. Where results are missing, it names the command that creates them."""
 )
 @click.option(
-    "--out",
-    type=FILE,
-    default=Path("report/index.html"),
-    show_default=True,
-    help="Page to write.",
+    "--out", type=FILE, default=Path("report/index.html"), show_default=True, help="Page to write."
 )
 @click.option(
     "--root",

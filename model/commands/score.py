@@ -37,7 +37,7 @@ about.json describes the method. docs/benchmark.md has tasks, formats and rules.
     show_default=True,
     help="Content of the images.",
 )
-@click.option("--views", "list_file", type=FILE, default=None, help="Pinned list of views.")
+@click.option("--views", "list_file", type=FILE, help="Pinned list of views.")
 @click.option(
     "--dataset",
     type=FOLDER,
@@ -48,7 +48,6 @@ about.json describes the method. docs/benchmark.md has tasks, formats and rules.
 @click.option(
     "--split",
     type=click.Choice(SPLITS),
-    default=None,
     help="Split to score.  [default: test; with --views, the list]",
 )
 @click.option(
@@ -58,10 +57,8 @@ about.json describes the method. docs/benchmark.md has tasks, formats and rules.
     show_default=True,
     help="colour, EXR: tone-map each image with its own exposure, or with the ground truth's.",
 )
-@click.option("--out", type=FILE, default=None, help="JSON file of all scores.")
-@click.option(
-    "--pin", type=FILE, default=None, help="Write a pinned list of views instead of scoring."
-)
+@click.option("--out", type=FILE, help="JSON file of all scores.")
+@click.option("--pin", type=FILE, help="Write a pinned list of views instead of scoring.")
 @click.option(
     "--count",
     type=click.IntRange(0),

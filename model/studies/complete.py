@@ -104,12 +104,7 @@ docs/results.md.""",
 )
 @click.option("--only", multiple=True, metavar="PART", help="Make only this part (repeatable).")
 @click.option("--dry-run", is_flag=True, help="Only list the parts.")
-@click.option(
-    "--docs",
-    type=FOLDER,
-    default=None,
-    help="Copy figures to FOLDER/data and plots to FOLDER/images.",
-)
+@click.option("--docs", type=FOLDER, help="Copy figures to FOLDER/data and plots to FOLDER/images.")
 @common_options
 def command(request: Request, only: tuple[str, ...], dry_run: bool, docs: Path | None) -> int:
     """Make every figure and plot of the results from one dataset."""

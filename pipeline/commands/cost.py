@@ -37,37 +37,22 @@ Examples:
   pbrnet cost --check                         accuracy of the forecast on measured scenes"""
 )
 @click.option(
-    "--views",
-    type=click.IntRange(1),
-    default=None,
-    help="Number of views, instead of the parameters'.",
+    "--views", type=click.IntRange(1), help="Number of views, instead of the parameters'."
 )
 @click.option(
-    "--scenes",
-    type=click.IntRange(1),
-    default=None,
-    help="Number of scenes, instead of the parameters'.",
+    "--scenes", type=click.IntRange(1), help="Number of scenes, instead of the parameters'."
 )
 @click.option(
-    "--cores",
-    type=click.IntRange(1),
-    default=None,
-    help="Number of cores, to print the duration of the run.",
+    "--cores", type=click.IntRange(1), help="Number of cores, to print the duration of the run."
 )
-@click.option(
-    "--size",
-    type=Size(),
-    default=None,
-    metavar="WxH",
-    help="Image size, instead of the parameters'.",
-)
+@click.option("--size", type=Size(), metavar="WxH", help="Image size, instead of the parameters'.")
 @click.option(
     "--also",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     multiple=True,
     help="Additional data folder, for example with another image size (repeatable).",
 )
-@click.option("--recipe", default=None, help="Use the parameters of this recipe.")
+@click.option("--recipe", help="Use the parameters of this recipe.")
 @click.option(
     "--check", is_flag=True, help="Print only the accuracy of the forecast on measured scenes."
 )

@@ -88,10 +88,7 @@ Examples:
 )
 @click.argument("path", type=PATH)
 @click.option(
-    "--out",
-    type=FILE,
-    default=None,
-    help="Image to write.  [default: inspect-NAME.png in the current folder]",
+    "--out", type=FILE, help="Image to write.  [default: inspect-NAME.png in the current folder]"
 )
 @click.option("--text-only", is_flag=True, help="Do not write an image.")
 @click.option("--plan-only", is_flag=True, help="For a scene: draw only the plan, without renders.")

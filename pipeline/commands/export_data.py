@@ -41,18 +41,8 @@ resumes; one with other options or another dataset replaces the earlier files.""
     help="Format: " + "; ".join(f"{form.name}: {form.title}" for form in FORMATS.values()) + ".",
 )
 @data_option
-@click.option(
-    "--dataset",
-    type=FOLDER,
-    default=None,
-    help="Folder of the dataset.  [default: DATA/dataset]",
-)
-@click.option(
-    "--out",
-    type=FOLDER,
-    default=None,
-    help="Folder to write.  [default: DATA/exports/FORMAT]",
-)
+@click.option("--dataset", type=FOLDER, help="Folder of the dataset.  [default: DATA/dataset]")
+@click.option("--out", type=FOLDER, help="Folder to write.  [default: DATA/exports/FORMAT]")
 @click.option(
     "--split",
     "splits",

@@ -128,14 +128,9 @@ File types, options and limits: docs/scenes.md.""",
 )
 @click.argument("path", type=PATH)
 @click.option(
-    "--out",
-    type=FOLDER,
-    required=True,
-    help="Scene folder to write; its name is the scene's id.",
+    "--out", type=FOLDER, required=True, help="Scene folder to write; its name is the scene's id."
 )
-@click.option(
-    "--id", "scene_id", default=None, help="Id of the scene.  [default: name of the folder]"
-)
+@click.option("--id", "scene_id", help="Id of the scene.  [default: name of the folder]")
 @click.option(
     "--variants",
     type=click.IntRange(0, 999),

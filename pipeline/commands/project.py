@@ -109,9 +109,7 @@ Examples:
     show_default=True,
     help="Parameter file to write.",
 )
-@click.option(
-    "--seed", type=click.IntRange(0), default=None, help="Root seed to write into the file."
-)
+@click.option("--seed", type=click.IntRange(0), help="Root seed to write into the file.")
 def preset(name: str | None, force: bool, target: Path, seed: int | None) -> None:
     """Write the parameter preset NAME to params.yaml; without NAME, list the presets.
 

@@ -48,23 +48,17 @@ from the record, or some views failed."""
 )
 @click.argument("name", required=False)
 @click.option(
-    "--out",
-    type=FOLDER,
-    default=None,
-    help="Data folder of the release.  [default: data/releases/NAME]",
+    "--out", type=FOLDER, help="Data folder of the release.  [default: data/releases/NAME]"
 )
 @click.option(
     "--recipes",
     type=FOLDER,
-    default=None,
     help="Folder with the recipes.  [default: recipes, then those of the package]",
 )
 @click.option(
     "--record", is_flag=True, help="Record checksums and cost beside the recipe, for later runs."
 )
-@click.option(
-    "--seed", type=int, default=None, expose_value=False, help="Has no effect; the recipe sets it."
-)
+@click.option("--seed", type=int, expose_value=False, help="Has no effect; the recipe sets it.")
 @farm_options
 def release(
     name: str | None,

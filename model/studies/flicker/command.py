@@ -34,9 +34,7 @@ stable; compare with the value of the renderer. A contact sheet is written besid
 )
 @click.argument("scene", type=FOLDER)
 @click.option("--view", "view_id", required=True, help="View at the start of the move.")
-@click.option(
-    "--camera", type=FILE, default=None, help="Camera file.  [default: DATA/cameras/SCENE.json]"
-)
+@click.option("--camera", type=FILE, help="Camera file.  [default: DATA/cameras/SCENE.json]")
 @click.option(
     "--move",
     type=click.Choice(["dolly", "truck", "pan", "still"]),
@@ -50,7 +48,6 @@ stable; compare with the value of the renderer. A contact sheet is written besid
 @click.option(
     "--step",
     type=click.FloatRange(0, 90),
-    default=None,
     help="Metres per frame, or degrees for pan.  [default: 0.02 m, 0.5 degrees]",
 )
 @size_option("Image size.  [default: as in the camera file]")

@@ -71,15 +71,11 @@ Keep it: without it, answers cannot be scored.""",
     help="Compare folders of PNG or JPEG images instead of methods; at least two.",
 )
 @click.option(
-    "--question",
-    default=None,
-    metavar="TEXT",
-    help=f"Question about images of folders.  [default: {QUESTION}]",
+    "--question", metavar="TEXT", help=f"Question about images of folders.  [default: {QUESTION}]"
 )
 @click.option(
     "--out",
     type=FILE,
-    default=None,
     help="Page to write, with its key beside it.  [default: metrics/studies/pairs.html]",
 )
 @click.option("--replace", is_flag=True, help="Overwrite another page and its key.")
