@@ -33,9 +33,7 @@ def folders_options(help_text: str = "Folder of trained networks.") -> Decorator
 
 def models_option(help_text: str = "Folder of trained networks.") -> Decorator:
     """Option `--models`: a folder, by default `models/`."""
-    return click.option(
-        "--models", type=FOLDER, default=Path("models"), show_default=True, help=help_text
-    )
+    return click.option("--models", type=FOLDER, default=Path("models"), help=help_text)
 
 
 def found_models_option() -> Decorator:

@@ -71,7 +71,6 @@ def _training(name: str, about: str, epilog: str) -> None:
         "--backbone",
         type=FOLDER,
         default=Path("models"),
-        show_default=True,
         help="Folder of the backbone of the perceptual loss.",
     )
     @click.option(
@@ -159,31 +158,19 @@ licences and results. Fails if predictions would change visibly or the folder wo
 `pbrnet predict` uses weights/ if models/ has no networks."""
 )
 @click.option(
-    "--from",
-    "source",
-    type=FOLDER,
-    default=Path("models"),
-    show_default=True,
-    help="Folder of trained networks.",
+    "--from", "source", type=FOLDER, default=Path("models"), help="Folder of trained networks."
 )
 @click.option(
     "--out",
     type=FOLDER,
     default=Path("weights"),
-    show_default=True,
     help="Folder to write; packed networks in it are replaced.",
 )
-@methods_option(
-    PREDICTABLE,
-    "Method whose networks to pack (repeatable).",
-    default=["pbrnet"],
-    show_default=True,
-)
+@methods_option(PREDICTABLE, "Method whose networks to pack (repeatable).", default=["pbrnet"])
 @click.option(
     "--metrics",
     type=FOLDER,
     default=Path("metrics"),
-    show_default=True,
     help="Folder with evaluation.json, for the results in the model card.",
 )
 @common_options
@@ -215,14 +202,9 @@ view, from the best to the worst of the first method, with the ground truth on t
 )
 @click.option("--sheet", type=FILE, metavar="FILE", help="Contact sheet to write.")
 @methods_option(
-    evaluation.EVALUATED_METHODS,
-    "Column of the sheet (repeatable).",
-    default=["pbrnet"],
-    show_default=True,
+    evaluation.EVALUATED_METHODS, "Column of the sheet (repeatable).", default=["pbrnet"]
 )
-@click.option(
-    "--views", type=click.IntRange(1, 100), default=8, show_default=True, help="Rows of the sheet."
-)
+@click.option("--views", type=click.IntRange(1, 100), default=8, help="Rows of the sheet.")
 @folders_options()
 def reference(
     request: Request,
@@ -255,13 +237,7 @@ The model takes columns of the dataset, at any image size, and returns shading a
 values, or radiance and colour for plus and hybrid. Requires: pip install 'pbrnet[onnx]'"""
 )
 @click.option("--onnx", "out", type=FILE, required=True, metavar="FILE", help="File to write.")
-@click.option(
-    "--method",
-    type=click.Choice(EXPORTABLE),
-    default="pbrnet",
-    show_default=True,
-    help="Method to export.",
-)
+@click.option("--method", type=click.Choice(EXPORTABLE), default="pbrnet", help="Method to export.")
 @found_models_option()
 @common_options
 def export(request: Request, models: Path | None, method: str, out: Path) -> None:

@@ -19,14 +19,11 @@ Examples:
 
 The page works offline. Where results are missing, it names the command that creates them."""
 )
-@click.option(
-    "--out", type=FILE, default=Path("report/index.html"), show_default=True, help="Page to write."
-)
+@click.option("--out", type=FILE, default=Path("report/index.html"), help="Page to write.")
 @click.option(
     "--root",
     type=FOLDER,
     default=Path(),
-    show_default=True,
     help="Folder with models, metrics, plots and predictions.",
 )
 @common_options

@@ -31,18 +31,13 @@ about.json describes the method. docs/benchmark.md has tasks, formats and rules.
 )
 @click.argument("folders", type=FOLDER, nargs=-1, metavar="FOLDER...")
 @click.option(
-    "--task",
-    type=click.Choice(list(METRICS)),
-    default="color",
-    show_default=True,
-    help="Content of the images.",
+    "--task", type=click.Choice(list(METRICS)), default="color", help="Content of the images."
 )
 @click.option("--views", "list_file", type=FILE, help="Pinned list of views.")
 @click.option(
     "--dataset",
     type=FOLDER,
     default=Path("data/dataset"),
-    show_default=True,
     help="Folder of the dataset with the ground truth.",
 )
 @click.option(
@@ -54,7 +49,6 @@ about.json describes the method. docs/benchmark.md has tasks, formats and rules.
     "--exposure",
     type=click.Choice(["own", "truth"]),
     default="own",
-    show_default=True,
     help="colour, EXR: tone-map each image with its own exposure, or with the ground truth's.",
 )
 @click.option("--out", type=FILE, help="JSON file of all scores.")
@@ -63,10 +57,9 @@ about.json describes the method. docs/benchmark.md has tasks, formats and rules.
     "--count",
     type=click.IntRange(0),
     default=0,
-    show_default=True,
     help="Views to pin, spread evenly over the split; 0: all.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the intervals.")
+@click.option("--seed", type=int, default=0, help="Seed of the intervals.")
 def score(
     folders: tuple[Path, ...],
     task: Task,

@@ -277,7 +277,6 @@ def _with_steps(train: TrainParams, variant: Variant, counts: Mapping[str, int])
         "tuning_views",
         type=click.IntRange(1),
         default=TUNING_VIEWS,
-        show_default=True,
         help="Views of the source to fine-tune on.",
     ),
     click.option(

@@ -55,49 +55,39 @@ resumes; one with other options or another dataset replaces the earlier files.""
     "--images",
     type=click.Choice(["png", "exr"]),
     default=_DEFAULT.images,
-    show_default=True,
     help="nerfstudio: tone-mapped or linear images.",
 )
 @click.option(
     "--exposure",
     type=click.Choice(["scene", "view"]),
     default=_DEFAULT.exposure,
-    show_default=True,
     help="Tone-mapped images: one exposure per scene, or one per view.",
 )
 @click.option(
     "--points",
     type=click.IntRange(1, 100_000_000),
     default=_DEFAULT.points,
-    show_default=True,
     help="nerfstudio, colmap: maximum number of points per scene.",
 )
 @click.option(
     "--classes",
     type=click.Choice(["category", "nyu40", "nyu13"]),
     default=_DEFAULT.classes,
-    show_default=True,
     help="coco, coco-panoptic: classes.",
 )
 @click.option(
-    "--fps",
-    type=click.FloatRange(0.001, 1e6),
-    default=_DEFAULT.fps,
-    show_default=True,
-    help="tum: frames per second.",
+    "--fps", type=click.FloatRange(0.001, 1e6), default=_DEFAULT.fps, help="tum: frames per second."
 )
 @click.option(
     "--tar-views",
     type=click.IntRange(1, 1_000_000),
     default=_DEFAULT.tar_views,
-    show_default=True,
     help="webdataset: views per tar.",
 )
 @click.option(
     "--triangles",
     type=click.IntRange(64, 1_000_000),
     default=_DEFAULT.triangles,
-    show_default=True,
     help="renderformer: maximum number of triangles per room.",
 )
 @click.option("--partial", is_flag=True, help="hypersim: leave out what the dataset lacks.")

@@ -76,7 +76,7 @@ def _click_type(hint: Any, default: Any) -> dict[str, Any]:
     if get_origin(hint) in (tuple, dict):
         return {"multiple": True}
     if get_origin(hint) is Literal:
-        return {"type": click.Choice(get_args(hint)), "default": default, "show_default": True}
+        return {"type": click.Choice(get_args(hint)), "default": default}
     if Path in get_args(hint):
         kind = click.Path(path_type=Path, file_okay=False, exists=True)
         return {"type": kind, "default": default}
@@ -84,7 +84,7 @@ def _click_type(hint: Any, default: Any) -> dict[str, Any]:
         return {"type": click.FLOAT, "default": default}
     if hint is int or int in get_args(hint):
         return {"type": click.INT, "default": default}
-    return {"type": click.STRING, "default": default}
+    return {"type": click.STRING, "default": default, "show_default": bool(default)}
 
 
 class SectionedCommand(click.Command):
@@ -141,21 +141,18 @@ File types, options and limits: docs/scenes.md.""",
     "--seed",
     type=click.IntRange(0),
     default=0,
-    show_default=True,
     help="Seed of the variants; the import itself is not random.",
 )
 @click.option(
     "--max-seconds",
     type=click.FloatRange(0.1),
     default=SceneParams.import_seconds,
-    show_default=True,
     help="Time limit of the import in seconds.",
 )
 @click.option(
     "--max-memory",
     type=click.FloatRange(0.25),
     default=SceneParams.import_memory,
-    show_default=True,
     help="Memory limit of the import in GiB.",
 )
 @_import_options

@@ -47,9 +47,7 @@ class Size(click.ParamType):
         return int(match[1]), int(match[2])
 
 
-data_option = click.option(
-    "--data", type=FOLDER, default=Path("data"), show_default=True, help="Data folder."
-)
+data_option = click.option("--data", type=FOLDER, default=Path("data"), help="Data folder.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 idle_seed_option = click.option(
     "--seed", type=int, expose_value=False, help="Has no effect; nothing is random."
@@ -64,12 +62,7 @@ def common_options(command: Command) -> Command:
     """
 
     @click.option(
-        "--params",
-        "params_file",
-        type=PATH,
-        default=Path("params.yaml"),
-        show_default=True,
-        help="Parameter file.",
+        "--params", "params_file", type=PATH, default=Path("params.yaml"), help="Parameter file."
     )
     @click.option(
         "--seed",

@@ -102,12 +102,7 @@ Examples:
 @click.argument("name", required=False)
 @click.option("--force", is_flag=True, help="Overwrite an edited parameter file.")
 @click.option(
-    "--params",
-    "target",
-    type=PATH,
-    default=Path("params.yaml"),
-    show_default=True,
-    help="Parameter file to write.",
+    "--params", "target", type=PATH, default=Path("params.yaml"), help="Parameter file to write."
 )
 @click.option("--seed", type=click.IntRange(0), help="Root seed to write into the file.")
 def preset(name: str | None, force: bool, target: Path, seed: int | None) -> None:

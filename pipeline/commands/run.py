@@ -55,11 +55,7 @@ Exit code 1 if some scenes or views failed; the dataset contains the others, and
 lists the failed views. Running the command again keeps what is up to date and retries the rest."""
 )
 @click.option(
-    "--until",
-    type=click.Choice(list(STAGES)),
-    default="dataset",
-    show_default=True,
-    help="Last stage to run.",
+    "--until", type=click.Choice(list(STAGES)), default="dataset", help="Last stage to run."
 )
 @stage_options
 @common_options

@@ -39,12 +39,9 @@ stable; compare with the value of the renderer. A contact sheet is written besid
     "--move",
     type=click.Choice(["dolly", "truck", "pan", "still"]),
     default="dolly",
-    show_default=True,
     help="Move forward, to the right, turn to the right, or stand still.",
 )
-@click.option(
-    "--frames", type=click.IntRange(2, 240), default=8, show_default=True, help="Number of frames."
-)
+@click.option("--frames", type=click.IntRange(2, 240), default=8, help="Number of frames.")
 @click.option(
     "--step",
     type=click.FloatRange(0, 90),
@@ -55,11 +52,7 @@ stable; compare with the value of the renderer. A contact sheet is written besid
     PREDICTABLE, "Method to measure (repeatable).  [default: pbrnet, or the trained method]"
 )
 @click.option(
-    "--out",
-    type=FILE,
-    default=Path("metrics/studies/flicker.json"),
-    show_default=True,
-    help="JSON to write.",
+    "--out", type=FILE, default=Path("metrics/studies/flicker.json"), help="JSON to write."
 )
 @found_models_option()
 @common_options

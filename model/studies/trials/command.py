@@ -109,7 +109,6 @@ def _trial_options(seeds: int) -> tuple[Decorator, ...]:
             "--seeds",
             type=click.IntRange(1, 100),
             default=seeds,
-            show_default=True,
             help="Number of seeds; every variant is trained once with each.",
         ),
     )
