@@ -60,7 +60,7 @@ class Commands(SphinxDirective):
 
 def helps(command: click.Command, path: str) -> Iterator[tuple[str, str]]:
     """Yield path and help of a command and of those below it."""
-    context = click.Context(command, info_name=path, max_content_width=88)
+    context = click.Context(command, info_name=path, max_content_width=88, show_default=True)
     yield path, command.get_help(context)
     if isinstance(command, click.Group):
         for name in command.list_commands(context):

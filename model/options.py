@@ -10,9 +10,7 @@ from typing import Any
 import click
 
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.commands.options import FOLDER, Request, Size, common_options
-
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+from pbrnet.pipeline.commands.options import FOLDER, Decorator, Request, common_options
 
 
 def folders_options(help_text: str = "Folder of trained networks.") -> Decorator:
@@ -53,11 +51,6 @@ def methods_option(names: Sequence[str], help_text: str, **more: Any) -> Decorat
     return click.option(
         "--method", "methods", type=click.Choice(names), multiple=True, help=help_text, **more
     )
-
-
-def size_option(help_text: str) -> Decorator:
-    """Option `--size`: (width, height) or None."""
-    return click.option("--size", type=Size(), metavar="WxH", help=help_text)
 
 
 def renders_option(help_text: str) -> Decorator:

@@ -24,10 +24,17 @@ from pbrnet.model.evaluation.previews import (
     write_rendering,
 )
 from pbrnet.model.networks.tiles import MIN_TILE
-from pbrnet.model.options import found_models_option, size_option
+from pbrnet.model.options import found_models_option
 from pbrnet.model.release.pretrained import find_models
 from pbrnet.pipeline.channels import Kind
-from pbrnet.pipeline.commands.options import FILE, FOLDER, PATH, Request, common_options
+from pbrnet.pipeline.commands.options import (
+    FILE,
+    FOLDER,
+    PATH,
+    Request,
+    common_options,
+    size_option,
+)
 from pbrnet.pipeline.images import Picture, png_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality

@@ -21,7 +21,6 @@ from typing import get_args
 import click
 
 from pbrnet.model.data.reader import Dataset, Split
-from pbrnet.model.options import FOLDER
 from pbrnet.model.settings import TrainParams
 from pbrnet.model.studies.trials.command import TrialRequest, trial_command
 from pbrnet.model.studies.trials.derived_splits import write_derived_split
@@ -36,6 +35,7 @@ from pbrnet.model.studies.trials.plan import (
     seed_of,
 )
 from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.commands.options import FOLDER
 from pbrnet.pipeline.splits import kept_back
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes

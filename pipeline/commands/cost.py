@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from pbrnet.pipeline.channels import KINDS
-from pbrnet.pipeline.commands.options import Request, Size, common_options, json_option
+from pbrnet.pipeline.commands.options import Request, common_options, json_option, size_option
 from pbrnet.pipeline.costs.forecast import (
     TOGETHER,
     HeldOut,
@@ -45,7 +45,7 @@ Examples:
 @click.option(
     "--cores", type=click.IntRange(1), help="Number of cores, to print the duration of the run."
 )
-@click.option("--size", type=Size(), metavar="WxH", help="Image size, instead of the parameters'.")
+@size_option("Image size, instead of the parameters'.")
 @click.option(
     "--also",
     type=click.Path(path_type=Path, exists=True, file_okay=False),

@@ -18,6 +18,7 @@ from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.files import exists, resolved
 
 Command = Callable[..., Any]
+Decorator = Callable[[Command], Command]
 PATH = click.Path(path_type=Path)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 FILE = click.Path(path_type=Path, dir_okay=False)
@@ -45,6 +46,11 @@ class Size(click.ParamType):
         if match is None or min(int(match[1]), int(match[2])) < 1:
             self.fail(f"{value!r} is not a size; write it like 640x480", param, ctx)
         return int(match[1]), int(match[2])
+
+
+def size_option(help_text: str) -> Decorator:
+    """Option `--size`: (width, height) or None."""
+    return click.option("--size", type=Size(), metavar="WxH", help=help_text)
 
 
 data_option = click.option("--data", type=FOLDER, default=Path("data"), help="Data folder.")

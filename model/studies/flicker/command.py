@@ -9,12 +9,12 @@ import click
 
 from pbrnet.model.evaluation.inference import PREDICTABLE, load_networks
 from pbrnet.model.evaluation.predict import ViewRenderer, find_views
-from pbrnet.model.options import found_models_option, methods_option, size_option
+from pbrnet.model.options import found_models_option, methods_option
 from pbrnet.model.release.pretrained import find_models
 from pbrnet.model.studies.files import write_result
 from pbrnet.model.studies.flicker.results import FlickerResult
 from pbrnet.model.studies.flicker.study import FlickerConfig, FlickerMeasurement, measure_move
-from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options
+from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options, size_option
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import InputError

@@ -8,12 +8,12 @@ from typing import Any
 
 import click
 
-from pbrnet.model.options import Decorator, folders_options
+from pbrnet.model.options import folders_options
 from pbrnet.model.studies.trials.plan import Trial, TrialConfig, TrialStudy, plan
 from pbrnet.model.studies.trials.summary import run_and_summarise
 from pbrnet.model.studies.trials.tables import plan_lines, result_lines
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.commands.options import Request
+from pbrnet.pipeline.commands.options import Decorator, Request
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.terminal import say
 
