@@ -23,41 +23,15 @@ def _line(folder: Path) -> None:
 
 
 _COMMANDS = (
-    "import",
-    "import",
-    "import",
-    "import",
-    "inspect",
-    "predict",
-    "cost",
-    "dataset",
-    "preset",
-    "cameras",
-    "inputs",
-    "illumination",
-    "groundtruth",
-    "evaluate",
-    "report",
-    "export",
-    "pretrained",
-    "reference",
-)
+    "import", "import", "import", "import", "inspect", "predict", "cost", "dataset", "preset",
+    "cameras", "inputs", "illumination", "groundtruth", "evaluate", "report", "export",
+    "pretrained", "reference",
+)  # fmt: skip
 
 _PATHS = (
-    "missing",
-    "a.obj",
-    ".",
-    "empty",
-    "a\0b",
-    "loop.obj",
-    "A" * 5000,
-    "a.obj/x",
-    "fifo.obj",
-    "zero.glb",
-    "\udcff",
-    "a\nb",
-    "params.yaml",
-)
+    "missing", "a.obj", ".", "empty", "a\0b", "loop.obj", "A" * 5000, "a.obj/x", "fifo.obj",
+    "zero.glb", "\udcff", "a\nb", "params.yaml",
+)  # fmt: skip
 
 
 class CommandLines(Family):

@@ -27,18 +27,9 @@ from tests.fixtures.dataset import add_scene, make_data, make_view, small_params
 from tests.fixtures.report import make_ledger, make_results
 
 SECTIONS = (
-    "chain",
-    "pictures",
-    "panorama",
-    "rejections",
-    "dataset",
-    "curves",
-    "results",
-    "views",
-    "costs",
-    "scenes",
-    "details",
-)
+    "chain", "pictures", "panorama", "rejections", "dataset", "curves", "results", "views", "costs",
+    "scenes", "details",
+)  # fmt: skip
 VOID = {"meta", "img", "br", "link", "input", "hr"}
 
 

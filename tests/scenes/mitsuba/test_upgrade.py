@@ -1,6 +1,7 @@
 """Features of Mitsuba 0.4 to 0.6 scenes: groups, includes, spectra, emitters, cameras."""
 
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.importing.materials.spectra import blackbody_radiance
 from pbrnet.scenes.registry import import_scene
 from tests.fixtures.mitsuba_files import LAMP_0_6, SENSOR_0_6, room, usual, write
+from tests.fixtures.xml import bsdf, emitter, plugin, prop, texture
 
 pytestmark = pytest.mark.usefixtures("few_walks")
 
@@ -115,25 +117,15 @@ def test_a_black_body_has_the_radiance_of_planck(tmp_path: Path, word: str) -> N
     assert np.dot(rgb, [0.2126, 0.7152, 0.0722]) == pytest.approx(wanted, rel=1e-3)
 
 
-OLD_LIGHTS = {
-    "luminaire": (
-        '<luminaire type="constant"><spectrum name="intensity" value="2"/></luminaire>',
-        "radiance",
-        [2, 2, 2],
-    ),
-    "scaled envmap": (
-        '<luminaire type="envmap"><string name="filename" value="gone.exr"/>'
-        '<float name="intensityScale" value="3"/></luminaire>',
-        "radiance",
-        [3, 3, 3],
-    ),
-    "directional": (
-        '<luminaire type="directional"><vector name="direction" x="0" y="-1" z="0"/>'
-        '<spectrum name="intensity" value="7"/></luminaire>',
-        "irradiance",
-        [7, 7, 7],
-    ),
-}
+luminaire = partial(plugin, "luminaire")
+STRENGTH = '<spectrum name="intensity" value="{}"/>'
+DOWN = '<vector name="direction" x="0" y="-1" z="0"/>'
+OLD_LIGHTS = {  # a light, and the property of today that holds its strength
+    "luminaire": (luminaire("constant", STRENGTH.format(2)), "radiance", [2, 2, 2]),
+    "scaled envmap": (luminaire("envmap", filename="gone.exr", intensityScale=3.0), "radiance",
+                      [3, 3, 3]),
+    "directional": (luminaire("directional", DOWN, STRENGTH.format(7)), "irradiance", [7, 7, 7]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", OLD_LIGHTS)
@@ -145,15 +137,12 @@ def test_lights_of_0_3_keep_their_strength(tmp_path: Path, name: str) -> None:
     assert len(scene.source["views"]) == 1
 
 
+SHORTER = prop("mapSmallerSide", True)
+
+
 def test_the_camera_of_0_3_measures_its_angle_along_the_shorter_side(tmp_path: Path) -> None:
-    body = (
-        usual()
-        .replace("sensor", "camera")
-        .replace(
-            '<float name="fov" value="60"/>',
-            '<float name="fov" value="60"/><boolean name="mapSmallerSide" value="true"/>',
-        )
-    )
+    body = usual().replace("sensor", "camera")
+    body = body.replace('name="fov" value="60"/>', 'name="fov" value="60"/>' + SHORTER)
     (view,) = imported(tmp_path, body, "0.3.0").source["views"]
     half = np.arctan(np.tan(np.radians(30)) * 64 / 48)
     assert view["half_fov_x"] == pytest.approx(half)
@@ -192,45 +181,30 @@ def test_parts_of_an_obj_take_the_materials_named_after_theirs(tmp_path: Path) -
 
 
 def test_a_coloured_coat_darkens_what_is_below_twice(tmp_path: Path) -> None:
-    bsdf = (
-        '<bsdf type="coating"><float name="thickness" value="2"/><rgb name="sigmaA" value="0,.1,1"'
-        '/><bsdf type="diffuse"><rgb name="reflectance" value=".5"/></bsdf></bsdf>'
-    )
-    scene = imported(tmp_path, usual(CUBE.format("thing", bsdf)))
+    below = bsdf("diffuse", reflectance=(0.5,))
+    coat = bsdf("coating", below, thickness=2.0, sigmaA=(0, 0.1, 1))
+    scene = imported(tmp_path, usual(CUBE.format("thing", coat)))
     expected = 0.5 * np.exp(-2 * 2 * np.array([0, 0.1, 1]))
     assert any(np.allclose(v, expected, rtol=1e-5) for v in colours(scene, "diffuse_reflectance"))
 
 
+radiance = partial(plugin, "spectrum", name="radiance")
 SPECTRA = {
-    "d65": ('type="d65"', "", [1, 1, 1]),
-    "tinted d65": ('type="d65"', '<rgb name="color" value="1 .5 0"/>', [1, 0.5, 0]),
-    "uniform": ('type="uniform"', '<float name="value" value="3"/>', [3, 3, 3]),
-    "regular": (
-        'type="regular"',
-        '<string name="values" value="2, 2, 2"/><float name="wavelength_min" value="300"/>'
-        '<float name="wavelength_max" value="900"/>',
-        [2, 2, 2],
-    ),
-    "irregular": (
-        'type="irregular"',
-        '<string name="wavelengths" value="300, 900"/><string name="values" value="4, 4"/>',
-        [4, 4, 4],
-    ),
-    "black body": (
-        'type="blackbody"',
-        '<float name="temperature" value="6500"/><float name="scale" value="0.01"/>',
-        None,
-    ),
-}
+    "d65": (radiance("d65"), [1, 1, 1]),
+    "tinted d65": (radiance("d65", color=(1, 0.5, 0)), [1, 0.5, 0]),
+    "uniform": (radiance("uniform", value=3.0), [3, 3, 3]),
+    "regular": (radiance("regular", values="2, 2, 2", wavelength_min=300.0, wavelength_max=900.0),
+                [2, 2, 2]),
+    "irregular": (radiance("irregular", wavelengths="300, 900", values="4, 4"), [4, 4, 4]),
+    "black body": (radiance("blackbody", temperature=6500.0, scale=0.01), None),
+}  # fmt: skip
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SPECTRA)
 def test_spectra_that_are_plugins_become_colours(tmp_path: Path, name: str) -> None:
-    kind, inside, value = SPECTRA[name]
-    spectrum = f'<spectrum {kind} name="radiance">{inside}</spectrum>'
-    light = f'<emitter type="constant">{spectrum}</emitter>'
-    scene = imported(tmp_path, usual(light), "3.0.0")
+    spectrum, value = SPECTRA[name]
+    scene = imported(tmp_path, usual(emitter("constant", spectrum)), "3.0.0")
     found = colours(scene, "radiance")
     if value is None:
         luminance = 0.01 * blackbody_radiance(6500.0)
@@ -240,24 +214,21 @@ def test_spectra_that_are_plugins_become_colours(tmp_path: Path, name: str) -> N
         assert any(np.allclose(v, value, atol=1e-6) for v in found), found
 
 
+SQUARES = '<spectrum name="brightColor" value="0.875"/>'
 OLD_WORDS = {
-    "mirror": ('<bsdf type="mirror"/>', 'type="conductor"'),
-    "roughmetal": ('<bsdf type="roughmetal"><float name="alphaB" value="0.25"/></bsdf>',
-                   'name="alpha" value="0.25"'),
-    "microfacet": ('<bsdf type="microfacet"><float name="alphaB" value="0.25"/></bsdf>',
-                   'type="roughplastic"'),
-    "bright squares": ('<bsdf type="lambertian"><texture name="reflectance" type="checkerboard">'
-                       '<spectrum name="brightColor" value="0.875"/></texture></bsdf>',
+    "mirror": (bsdf("mirror"), 'type="conductor"'),
+    "roughmetal": (bsdf("roughmetal", alphaB=0.25), 'name="alpha" value="0.25"'),
+    "microfacet": (bsdf("microfacet", alphaB=0.25), 'type="roughplastic"'),
+    "bright squares": (bsdf("lambertian", texture("checkerboard", SQUARES, name="reflectance")),
                        'name="color0" value="0.875 0.875 0.875"'),
-    "bump": ('<bsdf type="bump"><bsdf type="diffuse"/><texture type="checkerboard"/></bsdf>',
-             'type="bumpmap"'),
+    "bump": (bsdf("bump", bsdf("diffuse"), texture("checkerboard")), 'type="bumpmap"'),
 }  # fmt: skip
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", OLD_WORDS)
 def test_words_of_before_0_5_are_understood(tmp_path: Path, name: str) -> None:
-    bsdf, written = OLD_WORDS[name]
-    body = usual(CUBE.format("thing", bsdf)).replace("sensor", "camera")
+    material, written = OLD_WORDS[name]
+    body = usual(CUBE.format("thing", material)).replace("sensor", "camera")
     scene = imported(tmp_path, body, "0.2.1")
     assert written in scene.xml.read_text()

@@ -33,15 +33,9 @@ SHEETS = ("curtain", "leaves", "display")  # open meshes, seen from both sides
 BUDGET = 15_000
 CLOTH_BUDGET = 60_000  # of kinds with simulated cloth
 CLOTHED = (
-    "double_bed",
-    "single_bed",
-    "coat_hooks",
-    "dining_table",
-    "towel_rail",
-    "bath_tub",
-    "sofa",
+    "double_bed", "single_bed", "coat_hooks", "dining_table", "towel_rail", "bath_tub", "sofa",
     "curtains",
-)
+)  # fmt: skip
 LAMPS = [kind for kind in KINDS if kind.endswith(("lamp", "spot_rail", "light_strip"))]
 FLOOR = ("wall", "corner", "centre", "free", "on_top")
 
