@@ -8,15 +8,12 @@ import os
 import sys
 import tempfile
 import traceback
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import accumulate
 from typing import Any
 
 import click
 
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import quiet_libraries, say
 from pbrnet.scenes.errors import MachineError, PbrnetError
 
 UNEXPECTED = 70  # exit code of a fault of pbrnet, as in sysexits.h
@@ -186,26 +183,8 @@ def main(arguments: list[str] | None = None) -> Any:
     """Run the command line; turn every failure into a message and an exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may not be text
         sys.stdout.reconfigure(errors="backslashreplace")
-    with _quiet_libraries():
+    with quiet_libraries():
         sys.exit(_status(arguments))
-
-
-@contextmanager
-def _quiet_libraries() -> Iterator[None]:
-    """Hide warnings of libraries here and in child processes, unless Python was asked for them.
-
-    What matters of a file is in our own messages.
-    """
-    if sys.warnoptions:
-        yield
-        return
-    os.environ["PYTHONWARNINGS"] = "ignore"
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        os.environ.pop("PYTHONWARNINGS", None)
 
 
 def _status(arguments: list[str] | None) -> int:

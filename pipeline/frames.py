@@ -46,12 +46,13 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, Float32Array
 from pbrnet.scenes.checked import build, plain, shown
 from pbrnet.scenes.errors import InputError, MachineError
-from pbrnet.scenes.files import atomic_file, digest_bytes, parse_json, regular_file
+from pbrnet.scenes.files import atomic_file, digest_bytes, parse_json
+from pbrnet.scenes.image_files import UnreadableImage, exr_channels, exr_header
 
 Channels = dict[str, AnyArray]
 Result = tuple[Channels, dict[str, Any]]  # channels, and further entries of the attribute
 
-MAX_BYTES = 2**32  # of a frame file
+MAX_PIXELS = 2**28  # of a frame
 
 
 @dataclass(frozen=True)
@@ -187,9 +188,8 @@ def read_frame(path: Path, verify: bool = True) -> Frame:
     """
     meta = read_meta(path)
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {name: channel.pixels for name, channel in file.channels().items()}
-    except (RuntimeError, ValueError) as error:
+        channels = exr_channels(path, MAX_PIXELS)
+    except UnreadableImage as error:
         raise InputError(f"{path}: damaged or truncated EXR ({error})") from None
     if verify and pixels_digest(channels) != meta.get("digest"):
         raise InputError(f"{path}: the pixels do not match their checksum; the file is damaged")
@@ -217,11 +217,9 @@ def read_meta(path: Path) -> dict[str, Any]:
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such frame")
-    regular_file(path, MAX_BYTES)
     try:
-        with OpenEXR.File(str(path), header_only=True) as file:
-            text = file.header().get("pbrnet")
-    except (RuntimeError, ValueError) as error:
+        text = exr_header(path, MAX_PIXELS).get("pbrnet")
+    except UnreadableImage as error:
         raise InputError(f"{path}: not a readable EXR ({error})") from None
     if not isinstance(text, str):
         raise InputError(f"{path}: an EXR, but not a pbrnet frame (no 'pbrnet' attribute)")

@@ -1,9 +1,18 @@
-r"""Lines for the user: the only place that prints. Text of strangers cannot steer the terminal."""
+r"""Lines for the user: the only place that prints. Text of strangers cannot steer the terminal.
+
+Nor do libraries write beside our lines: see `quiet_libraries`.
+"""
 
 from __future__ import annotations
 
+import ctypes
+import io
+import os
 import sys
-from collections.abc import Iterable
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any
 
 
 def visible(text: object) -> str:
@@ -27,3 +36,58 @@ def say(*lines: object, err: bool = False) -> None:
     So a name in a file from outside neither forges a line, nor hides one, nor rings.
     """
     print(lines_of(lines or ("",)), file=sys.stderr if err else sys.stdout, flush=True)
+
+
+@contextmanager
+def quiet_libraries() -> Iterator[None]:
+    """Hide what libraries say of a file, here and in child processes; our own messages tell it.
+
+    Python's warnings, unless Python was asked for them, and what OpenEXR, libtiff and others write
+    to the standard streams natively: Python's own streams are elsewhere meanwhile. With
+    PBRNET_DEBUG in the environment, all is shown.
+    """
+    with ExitStack() as stack:
+        if not sys.warnoptions:
+            os.environ["PYTHONWARNINGS"] = "ignore"
+            stack.callback(os.environ.pop, "PYTHONWARNINGS", None)
+            stack.enter_context(warnings.catch_warnings())
+            warnings.simplefilter("ignore")
+        if not os.environ.get("PBRNET_DEBUG"):
+            stack.enter_context(_moved("stdout", 1))
+            stack.enter_context(_moved("stderr", 2))
+        yield
+
+
+@contextmanager
+def _moved(name: str, number: int) -> Iterator[None]:
+    """Move a stream of Python's to a copy of its file descriptor, and let that lead nowhere."""
+    stream = getattr(sys, name)
+    if stream is None or stream is not getattr(sys, f"__{name}__"):  # of a test, a notebook
+        yield
+        return
+    stream.flush()
+    kept, nowhere = os.dup(number), os.open(os.devnull, os.O_WRONLY)
+    moved = os.fdopen(
+        os.dup(number), "w", encoding=stream.encoding, errors="backslashreplace", buffering=1
+    )
+    setattr(sys, name, moved)
+    os.dup2(nowhere, number)
+    os.close(nowhere)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # its reader has gone
+            moved.close()
+        ctypes.CDLL(None).fflush(None)  # what native code printed last
+        os.dup2(kept, number)
+        os.close(kept)
+        setattr(sys, name, stream)
+
+
+def own_streams() -> dict[str, Any]:
+    """Arguments of `subprocess.run` with which a program prints where this one does."""
+    found = {}
+    for name in ("stdout", "stderr"):
+        with suppress(AttributeError, io.UnsupportedOperation):  # a test's
+            found[name] = getattr(sys, name).fileno()
+    return found

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import yaml
 
@@ -246,7 +246,7 @@ def _check_regular(shown: str, facts: os.stat_result, limit: int) -> None:
         raise InputError(f"{shown}: {facts.st_size:,} bytes; at most {limit:,} can be read")
 
 
-def open_regular(path: Path, limit: int = MAX_BYTES) -> BinaryIO:
+def open_regular(path: Path, limit: int = MAX_BYTES) -> io.BufferedReader:
     """Open a file from outside for reading; raises `InputError` as `regular_file` does.
 
     A file that meanwhile became a pipe or a device is refused as well, and never waited for.

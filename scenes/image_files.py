@@ -10,17 +10,24 @@ from __future__ import annotations
 
 import io
 import stat
+import sys
+import threading
 import warnings
 from pathlib import Path
+from typing import Any
 
+import OpenEXR
 from PIL import Image, ImageOps
 
+from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.files import regular_file
 from pbrnet.scenes.installation import optional
 
 FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "PPM", "WEBP")
 MAX_PIXELS = 100_000_000
 MAX_KTX_BYTES = 512 * 2**20
+MAX_EXR_BYTES = 2**32
 _KTX_MAGIC = b"\xabKTX 20\xbb\r\n\x1a\n"
 
 
@@ -64,6 +71,75 @@ def open_image(source: Path | bytes, *, load: bool = True, upright: bool = False
     except Exception as error:  # decoders raise what their authors did not foresee
         raise UnreadableImage(f"damaged ({type(error).__name__}: {error})") from None
     return image
+
+
+def exr_header(path: Path, most: int = MAX_PIXELS) -> dict[str, Any]:
+    """Return the header of an EXR image from outside, whose pixels can be read.
+
+    Raises `UnreadableImage` for damage, deep images, subsampled channels, and more than `most`
+    pixels, or 16 times as many numbers.
+    """
+    regular_file(path, MAX_EXR_BYTES)
+    try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            header = dict(file.header())  # the library's own is emptied with the file
+            low, high = header["dataWindow"]
+            width, height = (int(b) - int(a) + 1 for a, b in zip(low, high, strict=True))
+            sampling = [(each.xSampling, each.ySampling) for each in header["channels"]]
+    except (AttributeError, KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
+        raise UnreadableImage(str(error)) from None
+    if min(width, height) < 1 or width * height * max(1, len(sampling) / 16) > most:
+        raise UnreadableImage(f"{width} x {height} pixels, {len(sampling)} channels")
+    if "deep" in str(header.get("type", "")):
+        raise UnreadableImage("a deep image; expected one value a pixel")
+    if set(sampling) - {(1, 1)}:
+        raise UnreadableImage("subsampled channels; expected a value for each pixel")
+    return header
+
+
+def exr_channels(path: Path, most: int = MAX_PIXELS) -> dict[str, AnyArray]:
+    """Return the channels of an EXR image from outside by name, each (H, W).
+
+    Raises `UnreadableImage` as `exr_header` does, and for pixels that cannot be decoded: the
+    library may leave them at 0 and print that.
+    """
+    exr_header(path, most)
+    try:
+        with _LISTENER as said, OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: channel.pixels for name, channel in file.channels().items()}
+    except (RuntimeError, ValueError):
+        raise UnreadableImage("damaged or truncated") from None
+    if "Exception raised" in said.getvalue():
+        raise UnreadableImage("damaged pixels")
+    return channels
+
+
+class _Listener:
+    """Standard output while the library OpenEXR reads, which prints there what it cannot decode.
+
+    Threads share it; none of them prints anything else meanwhile.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._readers = threading.Lock(), 0
+        self._said, self._own = io.StringIO(), sys.stdout
+
+    def __enter__(self) -> io.StringIO:
+        with self._lock:
+            if not self._readers:
+                self._said, self._own = io.StringIO(), sys.stdout
+                sys.stdout = self._said
+            self._readers += 1
+            return self._said
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._readers -= 1
+            if not self._readers:
+                sys.stdout = self._own
+
+
+_LISTENER = _Listener()
 
 
 def _starts_with_ktx(source: Path | bytes) -> bool:

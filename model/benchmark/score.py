@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -116,6 +117,9 @@ def score_folder(
             if path is None:  # gone since
                 raise InputError(f"{folder}: the image of {row.name} is missing")
             values = _values(path, row, content, task, exposure, tone)
+            for name, value in values.items():
+                if math.isnan(value):
+                    raise InputError(f"{path}: {name} is not a number, of this and the truth")
             spent = seconds
             if isinstance(seconds, dict):
                 spent = seconds.get(f"{row.scene_id}--{row.view_id}")

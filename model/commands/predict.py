@@ -31,6 +31,7 @@ from pbrnet.pipeline.commands.options import (
     FILE,
     FOLDER,
     PATH,
+    NumberRange,
     Request,
     common_options,
     size_option,
@@ -100,7 +101,7 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(0, min_open=True),
+    type=NumberRange(0, min_open=True),
     help="Time budget per view: choose --method, --spp and --denoiser with the lowest error.",
 )
 @size_option("Render the inputs at this size.")

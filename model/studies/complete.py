@@ -21,7 +21,7 @@ import click
 from pbrnet.model.data.reader import Dataset, Split
 from pbrnet.model.evaluation.inference import available
 from pbrnet.pipeline.commands.options import FOLDER, Request, common_options
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import own_streams, say
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_file, digest_bytes, digest_file, read_json, write_json
@@ -189,7 +189,7 @@ def _run(part: Part, request: Request) -> bool:
     """Run the command of a part; keep its files under the part's own name. True if it succeeded."""
     words = [*part.arguments, "--data", str(request.data), "--seed", str(request.params.seed)]
     words += ["--params", str(request.params_file)]
-    done = subprocess.run([sys.executable, "-c", _RUN, *words])
+    done = subprocess.run([sys.executable, "-c", _RUN, *words], **own_streams())
     if done.returncode or not part.result.is_file():
         return False
     for path, suffix in ((part.result, ".json"), (part.picture, ".png")):

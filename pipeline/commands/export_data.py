@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from pbrnet.pipeline.commands.options import FOLDER, data_option, idle_seed_option
+from pbrnet.pipeline.commands.options import FOLDER, NumberRange, data_option, idle_seed_option
 from pbrnet.pipeline.export.parts import ExportOptions, Job, run_export
 from pbrnet.pipeline.export.registry import FORMATS
 from pbrnet.pipeline.export.rows import DatasetRows
@@ -76,7 +76,7 @@ resumes; one with other options or another dataset replaces the earlier files.""
     help="coco, coco-panoptic: classes.",
 )
 @click.option(
-    "--fps", type=click.FloatRange(0.001, 1e6), default=_DEFAULT.fps, help="tum: frames per second."
+    "--fps", type=NumberRange(0.001, 1e6), default=_DEFAULT.fps, help="tum: frames per second."
 )
 @click.option(
     "--tar-views",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -13,7 +12,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import click
 
-from pbrnet.pipeline.commands.options import FOLDER, PATH
+from pbrnet.pipeline.commands.options import FOLDER, PATH, NumberRange
 from pbrnet.pipeline.inspection.sizes import triangles_of
 from pbrnet.pipeline.limits import Limits, run_limited
 from pbrnet.pipeline.terminal import say
@@ -145,13 +144,13 @@ File types, options and limits: docs/scenes.md.""",
 )
 @click.option(
     "--max-seconds",
-    type=click.FloatRange(0.1),
+    type=NumberRange(0.1),
     default=SceneParams.import_seconds,
     help="Time limit of the import in seconds.",
 )
 @click.option(
     "--max-memory",
-    type=click.FloatRange(0.25),
+    type=NumberRange(0.25),
     default=SceneParams.import_memory,
     help="Memory limit of the import in GiB.",
 )
@@ -168,9 +167,6 @@ def import_command(
 ) -> None:
     """Run `pbrnet import`."""
     given = _given_options(path, options)
-    for option, limit in (("--max-seconds", max_seconds), ("--max-memory", max_memory)):
-        if math.isnan(limit):
-            raise ParameterError(f"{option}: nan is not a number")
     name = scene_id if scene_id is not None else out.name
     for longest in (name, f"{name}-v{variants}" if variants else name):
         check_name(longest, "a scene's id", error=InputError)

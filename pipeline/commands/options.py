@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -46,6 +47,17 @@ class Size(click.ParamType):
         if match is None or min(int(match[1]), int(match[2])) < 1:
             self.fail(f"{value!r} is not a size; write it like 640x480", param, ctx)
         return int(match[1]), int(match[2])
+
+
+class NumberRange(click.FloatRange):
+    """A number within limits; NaN, which click finds within any, is refused."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        """Parse the value; raises click's `BadParameter` for anything else."""
+        number: float = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{value} is not a number", param, ctx)
+        return number
 
 
 def size_option(help_text: str) -> Decorator:

@@ -17,11 +17,11 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-import OpenEXR
 
 from pbrnet.pipeline.render.dispatch import keep_from_calls
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.scene_xml import check_scene_xml
+from pbrnet.scenes.image_files import UnreadableImage, exr_channels
 
 # Rendering settings in a scene file, which the stages override.
 _NOT_BUILT = ("Sensor", "Integrator", "Sampler", "Film", "ReconstructionFilter")
@@ -176,9 +176,8 @@ def shapes_of(graph: Graph) -> Iterator[int]:
 def read_exr(path: Path) -> np.ndarray:
     """Read an EXR image as float32 (H, W, C), C = 1, 3 or 4; raises `InputError` if damaged."""
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {name: channel.pixels for name, channel in file.channels().items()}
-    except (RuntimeError, ValueError) as error:
+        channels = exr_channels(path)
+    except UnreadableImage as error:
         raise InputError(f"{path}: damaged or truncated EXR ({error})") from None
     for names in (("R", "G", "B", "A"), ("R", "G", "B"), ("Y",)):
         if all(name in channels for name in names):

@@ -43,6 +43,8 @@ class HomeArchive:
         infos = file.infolist()
         if len(infos) + len(self._members) > MAX_MEMBERS:
             raise InputError(f"{self.path}: {len(infos):,} files inside; at most {MAX_MEMBERS:,}")
+        if not all(info.filename for info in infos):  # zipfile itself fails at one
+            raise InputError(f"{self.path}: a file inside has no name")
         added = {info.filename: info for info in infos if not info.is_dir()}
         for name in added:
             parts = PurePosixPath(name.replace("\\", "/")).parts

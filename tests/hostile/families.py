@@ -11,6 +11,7 @@ from tests.hostile.project_files import (
     frames,
     networks,
     params,
+    submissions,
 )
 from tests.hostile.scene_files import (
     blender,
@@ -35,6 +36,7 @@ FAMILIES: tuple[Family, ...] = (
     *params.FAMILIES,
     *frames.FAMILIES,
     *dataset.FAMILIES,
+    *submissions.FAMILIES,
     *networks.FAMILIES,
     *folders.FAMILIES,
     *catalogues.FAMILIES,

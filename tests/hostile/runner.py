@@ -161,6 +161,7 @@ def _child(root: Path, family: Family, number: int) -> None:
             os.close(made)
         sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
         sys.stderr = os.fdopen(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)
+        sys.__stdout__, sys.__stderr__ = sys.stdout, sys.stderr  # as those of a process of its own
         seed = hashlib.sha256(f"{family.name}/{number}".encode()).digest()
         arguments = family.write(case, Random(int.from_bytes(seed[:8], "little")), number)
         (root / "arguments").write_text("\0".join(arguments), "utf-8", "surrogatepass")

@@ -1,6 +1,9 @@
 """Text of strangers cannot steer the terminal, forge a line or stand beside our own line."""
 
 import ast
+import os
+import subprocess
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -85,3 +88,32 @@ def test_one_place_prints() -> None:
     allowed = ("pipeline/terminal.py", "pipeline/render/variants.py")  # a child process's answer
     places = [place for file in files for place in _prints(file)]
     assert not [place for place in places if not place.startswith(allowed)]
+
+
+NOISY = """
+import ctypes, os, sys, warnings
+import click
+from pbrnet.pipeline import cli
+from pbrnet.scenes.errors import InputError
+
+@click.command()
+def command():
+    os.write(1, b"native "); os.write(2, b"native "); ctypes.CDLL(None).printf(b"buffered ")
+    warnings.warn("library")
+    print("own")
+    os.system("echo child")
+    raise InputError("damaged")
+
+cli.LazyGroup.get_command = lambda *_: command
+cli.main(["inspect"])
+"""
+
+
+def test_what_libraries_write_natively_does_not_stand_beside_the_line() -> None:
+    done = subprocess.run([sys.executable, "-c", NOISY], capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "own\n", "Error: damaged\n")
+    debugging = {**os.environ, "PBRNET_DEBUG": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", NOISY], capture_output=True, text=True, cwd=ROOT, env=debugging
+    )
+    assert "native " in done.stdout and "native " in done.stderr

@@ -4,12 +4,14 @@ import ast
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 
-from pbrnet.scenes.image_files import FORMATS, UnreadableImage, open_image
+from pbrnet.scenes.image_files import FORMATS, UnreadableImage, exr_channels, open_image
 from tests.fixtures.encoded import picture
 from tests.fixtures.paths import ROOT
 
@@ -100,3 +102,44 @@ def test_nothing_else_in_the_project_opens_images() -> None:
                 and node.func.value.id in names
             ]
     assert set(opening) == {Path("scenes/image_files.py")}
+
+
+def exr(path: Path, pixels: Any, **header: Any) -> Path:
+    with OpenEXR.File({"type": OpenEXR.scanlineimage, **header}, {"RGB": pixels}) as file:
+        file.write(str(path))
+    return path
+
+
+def test_channels_of_an_exr_are_read(tmp_path: Path) -> None:
+    pixels = np.arange(24, dtype=np.float32).reshape(2, 4, 3)
+    read = exr_channels(exr(tmp_path / "a.exr", pixels))
+    assert {name: values.tolist() for name, values in read.items()} == {
+        name: pixels[..., place].tolist() for place, name in enumerate("RGB")
+    }
+    with pytest.raises(UnreadableImage, match="4 x 2 pixels, 3 channels"):
+        exr_channels(tmp_path / "a.exr", most=7)
+
+
+def test_pixels_that_cannot_be_decoded_are_an_error_and_not_a_line_of_output(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The library itself leaves such pixels at 0 and prints a warning."""
+    smooth = np.linspace(0, 1, 24 * 32 * 3, dtype=np.float32).reshape(24, 32, 3)
+    path = exr(tmp_path / "a.exr", smooth, compression=OpenEXR.ZIP_COMPRESSION)
+    data = bytearray(path.read_bytes())
+    data[-400:-100] = b"\xff" * 300
+    path.write_bytes(data)
+    with pytest.raises(UnreadableImage):
+        exr_channels(path)
+    assert capfd.readouterr().out == ""
+
+
+def test_deep_images_are_refused(tmp_path: Path) -> None:
+    cells = np.empty((4, 4), dtype=object)
+    for place in np.ndindex(4, 4):
+        cells[place] = np.ones(2, np.float32)
+    header = {"type": OpenEXR.deepscanline, "compression": OpenEXR.ZIPS_COMPRESSION}
+    with OpenEXR.File(header, dict.fromkeys("RGB", cells)) as file:
+        file.write(str(tmp_path / "a.exr"))
+    with pytest.raises(UnreadableImage, match="deep"):
+        exr_channels(tmp_path / "a.exr")

@@ -14,7 +14,14 @@ from pbrnet.model.release.pretrained import find_models
 from pbrnet.model.studies.files import write_result
 from pbrnet.model.studies.flicker.results import FlickerResult
 from pbrnet.model.studies.flicker.study import FlickerConfig, FlickerMeasurement, measure_move
-from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options, size_option
+from pbrnet.pipeline.commands.options import (
+    FILE,
+    FOLDER,
+    NumberRange,
+    Request,
+    common_options,
+    size_option,
+)
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import InputError
@@ -44,7 +51,7 @@ stable; compare with the value of the renderer. A contact sheet is written besid
 @click.option("--frames", type=click.IntRange(2, 240), default=8, help="Number of frames.")
 @click.option(
     "--step",
-    type=click.FloatRange(0, 90),
+    type=NumberRange(0, 90),
     help="Metres per frame, or degrees for pan.  [default: 0.02 m, 0.5 degrees]",
 )
 @size_option("Image size.  [default: as in the camera file]")

@@ -71,12 +71,12 @@ class IlluminationConfig:
     )
     factor: float = option(
         4.0,
-        click.FloatRange(1.01, 1000),
+        NumberRange(1.01, 1000),
         "Factor by which lamps get brighter, and sky and sun darker.",
     )
     strength: float = option(  # see `lamp_radiance`
         1.0,
-        click.FloatRange(0.01, 1000),
+        NumberRange(0.01, 1000),
         "Light of the added lamp at 2 m, relative to the view's average.",
     )
 

@@ -33,6 +33,7 @@ from pbrnet.model.studies.pairs.answers import (
     read_key,
 )
 from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.commands.options import NumberRange
 from pbrnet.pipeline.images import Picture, png_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
@@ -58,10 +59,10 @@ class PairsConfig:
         click.IntRange(2, MAX_PAIRS),
         "Maximum number of pairs, equal for all methods; no view or image is shown twice.",
     )
-    seconds: float = option(3.0, click.FloatRange(0.1, 60), "Time a pair is shown.")
+    seconds: float = option(3.0, NumberRange(0.1, 60), "Time a pair is shown.")
     answer_seconds: float = option(
         5.0,
-        click.FloatRange(0.1, 600),
+        NumberRange(0.1, 600),
         "Time for the answer after the pair has disappeared.",
     )
     methods: tuple[str, ...] = ()  # empty: pbrnet, product and all trained baselines

@@ -14,7 +14,13 @@ from PIL import Image
 from pbrnet.scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
 from pbrnet.scenes.color import decode_srgb, encode_srgb
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.image_files import MAX_PIXELS, UnreadableImage, is_intact, open_image
+from pbrnet.scenes.image_files import (
+    MAX_PIXELS,
+    UnreadableImage,
+    exr_channels,
+    is_intact,
+    open_image,
+)
 from pbrnet.scenes.importing.changes import Changes
 
 _COPIED = {"JPEG": (".jpg", ("RGB", "L")), "PNG": (".png", ("RGB", "L", "RGBA", "LA"))}
@@ -176,16 +182,7 @@ def read_radiance(path: Path) -> Float32Array:
 
 def read_exr(path: Path) -> Float32Array:
     """Read the colour of an EXR as float32 (H, W, 3); a grey channel is repeated."""
-    try:
-        with OpenEXR.File(str(path), header_only=True) as file:
-            low, high = file.header()["dataWindow"]
-        width, height = (int(value) + 1 for value in np.subtract(high, low))
-        if width * height > MAX_PIXELS or width < 1 or height < 1:
-            raise UnreadableImage(f"{width} x {height} pixels")
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            channels = {name: channel.pixels for name, channel in file.channels().items()}
-    except (RuntimeError, ValueError, KeyError, OSError) as error:
-        raise UnreadableImage(str(error)) from None
+    channels = exr_channels(path)
     bands = [
         next((c for n, c in channels.items() if n == band or n.endswith("." + band)), None)
         for band in "RGB"

@@ -21,7 +21,7 @@ CHECKED = (
 LOOKS = (0, 1, 4, 5, 6)  # commands that read every shard
 
 
-def _dataset(folder: Path) -> None:
+def write_dataset(folder: Path) -> None:
     from pbrnet.pipeline.dataset.pack import pack_dataset
     from pbrnet.pipeline.params import load_params
     from tests.fixtures.dataset import make_data
@@ -260,7 +260,7 @@ FAMILIES = (
     Family(
         "shards",
         140,
-        _dataset,
+        write_dataset,
         (Victim(SHARD, damaged_bytes, CHECKED),),
         SHARDS_MADE,
         ends_early=(*CHECKED[2:4], *CHECKED[7:]),
@@ -269,7 +269,7 @@ FAMILIES = (
     Family(
         "impossible rows",
         len(IMPOSSIBLE_MADE) + 1,
-        _dataset,
+        write_dataset,
         (Victim(SHARD, damaged_bytes, CHECKED[:2]),),
         IMPOSSIBLE_MADE,
     ),
