@@ -32,8 +32,8 @@ Examples:
   pbrnet dataset                       pack the frames in data/
   pbrnet dataset --data /mnt/big/data  pack the frames of another data folder
 
-Views that fail a check are listed with the reason in data/dataset/rejected.csv. Exit code 1 if
-they leave a walk with gaps."""
+Views that fail a check are listed with the reason in data/dataset/rejected.csv. Exit code 1 if a
+walk has rejected frames."""
 )
 @common_options
 def dataset(request: Request) -> None:
@@ -51,8 +51,8 @@ def require_whole_walks(summary: DatasetSummary) -> None:
             f"{scene}/{walk} ({count} frames)" for (scene, walk), count in summary.walks.items()
         )
         raise StageError(
-            f"dataset: rejected frames in {len(summary.walks)} walks: {named}; all else is packed. "
-            "dataset.checks has the limits, and whole_walks rejects such walks as a whole"
+            f"dataset: rejected frames in {len(summary.walks)} walks: {named}; the rest is packed. "
+            "dataset.checks has the limits; whole_walks rejects such walks as a whole"
         )
 
 

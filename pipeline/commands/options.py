@@ -159,11 +159,11 @@ def stage_options(command: Command) -> Command:
     command = click.option(
         "--dry-run",
         is_flag=True,
-        help="Print what would be made, kept and removed, and the time by the ledger; do nothing.",
+        help="Only print what would be made, kept and removed, and the estimated time.",
     )(command)
     command = click.option(
         "--remove-orphans",
         is_flag=True,
-        help="Remove for good what is no longer asked for, and all that lies in DATA/trash.",
+        help="Delete outputs that are no longer required, and everything in DATA/trash.",
     )(command)
     return farm_options(command)

@@ -49,8 +49,8 @@ Examples:
   pbrnet run --data /tmp/seven --seed 7 --until cameras
   pbrnet run --dry-run        what would be made, kept and removed, and how long it takes
 
-What the parameters no longer ask for moves to DATA/trash and comes back when it is asked for
-again; after farm.trash_days, or with --remove-orphans, it is removed.
+Outputs that the parameters no longer require are moved to DATA/trash and restored when required
+again; they are deleted after farm.trash_days, or with --remove-orphans.
 Exit code 1 if some scenes or views failed; the dataset contains the others, and its rejected.csv
 lists the failed views. Running the command again keeps what is up to date and retries the rest."""
 )

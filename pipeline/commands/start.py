@@ -87,4 +87,4 @@ def say_plans(request: Request, names: Iterable[str]) -> None:
     except InputError as error:
         if not request.params.assets.enabled:
             raise
-        say(f"not known before the catalogues are: {error}", err=not request.dry_run)
+        say(f"not known before the catalogues are available: {error}", err=not request.dry_run)

@@ -22,15 +22,11 @@ class CheckParams:
     max_blown: float = param(0.5, "share of pixels at the half-float limit", within(0, 1))
     max_fireflies: float = param(0.02, "share of firefly pixels", within(0, 1))
     max_firefly_light: float = param(0.5, "share of the light in the brightest ones", within(0, 1))
-    max_flow_error: float = param(0.01, "pixels", within(0))
-    max_called_hidden: float = param(
-        0.05, "share of the points on a surface that the neighbour sees", within(0, 1)
-    )
-    max_called_visible: float = param(
-        0.2, "share of the points behind such a surface", within(0, 1)
-    )
+    max_flow_error: float = param(0.01, "pixels, error of the optical flow", within(0))
+    max_called_hidden: float = param(0.05, "share of visible points marked as hidden", within(0, 1))
+    max_called_visible: float = param(0.2, "share of hidden points marked as visible", within(0, 1))
     whole_walks: bool = param(
-        False, "reject all frames of a walk that has a rejected one; false: exit code 1"
+        False, "reject a walk with rejected frames as a whole; false: exit code 1"
     )
 
 
