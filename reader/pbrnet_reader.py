@@ -103,8 +103,8 @@ class Rows:
         """Stored cells of a row group, with the unit that images of radiance need."""
         shard, group = self._groups[number]
         names = dict.fromkeys([*self.columns, *self._ones])
-        footer = self._footers[shard]
-        with pq.ParquetFile(self.shards[shard], metadata=footer, filesystem=self._store) as file:
+        about = {"metadata": self._footers[shard], "filesystem": self._store, "pre_buffer": True}
+        with pq.ParquetFile(self.shards[shard], **about) as file:
             return file.read_row_group(group, columns=list(names))
 
     def _row(self, stored: pa.Table) -> Row:
@@ -280,7 +280,9 @@ def _shards(source: Source, split: str) -> tuple[fs.FileSystem, list[str]]:
     kept = sorted((path, match) for match, path in found if split in (match[1], "all"))
     if not kept:
         splits = sorted({match[1] for match, _ in found})
-        raise FileNotFoundError(f"{source}: no {split} shards; splits: {', '.join(splits)}")
+        raise FileNotFoundError(
+            f"{source}: no {split} shards; splits: {', '.join(splits) or 'none'}"
+        )
     if len(kept) != sum(int(match[3]) for _, match in kept if match[2] == "00000"):
         raise FileNotFoundError(f"{source}: some shards are missing; there are {len(kept)}")
     return store, [path for path, _ in kept]
@@ -302,7 +304,14 @@ def _store(source: Source) -> tuple[fs.FileSystem, str]:
             f"{source}: no such folder; to read from the hub: pip install huggingface_hub"
         ) from None
     store, root = fsspec.url_to_fs(url)
-    return fs.PyFileSystem(fs.FSSpecHandler(store)), root
+    return fs.PyFileSystem(_Remote(store)), root
+
+
+class _Remote(fs.FSSpecHandler):  # type: ignore[misc]
+    """Files of fsspec of which only what is asked for is fetched, not megabytes around it."""
+
+    def open_input_file(self, path: str) -> pa.PythonFile:
+        return pa.PythonFile(self.fs.open(path, cache_type="none"), mode="r")
 
 
 def __getattr__(name: str) -> Any:
