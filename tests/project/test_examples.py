@@ -95,6 +95,8 @@ def test_the_sample_is_a_small_dataset_of_all_splits() -> None:
     columns = {column.name for column in dataset_columns((96, 72), (64, 32), True, True, ("all",))}
     assert columns <= set(pq.read_schema(shards[0]).names), "make it again by its recipe"
     verify_sums(SAMPLE)
+    reader = (ROOT / "reader" / "pbrnet_reader.py").read_bytes()
+    assert (SAMPLE / "pbrnet_reader.py").read_bytes() == reader, "pack it again"
 
 
 @pytest.fixture

@@ -129,7 +129,8 @@ def _front_matter(
     }
     if known == "other":
         matter["license_name"] = visible(" AND ".join(licences))
-    return yaml.safe_dump(matter, sort_keys=False, allow_unicode=True).strip()
+    options = {"sort_keys": False, "allow_unicode": True, "default_flow_style": None, "width": 100}
+    return yaml.safe_dump(matter, **options).strip()
 
 
 def _data_files(summary: DatasetSummary) -> list[dict[str, str]]:
