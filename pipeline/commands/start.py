@@ -83,7 +83,7 @@ def say_plans(request: Request, names: Iterable[str]) -> None:
     """Print what stages will make, keep and remove: as output if that is all, else on stderr."""
     try:
         for plan in plan_stages(names, request.data, request.params):
-            say(plan_line(request.data, plan, request.params), err=not request.dry_run)
+            say(plan_line(request.data, plan, request.params.farm), err=not request.dry_run)
     except InputError as error:
         if not request.params.assets.enabled:
             raise

@@ -16,6 +16,7 @@ from pbrnet.pipeline.cameras.trajectory_files import (
     trajectories_of,
     trajectory_digests,
 )
+from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
@@ -47,12 +48,12 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
         root = data / "cameras"
         remove_partials(root)
         plan, scenes, renderer = plan_cameras(data, params)
-        begin(data, params, plan)
+        begin(data, params.farm, plan)
         first = first_scenes(scenes, params.cameras)
         made: dict[Path, bool] = {}
         # Scenes that take the cameras of another scene come after those.
         for taking in (False, True):
-            part = StagePlan("cameras", "scenes", sample_scene)
+            part = StagePlan("cameras", "scenes", sample_scene, plan.size)
             for item in plan.items:
                 scene_id, job = item.group, item.payload
                 if (first[scene_id] != scene_id) != taking:
@@ -65,7 +66,7 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                         continue
                     job = replace(job, shared=load_cameras(lender).views)
                 part.add(job, *plan.targets[item.key])
-            made |= execute(data, params, scheduler, part, renderer)
+            made |= execute(data, params.farm, scheduler, part, renderer)
             plan.failures += part.failures
         return finish(data, params.farm, plan, made, started, lambda: _notes(root, scenes))
 
@@ -78,7 +79,7 @@ def plan_cameras(
     `pending` scenes are left aside, as they will be others by then.
     """
     root, renderer = data / "cameras", active_renderer(params.farm)
-    plan = StagePlan("cameras", "scenes", sample_scene)
+    plan = StagePlan("cameras", "scenes", sample_scene, view_size(params))
     scenes = list_scenes(data, plan, pending.scenes)
     first = first_scenes(scenes, params.cameras)
     for given in params.cameras.trajectories:

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.dataset.checks import Rejection, surfaces_of
+from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import frame_path, holds
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import (
@@ -49,7 +51,7 @@ from pbrnet.pipeline.stages.scene_listing import (
 )
 from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.pipeline.terminal import say
-from pbrnet.pipeline.views import View, load_cameras
+from pbrnet.pipeline.views import ImageParams, View, load_cameras
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import remove_partials
 
@@ -73,9 +75,9 @@ def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = N
         (data / kind).mkdir(parents=True, exist_ok=True)
     with data_lock(data, stage):
         plan, expected, renderer = plan_frames(stage, data, params)
-        begin(data, params, plan)
+        begin(data, params.farm, plan)
         plan.removed += sum(_tidy(data / kind) for kind in kinds)
-        made = execute(data, params, scheduler, plan, renderer)
+        made = execute(data, params.farm, scheduler, plan, renderer)
         # A worker of an earlier run may still have been alive and have overwritten a frame.
         written = {path: expected[path] for path, fine in made.items() if fine}
         for path in _stale(written, verify=False):
@@ -99,7 +101,8 @@ def plan_frames(
     """
     kinds, renderer = FRAME_STAGES[stage], active_renderer(params.farm)
     wanted = [kind for kind in kinds if kind in params.kinds]
-    plan = StagePlan(stage, "views" if len(wanted) == 1 else "frames", render_frames)
+    unit = "views" if len(wanted) == 1 else "frames"
+    plan = StagePlan(stage, unit, render_frames, view_size(params))
     scenes = list_scenes(data, plan, pending.scenes)
     digests = scene_digests(data, scenes)
     of_cameras = ViewParams(params.cameras, params.image)
@@ -131,7 +134,8 @@ def plan_frames(
     stale = {path: frame for path, frame in stale.items() if path not in set(plan.returning)}
     plan.kept = len(expected) - len(stale) - len(plan.returning)
     if kinds[0] in TRACED:
-        plan.left_out = _rejected(data, views, stale, params)
+        checks = params.dataset.checks
+        plan.left_out = _rejected(data, views, stale, params.kinds, params.image, checks)
         left = {path for path, frame in stale.items() if frame.view.name in plan.left_out}
         plan.orphans += sorted(path for path in left if path.exists())
         stale = {path: frame for path, frame in stale.items() if path not in left}
@@ -164,14 +168,18 @@ class ExpectedFrame:
 
 
 def _rejected(
-    data: Path, views: list[View], stale: dict[Path, ExpectedFrame], params: Params
+    data: Path,
+    views: list[View],
+    stale: dict[Path, ExpectedFrame],
+    kinds: Sequence[Kind],
+    image: ImageParams,
+    checks: CheckParams,
 ) -> dict[tuple[str, str], str]:
     """Return by scene and view id which views of stale frames the dataset will reject, and why.
 
     It rejects them for frames without light; those that are missing, damaged or of another camera
     do not count, as they are made again.
     """
-    checks, size = params.dataset.checks, (params.image.width, params.image.height)
     due = {frame.view.name for frame in stale.values()}
     whole = {view.walk for view in views if view.name in due and view.trajectory}
     asked = [
@@ -183,7 +191,7 @@ def _rejected(
 
     def fault(view: View) -> str:
         others = by_scene[view.scene_id]
-        found = surfaces_of(data, view, others, {}, params.kinds, size, checks)
+        found = surfaces_of(data, view, others, {}, kinds, (image.width, image.height), checks)
         known = isinstance(found, Rejection) and found.reason not in _MADE_AGAIN
         return f"{found.reason}, {found.detail}" if known else ""
 

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from dask.system import cpu_count
 
 from pbrnet.pipeline.costs.estimates import estimator
-from pbrnet.pipeline.costs.forecast import seconds_of, view_size
+from pbrnet.pipeline.costs.forecast import ViewSize, seconds_of
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.cluster import Farm
 from pbrnet.pipeline.farm.scheduling import Item
@@ -27,7 +27,6 @@ from pbrnet.pipeline.farm.transfer import TransferService
 from pbrnet.pipeline.farm.versions import code_version
 from pbrnet.pipeline.farm.worker import Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress, span
 from pbrnet.pipeline.records import Failure, save_failures
 from pbrnet.pipeline.render.scene import set_variant
@@ -101,6 +100,7 @@ class StagePlan:
     stage: str
     unit: str  # plural noun for the progress bar
     work: Callable[[Any], Any]
+    size: ViewSize
     items: list[Item] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     kept: int = 0
@@ -123,7 +123,7 @@ class StagePlan:
         self.targets[key] = list(targets)
 
 
-def plan_line(data: Path, plan: StagePlan, params: Params) -> str:
+def plan_line(data: Path, plan: StagePlan, params: FarmParams) -> str:
     """Return what a stage makes, keeps and removes, and its time by the ledger, as text."""
     targets = [target for targets in plan.targets.values() for target in targets]
     again = sum(target.path.exists() for target in targets)
@@ -138,25 +138,25 @@ def plan_line(data: Path, plan: StagePlan, params: Params) -> str:
     if plan.left_out:
         parts.append(f"{len(plan.left_out)} views left out, which dataset.checks reject already")
     if plan.orphans:
-        where = "to the trash" if params.farm.trash_days else "to be removed for good"
+        where = "to the trash" if params.trash_days else "to be removed for good"
         parts.append(f"{len(plan.orphans)} no longer asked for, {size_text(plan.orphans)}, {where}")
-    seconds = plan_seconds(data, plan, params)
+    seconds = plan_seconds(data, plan)
     if seconds:
         parts.append(f"about {span(seconds)} of one core by the ledger")
     return f"{plan.stage}: {', '.join(parts)}"
 
 
-def plan_seconds(data: Path, plan: StagePlan, params: Params) -> float | None:
+def plan_seconds(data: Path, plan: StagePlan) -> float | None:
     """Return the core-seconds of a plan by the ledger; None if that does not tell."""
     targets = [target for targets in plan.targets.values() for target in targets] + plan.later
     made = [(one.stage, one.scene_id, one.view_id) for one in targets]
-    return seconds_of(read_ledger(data), made, view_size(params))
+    return seconds_of(read_ledger(data), made, plan.size)
 
 
-def begin(data: Path, params: Params, plan: StagePlan) -> None:
+def begin(data: Path, params: FarmParams, plan: StagePlan) -> None:
     """Say on stderr what the stage will do; move orphans into the trash, others back from it."""
     say(plan_line(data, plan, params), err=True)
-    trash = Trash(data, params.farm.trash_days)
+    trash = Trash(data, params.trash_days)
     trash.put_back(plan.returning)
     trash.add(plan.orphans)
     trash.sweep()
@@ -165,7 +165,7 @@ def begin(data: Path, params: Params, plan: StagePlan) -> None:
 
 
 def execute(
-    data: Path, params: Params, scheduler: str | None, plan: StagePlan, renderer: str = ""
+    data: Path, params: FarmParams, scheduler: str | None, plan: StagePlan, renderer: str = ""
 ) -> dict[Path, bool]:
     """Run the plan's items on the farm; return for each target whether it was made.
 
@@ -174,24 +174,24 @@ def execute(
     made = {target.path: False for targets in plan.targets.values() for target in targets}
     if not plan.items:
         return made
-    ledger, farm_params = Ledger(data), params.farm
-    seconds = plan_seconds(data, plan, params)
+    ledger = Ledger(data)
+    seconds = plan_seconds(data, plan)
     expected = None if seconds is None else seconds / min(cpu_count(), len(plan.items))
     with (
         Progress(
             plan.kept + len(made), plan.stage, plan.unit, kept=plan.kept, expected=expected
         ) as progress,
-        open_workspace(data, farm_params.transfer, farm_params.cache_mb) as workspace,
+        open_workspace(data, params.transfer, params.cache_mb) as workspace,
     ):
         setup: Callable[[int], None] = partial(use_code, code_version(), workspace)
         service: TransferService | None = None
         needed: Path | None = workspace.token_path
         if plan.renders:
-            variant = set_variant(farm_params.variant)
+            variant = set_variant(params.variant)
             setup = partial(use_renderer, variant, renderer, code_version(), workspace)
             service, needed = scene_service(workspace), None
         try:
-            with Farm(farm_params, scheduler, setup, len(plan.items), service, needed) as farm:
+            with Farm(params, scheduler, setup, len(plan.items), service, needed) as farm:
                 progress.write(farm.workers)
 
                 def finished(key: str) -> None:

@@ -6,6 +6,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import Failure, data_lock
 from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, begin, execute, finish
@@ -34,15 +35,15 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
     with data_lock(data, "scenes"):
         remove_partials(data / "scenes")
         plan = plan_scenes(data, params)
-        begin(data, params, plan)
-        made = execute(data, params, scheduler, plan)
+        begin(data, params.farm, plan)
+        made = execute(data, params.farm, scheduler, plan)
         return finish(data, params.farm, plan, made, started)
 
 
 def plan_scenes(data: Path, params: Params) -> StagePlan:
     """Return what the stage will do; nothing is changed."""
     root = data / "scenes"
-    plan = StagePlan("scenes", "scenes", make_scene, renders=False)
+    plan = StagePlan("scenes", "scenes", make_scene, view_size(params), renders=False)
     wanted: dict[str, HomeJob | ImportJob] = {}
     jobs: list[HomeJob | ImportJob] = [*home_jobs(root, params.scenes, params.seed)]
     jobs += import_jobs(root, params.scenes, params.seed, plan.failures)

@@ -209,7 +209,7 @@ def test_orphans_come_back_from_the_trash_without_rendering(
     before = _files(data, "color", "shading")
     fewer = _alter("cameras", views_per_room=1)
     everything = _files(data, ".")
-    plans = [plan_line(data, plan, fewer) for plan in plan_stages(STAGES, data, fewer)]
+    plans = [plan_line(data, plan, fewer.farm) for plan in plan_stages(STAGES, data, fewer)]
     assert _files(data, ".") == everything, "a plan changes nothing"
     assert plans[0].startswith("cameras: 2 to make (2 of them out of date)")
     assert "at most 32 more" in plans[3] and "8 to be kept, made again or moved" in plans[3]
