@@ -98,6 +98,7 @@ def cost(
     kinds = params.kinds
     each_frame = {k: n for k, n in frame_bytes(ledger, of_view).items() if k in kinds}
     stored = views * sum(each_frame.values())
+    absent = [kind for kind in kinds if kind not in each_frame]
     if as_json:
         facts = {
             "scenes": scenes,
@@ -105,6 +106,7 @@ def cost(
             "core_hours": hours,
             "relative_error": None if math.isnan(error) else error,
             "frame_bytes": round(stored),
+            "not_included": absent,
             "stages": {stage: value / 3600 for stage, value in seconds.items()},
         }
         say(*json.dumps(facts, indent=2).split("\n"))
@@ -116,13 +118,13 @@ def cost(
         note = "" if math.isnan(worst) else f", error within {worst:.0%}"
         spent = seconds[cost.stage]
         say(f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{note}")
-    for kind in ("noisy", "environment", "transport"):
-        if kind in params.kinds and all(cost.stage != kind for cost in costs):
-            say(f"{kind}: not included, because the ledger has no such frames yet")
+    for kind in absent:
+        say(f"{kind}: not included, because the ledger has no such frames yet")
     note = "error unknown: too few scenes" if math.isnan(error) else f"error within {error:.0%}"
     say(f"{'total':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")
     if stored:
-        say(f"frames: {_bytes(stored)}; the dataset's shards need about as much again")
+        least = "at least " if absent else ""
+        say(f"frames: {least}{_bytes(stored)}; the dataset's shards need about as much again")
     if cores:
         say(f"on {cores:,} cores: {_span(hours / cores)}, if all of them are busy")
 

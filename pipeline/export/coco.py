@@ -97,8 +97,13 @@ def _labels(job: Job, rows: Sequence[ViewRow]) -> Iterator[tuple[ViewRow, AnyArr
         yield row, content.images["instance"], content.images[classes]
 
 
+def _masks() -> Any:
+    """The library of run-length masks; raises `MachineError` where it is missing."""
+    return library("pycocotools.mask", "an export to COCO")
+
+
 def _write_instances(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) -> None:
-    masks = library("pycocotools.mask", "an export to COCO")
+    masks = _masks()
     stuff = _stuff(job.options.classes)
     views = []
     for row, instance, labels in _labels(job, rows):
@@ -212,6 +217,7 @@ def _format(kind: str, name: str, title: str) -> Format:
         ("color", "instance", "category"),
         partial(_parts, kind),
         partial(_finish, kind),
+        check=lambda job: _masks() if kind == "instances" else None,
         uses=("exposure", "classes"),
         panoramas=True,
     )

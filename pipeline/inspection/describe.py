@@ -61,7 +61,7 @@ def _inspect_json(path: Path, renders: bool) -> Inspection:
     content = read_json(path)
     if path.name == "scene.json":
         return inspect_scene(path.parent, renders)
-    if isinstance(content, dict) and "views" in content:
+    if isinstance(content, dict) and isinstance(content.get("views"), list):
         return inspect_cameras(path)
     if path.with_suffix(".safetensors").is_file():
         return inspect_model(path.with_suffix(".safetensors"))

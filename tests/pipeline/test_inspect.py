@@ -146,11 +146,14 @@ def test_damaged_and_foreign_files_are_named(
     assert str(target) in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["absent.exr", "notes.txt", "folder", "other.json"])
+@pytest.mark.parametrize(
+    "name", ["absent.exr", "notes.txt", "folder", "other.json", "metrics.json"]
+)
 def test_what_it_does_not_know_it_says(tmp_path: Path, name: str) -> None:
     (tmp_path / "notes.txt").write_text("hello")
     (tmp_path / "folder").mkdir()
     (tmp_path / "other.json").write_text("[1, 2]")
+    (tmp_path / "metrics.json").write_text('{"views": 24}')
     with pytest.raises(InputError, match=r"no such file or folder|can inspect a scene folder"):
         inspect_path(tmp_path / name)
 

@@ -256,15 +256,23 @@ def test_a_broken_promise_is_found(
     assert any(name.startswith(title) for name in found), found
 
 
+def test_samples_without_a_denoiser_may_be_dark(
+    identities: tuple[Any, dict[str, Any], dict[str, Any]],
+) -> None:
+    module, row, _ = identities
+    dark = row | {"color": row["color"] * np.float16(1e-6), "denoiser": None}
+    assert not [name for name, *_ in module.light(dark) if name.startswith("subnormal")]
+
+
 def test_broken_flow_is_found(identities: tuple[Any, dict[str, Any], dict[str, Any]]) -> None:
     """A video of two frames from one camera: nothing moves, nothing is hidden or outside."""
     module, row, classes = identities
     masks = (f"{kind}_{way}" for kind in ("occluded", "outside") for way in ("forward", "backward"))
-    still = {"trajectory": "walk", **dict.fromkeys(masks, 0 * row["valid"])}
+    still = {"trajectory": "walk", "frame": 1, **dict.fromkeys(masks, 0 * row["valid"])}
     still |= {"flow_forward": 0 * row["normal"][..., :2], "flow_backward": np.zeros((72, 96, 2))}
 
     def wrong(frame: dict[str, Any], before: dict[str, Any]) -> list[str]:
-        checks = module.checks(frame, before, classes)
+        checks = module.checks(frame, before | {"frame": 0}, classes)
         return [name for name, error, limit in checks if not error <= limit]
 
     frame = row | still
@@ -273,6 +281,7 @@ def test_broken_flow_is_found(identities: tuple[Any, dict[str, Any], dict[str, A
     moved[:3, 3] += 0.1 * moved[:3, 0]
     found = wrong(frame, frame | {"camera_to_world": moved})
     assert {"flow_forward off, pixels", "outside_forward wrong, pixels"} <= set(found)
+    assert wrong(frame | {"frame": 2}, frame | {"camera_to_world": moved}) == [], "no neighbours"
     (hidden,) = wrong(frame | {"occluded_backward": row["valid"]}, frame)
     assert hidden.startswith("visible points")
     assert wrong(frame | {"outside_backward": row["valid"]}, frame) == [

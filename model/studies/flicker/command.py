@@ -39,7 +39,7 @@ Renders inputs and ground truth of every frame. The measure is the mean absolute
 display values between neighbouring frames, over the pixels that both frames see. Lower is more
 stable; compare with the value of the renderer. A contact sheet is written beside the JSON.""",
 )
-@click.argument("scene", type=FOLDER)
+@click.argument("scene", type=FOLDER, metavar="SCENE")
 @click.option("--view", "view_id", required=True, help="View at the start of the move.")
 @click.option("--camera", type=FILE, help="Camera file.  [default: DATA/cameras/SCENE.json]")
 @click.option(
@@ -75,7 +75,11 @@ def command(
     step: float | None,
     **options: Any,
 ) -> None:
-    """Measure temporal stability along a short camera move, for networks and renderer."""
+    """Measure temporal stability along a short camera move, for networks and renderer.
+
+    SCENE is a scene's folder, or the id of one in the data folder.
+    """
+    scene = scene if scene.is_dir() else request.data / "scenes" / scene
     if out.suffix != ".json":
         raise click.BadParameter(f"{out}: the file name must end in .json", param_hint="--out")
     found = [find_models(models, name) for name in dict.fromkeys(methods)] or [

@@ -224,5 +224,6 @@ def test_a_plan_of_many_large_views_says_hours_and_bytes(tmp_path: Path) -> None
     assert facts["frame_bytes"] == 75_000 * 5 * 1024 * 768
     shown = asked(tmp_path, *words, "--cores", "64", params=params)
     assert "75,000 views of 15,000 scenes, 1024x768" in shown
-    assert "frames: 294.9 GB" in shown
+    assert "frames: at least 294.9 GB" in shown
+    assert "color: not included" in shown and "color" in facts["not_included"]
     assert f"on 64 cores: {facts['core_hours'] / 64:.1f} hours" in shown

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 import tarfile
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from pbrnet.pipeline.export import images, nerfstudio
 from pbrnet.pipeline.export.parts import RECORD, ExportOptions, Job, run_export
 from pbrnet.pipeline.export.registry import FORMATS
 from pbrnet.pipeline.export.rows import DatasetRows
-from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.files import digest_folder
 from tests.fixtures.command import printed, refused
 from tests.fixtures.dataset import make_data, small_params
@@ -127,6 +128,17 @@ def test_a_row_without_intrinsics_is_refused_in_one_line(
     with pytest.raises(InputError, match="a row without 'K'") as caught:
         run_export(FORMATS[name], job(folder, tmp_path / "out"))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "missing"), [("coco", "pycocotools"), ("hypersim", "h5py")])
+def test_a_missing_library_is_said_before_anything_is_written(
+    name: str, missing: str, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (missing, f"{missing}.mask"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MachineError, match=r"pbrnet\[export\]"):
+        run_export(FORMATS[name], job(dataset, tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
 
 
 def test_hypersim_without_labels_and_light_on_request(bare: Path, tmp_path: Path) -> None:
