@@ -129,20 +129,20 @@ def plan_line(data: Path, plan: StagePlan, params: FarmParams) -> str:
     again = sum(target.path.exists() for target in targets)
     parts = [f"{len(targets)} to make" + (f" ({again} of them out of date)" if again else "")]
     if plan.later:
-        parts.append(f"at most {len(plan.later)} more after the stages before")
+        parts.append(f"at most {len(plan.later)} more after earlier stages")
     parts.append(f"{plan.kept} up to date")
     if plan.unsure:
-        parts.append(f"{plan.unsure} to be kept, made again or moved to the trash")
+        parts.append(f"{plan.unsure} to be kept, remade or moved to the trash")
     if plan.returning:
         parts.append(f"{len(plan.returning)} back from the trash")
     if plan.left_out:
-        parts.append(f"{len(plan.left_out)} views left out, which dataset.checks reject already")
+        parts.append(f"{len(plan.left_out)} views skipped, rejected by dataset.checks")
     if plan.orphans:
-        where = "to the trash" if params.trash_days else "to be removed for good"
-        parts.append(f"{len(plan.orphans)} no longer asked for, {size_text(plan.orphans)}, {where}")
+        where = "to the trash" if params.trash_days else "to be deleted"
+        parts.append(f"{len(plan.orphans)} no longer required, {size_text(plan.orphans)}, {where}")
     seconds = plan_seconds(data, plan)
     if seconds:
-        parts.append(f"about {span(seconds)} of one core by the ledger")
+        parts.append(f"about {span(seconds)} of one core, from the ledger")
     return f"{plan.stage}: {', '.join(parts)}"
 
 

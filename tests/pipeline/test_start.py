@@ -79,7 +79,8 @@ def test_the_ledger_tells_the_time(tmp_path: Path) -> None:
         plan.add(None, *frames)
     said = plan_line(tmp_path, plan, params.farm)
     assert (
-        said == "groundtruth: 6 to make, 0 up to date, about 60 minutes of one core by the ledger"
+        said
+        == "groundtruth: 6 to make, 0 up to date, about 60 minutes of one core, from the ledger"
     )
     plan.add(None, Target(tmp_path, "inputs", "one", "0"))
     assert "ledger" not in plan_line(tmp_path, plan, params.farm), "nothing is known about inputs"

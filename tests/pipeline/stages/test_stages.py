@@ -212,11 +212,11 @@ def test_orphans_come_back_from_the_trash_without_rendering(
     plans = [plan_line(data, plan, fewer.farm) for plan in plan_stages(STAGES, data, fewer)]
     assert _files(data, ".") == everything, "a plan changes nothing"
     assert plans[0].startswith("cameras: 2 to make (2 of them out of date)")
-    assert "at most 32 more" in plans[3] and "8 to be kept, made again or moved" in plans[3]
+    assert "at most 32 more" in plans[3] and "8 to be kept, remade or moved" in plans[3]
     run_cameras(data, fewer)
     gone = run_frames("groundtruth", data, fewer)
     assert (gone.made, gone.kept, gone.removed) == (0, 4, 4)
-    assert "4 no longer asked for" in capsys.readouterr().err
+    assert "4 no longer required" in capsys.readouterr().err
     assert any(note.startswith("trash: 4 files") for note in gone.notes)
     run_cameras(data, PARAMS)
     monkeypatch.setattr("pbrnet.pipeline.stages.runner.Farm", None)
