@@ -65,6 +65,8 @@ def summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
         f"{summary.sampled} views sampled, {summary.total} rows ({splits})",
         f"{len(summary.files)} shards, {summary.bytes / 1e6:.1f} MB in {folder}",
     ]
+    if not summary.packed:
+        lines.append("up to date: kept as it was packed before")
     if summary.rejected:
         reasons = ", ".join(f"{reason} {count}" for reason, count in summary.rejected.items())
         lines.append(f"rejected: {reasons}; see {folder / 'rejected.csv'}")

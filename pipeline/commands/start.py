@@ -10,6 +10,7 @@ from dask.system import cpu_count
 
 from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.costs.forecast import SCENE_STAGES
+from pbrnet.pipeline.dataset.pack import is_packed
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.stages.plans import plan_stages
@@ -81,9 +82,15 @@ def _workers(params: FarmParams, scheduler: str | None) -> str:
 
 def say_plans(request: Request, names: Iterable[str]) -> None:
     """Print what stages will make, keep and remove: as output if that is all, else on stderr."""
+    names, changes = list(names), False
     try:
         for plan in plan_stages(names, request.data, request.params):
             say(plan_line(request.data, plan, request.params.farm), err=not request.dry_run)
+            changes |= bool(plan.items or plan.later or plan.orphans or plan.returning)
+        if "dataset" in names:
+            kept = not changes and is_packed(request.data, request.params)
+            words = "up to date" if kept else "to be packed"
+            say(f"dataset: {words}", err=not request.dry_run)
     except InputError as error:
         if not request.params.assets.enabled:
             raise

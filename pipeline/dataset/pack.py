@@ -33,7 +33,7 @@ from pbrnet.pipeline.dataset.checks import (
     read_failures,
     surfaces_of,
 )
-from pbrnet.pipeline.dataset.checksums import write_sums
+from pbrnet.pipeline.dataset.checksums import SUMS, read_sums, verify_sums, write_sums
 from pbrnet.pipeline.dataset.columns import Column, dataset_columns
 from pbrnet.pipeline.dataset.description.card import DatasetSummary, dataset_card
 from pbrnet.pipeline.dataset.description.citation import (
@@ -46,14 +46,26 @@ from pbrnet.pipeline.dataset.description.facts import DatasetFacts, ViewFacts, v
 from pbrnet.pipeline.dataset.label_tables import CLASSES
 from pbrnet.pipeline.dataset.rows import RowSource, make_row
 from pbrnet.pipeline.dataset.shards import ShardWriter
+from pbrnet.pipeline.frames import fingerprint
+from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.splits import SPLITS, Source, read_sources, split_plans
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import atomic_directory, remove_partials, write_json, write_text
+from pbrnet.scenes.files import (
+    atomic_directory,
+    digest_file,
+    exists,
+    read_json,
+    remove_partials,
+    write_json,
+    write_text,
+)
 
+PACKED = "packed.json"  # below the data folder
+_SUMMARY = ("rows", "scenes", "rejected", "unlit", "bytes")  # fields of `DatasetSummary`
 A = TypeVar("A")
 B = TypeVar("B")
 
@@ -79,6 +91,8 @@ class Packed:
 def pack_dataset(data: Path, params: Params) -> DatasetSummary:
     """Check and pack all views below `data`; `data/dataset` appears by rename.
 
+    A dataset that was packed from the same frames, scenes, cameras and parameters is kept;
+    `data/packed.json` says from which.
     Raises `InputError` if there are no views, if none passes the checks, or if a scene or camera
     file is broken, and `MachineError` if the disk is full.
     """
@@ -86,8 +100,23 @@ def pack_dataset(data: Path, params: Params) -> DatasetSummary:
     with data_lock(data, "dataset"):
         remove_partials(data)
         packer = _Packer(data, params, read_sources(data), read_failures(data))
+        origin = packer.origin()
+        kept = packed_summary(data, origin, params.farm.checksums)
+        if kept is not None:
+            return kept
         with atomic_directory(data / "dataset") as partial:
-            return packer.write_dataset(partial)
+            summary = packer.write_dataset(partial)
+        save_summary(data, origin, summary)
+        return summary
+
+
+def is_packed(data: Path, params: Params) -> bool:
+    """Return whether `pack_dataset` has nothing to do; checksums are not compared."""
+    try:
+        packer = _Packer(data, params, read_sources(data), read_failures(data))
+        return packed_summary(data, packer.origin(), verify=False) is not None
+    except InputError:
+        return False
 
 
 @dataclass(frozen=True)
@@ -121,6 +150,26 @@ class _Packer:
             environment=environment,
             lights=params.light.images if "light" in kinds else 0,
             projection=params.image.projection,
+        )
+
+    def origin(self) -> str:
+        """Return a digest of all that determines the dataset; of files it takes size and time."""
+        params = self.params
+        sections = ("image", "illumination", "groundtruth", "light", "noisy", "environment")
+        sections += ("shading", "dataset", "tone", "transport", "channels", "seed")
+        patterns = ["scenes/*/scene.json", "cameras/*.json", "failures/*.json"]
+        patterns += [f"{kind}/*/*.exr" for kind in params.kinds]
+        files = [path for pattern in patterns for path in sorted(self.data.glob(pattern))]
+        states = [(path, path.stat()) for path in files]
+        return fingerprint(
+            key=key("dataset"),
+            reader=digest_file(Path(reader.__file__)),
+            links=params.cameras.has_links,
+            **{name: getattr(params, name) for name in sections},
+            files=[
+                (path.relative_to(self.data).as_posix(), state.st_size, state.st_mtime_ns)
+                for path, state in states
+            ],
         )
 
     def write_dataset(self, folder: Path) -> DatasetSummary:
@@ -239,6 +288,39 @@ class _Packer:
             return why
         row = RowSource(source.scene, view, split, frames, params.tone)
         return make_row(self.columns, row, params.dataset.preview_width)
+
+
+def packed_summary(data: Path, origin: str, verify: bool) -> DatasetSummary | None:
+    """Return the summary of a dataset that was packed from `origin`; None if there is none.
+
+    Its files must be those that were written: by name, with `verify` by their checksums.
+    """
+    path, folder = data / PACKED, data / "dataset"
+    try:
+        known = read_json(path) if exists(path) else {}
+        if known.get("origin") != origin or known.get("sums") != digest_file(folder / SUMS):
+            return None
+        if verify:
+            verify_sums(folder)
+        elif not all((folder / name).is_file() for name in read_sums(folder / SUMS)):
+            return None
+        walks = {(scene, walk): count for scene, walk, count in known["walks"]}
+        values = {name: known[name] for name in _SUMMARY}
+        values |= {name: {one: known[name][one] for one in SPLITS} for name in ("rows", "scenes")}
+        files = tuple(known["files"])
+        return DatasetSummary(
+            **values, files=files, facts=DatasetFacts(()), walks=walks, packed=False
+        )
+    except (InputError, OSError, AttributeError, KeyError, TypeError, ValueError):
+        return None
+
+
+def save_summary(data: Path, origin: str, summary: DatasetSummary) -> None:
+    """Write what a dataset was packed from, and its summary, to `data/packed.json`."""
+    values = {name: getattr(summary, name) for name in (*_SUMMARY, "files")}
+    walks = [(*walk, count) for walk, count in summary.walks.items()]
+    sums = digest_file(data / "dataset" / SUMS)
+    write_json(data / PACKED, {"origin": origin, "sums": sums, "walks": walks, **values})
 
 
 def _in_order(

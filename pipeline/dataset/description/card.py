@@ -42,6 +42,7 @@ class DatasetSummary:
     facts: DatasetFacts
     # Walks with rejected frames, by scene and name: how many.
     walks: dict[tuple[str, str], int] = field(default_factory=dict)
+    packed: bool = True  # False: kept as it was, without `facts`
 
     @property
     def total(self) -> int:

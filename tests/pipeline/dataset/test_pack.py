@@ -22,7 +22,7 @@ from click.testing import CliRunner
 
 from pbrnet.pipeline.channels import TINT
 from pbrnet.pipeline.cli import cli
-from pbrnet.pipeline.commands.data import require_whole_walks
+from pbrnet.pipeline.commands.data import require_whole_walks, summary_lines
 from pbrnet.pipeline.dataset.checks import (
     REASONS,
     black_share,
@@ -32,7 +32,7 @@ from pbrnet.pipeline.dataset.checks import (
 )
 from pbrnet.pipeline.dataset.checksums import verify_sums
 from pbrnet.pipeline.dataset.columns import dataset_columns
-from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.dataset.pack import is_packed, pack_dataset
 from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.dataset.shards import ShardWriter
 from pbrnet.pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
@@ -459,6 +459,30 @@ def test_a_walk_with_a_rejected_frame_is_named_or_rejected_whole(
         with pytest.raises(StageError, match=r"home-0000/walk-00 \(1 frames\)"):
             require_whole_walks(summary)
     assert summary.total == 6 - len(reasons)
+
+
+def test_what_is_packed_is_kept_until_something_changes(tmp_path: Path) -> None:
+    params = small_params()
+    data = make_data(tmp_path, params, scenes=2, views=2)
+    first = pack_dataset(data, params)
+    before = digest_folder(data / "dataset")
+    again = pack_dataset(data, params)
+    assert not again.packed and is_packed(data, params)
+    assert (again.rows, again.bytes, again.files) == (first.rows, first.bytes, first.files)
+    assert summary_lines(again, data)[:2] == summary_lines(first, data)[:2]
+    shard = data / "dataset" / first.files[0]
+    shard.write_bytes(shard.read_bytes()[:-1] + b"?")
+    assert pack_dataset(data, params).packed, "a damaged shard"
+    frame = next((data / "color").rglob("*.exr"))
+    frame.touch()
+    assert not is_packed(data, params)
+    assert pack_dataset(data, params).packed, "a frame that was written again"
+    assert digest_folder(data / "dataset") == before
+    others = replace(params, tone=replace(params.tone, key=0.5))
+    assert pack_dataset(data, others).packed, "another parameter"
+    assert not pack_dataset(data, others).packed
+    (data / "packed.json").write_text("[]")
+    assert pack_dataset(data, others).packed, "a damaged list"
 
 
 def test_nan_is_refused_even_where_another_program_wrote_it() -> None:
