@@ -114,7 +114,7 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
     "--tile",
     type=click.IntRange(MIN_TILE),
     metavar="N",
-    help="Predict large images in tiles of N x N pixels, with less memory.",
+    help="Run the network in tiles of N x N pixels, with less memory; not the transport of plus.",
 )
 @click.option("--exr", is_flag=True, help="Also write linear radiance as OpenEXR.")
 @click.option(
