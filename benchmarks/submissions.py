@@ -82,10 +82,10 @@ def _ways() -> Iterator[Way]:
     )  # fmt: skip
     yield from _network("hybrid", "4 samples, network, pretrained", 4, ("noisy", "transport"))
     yield Way("grey", "albedo", "one grey", 0, lambda one: np.full_like(one["color"], _MATT))
-    yield Way("picture", "albedo", "the picture itself", 0, _as_displayed)
-    yield Way("retinex", "albedo", "picture over its blurred luminance", 0, _retinex)
+    yield Way("picture", "albedo", "the image itself", 0, _as_displayed)
+    yield Way("retinex", "albedo", "image over its blurred luminance", 0, _retinex)
     yield Way("camera", "normal", "all towards the camera", 0, _towards)
-    yield Way("box", "normal", "box: floor, ceiling, two walls", 0, _box)
+    yield Way("box", "normal", "floor, ceiling and two walls", 0, _box)
 
 
 def _network(name: str, title: str, samples: int, stages: tuple[str, ...]) -> Iterator[Way]:

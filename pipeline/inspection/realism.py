@@ -56,15 +56,15 @@ class Measure:
 FIGURES = (
     Measure(
         "instances",
-        "objects in view, without the building",
+        "objects in view, excluding the building",
         "24.2 in NYUv2 (35,064 objects in 1,449 images, Silberman et al. 2012) and 14.2 in "
         "SUN RGB-D (146,617 polygons in 10,335 images, Song et al. 2015), both with the building",
     ),
     Measure("categories", "categories in view"),
     Measure("stops", "spread of log luminance, stops (standard deviation)"),
-    Measure("clipped", "share of pixels with a clipped band"),
+    Measure("clipped", "share of pixels with a clipped channel"),
     Measure("black", "share of black pixels"),
-    Measure("darkest", "luma of the darkest hundredth, of 255"),
+    Measure("darkest", "luma of the darkest 1 %, of 255"),
     Measure("luma", "mean luma, of 255", "117, from the band means of ImageNet (torchvision)"),
     Measure(
         "slope",
