@@ -19,6 +19,7 @@ from tests.fixtures.encoded import exr, picture
 from tests.fixtures.params import plain_truth
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, room_walls, write_scene
+from tests.fixtures.xml import bitmap, emitter
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -58,9 +59,7 @@ def test_a_white_furnace_is_white(tmp_path: Path) -> None:
 
 def test_light_in_a_closed_room_bounces_as_the_geometric_series(tmp_path: Path) -> None:
     # Walls that emit 0.5 and reflect half: 0.5 (1 + 1/2 + 1/4 + ...), cut at the path depth.
-    emit = diffuse(0.5).replace("</bsdf></bsdf>", "</bsdf></bsdf>") + (
-        '<emitter type="area"><rgb name="radiance" value="0.5"/></emitter>'
-    )
+    emit = diffuse(0.5) + emitter("area", radiance=(0.5,))
     walls, _ = room_walls(emit)
     view = make_view(size=(16, 16))
     for depth in (1, 2, 4):
@@ -75,10 +74,8 @@ def floor_lit_by(emitter: str) -> str:
 def test_light_falls_off_with_the_square_of_distance(tmp_path: Path) -> None:
     down = make_view((0, 0, 4), (0, 0, -1), (17, 17), 200.0, up=(0, 1, 0))
     for height in (1.0, 2.0, 3.0):
-        lamp = (
-            f'<emitter type="point"><point name="position" x="0" y="0" z="{height}"/>'
-            '<rgb name="intensity" value="8"/></emitter>'
-        )
+        place = f'<point name="position" x="0" y="0" z="{height}"/>'
+        lamp = emitter("point", place, intensity=(8,))
         got = truth(tmp_path, floor_lit_by(lamp), down, spp=4, max_depth=2)
         assert got[8, 8, 0] == pytest.approx(0.6 / math.pi * 8 / height**2, rel=2e-3)
 
@@ -87,10 +84,8 @@ def test_light_falls_off_with_the_cosine_of_incidence(tmp_path: Path) -> None:
     down = make_view((0, 0, 4), (0, 0, -1), (9, 9), 100.0, up=(0, 1, 0))
     for degrees in (0, 30, 60, 80):
         angle = math.radians(degrees)
-        sun = (
-            f'<emitter type="directional"><vector name="direction" x="{math.sin(angle)}" y="0" '
-            f'z="{-math.cos(angle)}"/><rgb name="irradiance" value="2"/></emitter>'
-        )
+        way = f'<vector name="direction" x="{math.sin(angle)}" y="0" z="{-math.cos(angle)}"/>'
+        sun = emitter("directional", way, irradiance=(2,))
         got = truth(tmp_path, floor_lit_by(sun), down, spp=4, max_depth=2)
         np.testing.assert_allclose(got, 0.6 / math.pi * 2 * math.cos(angle), rtol=1e-3)
 
@@ -143,10 +138,7 @@ def coloured_room(wall: str, table: str, metal: str, glass: str, window: bool = 
 
 
 def test_shading_does_not_depend_on_colour(tmp_path: Path) -> None:
-    texture = (
-        '<texture type="bitmap" name="reflectance"><string name="filename" '
-        'value="textures/t.png"/></texture>'
-    )
+    texture = bitmap("reflectance", "textures/t.png")
     plain = '<rgb name="reflectance" value="0.2,0.7,0.4"/>'
     one = coloured_room(texture, "0.9,0.1,0.1", "Au", "1,1,1")
     two = coloured_room(plain, "0.1,0.3,0.9", "Cu", "0.2,0.9,0.3")
@@ -295,10 +287,7 @@ def rich_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rich")
     sky = np.full((16, 32, 3), (0.2, 0.3, 0.5), dtype=np.float32)
     sky[5, 9] = 40
-    texture = (
-        '<texture type="bitmap" name="reflectance"><string name="filename" '
-        'value="textures/t.png"/></texture>'
-    )
+    texture = bitmap("reflectance", "textures/t.png")
     leaf = f'<bsdf type="mask"><texture type="checkerboard" name="opacity"/>{diffuse(0.3)}</bsdf>'
     body = coloured_room(texture, "0.9,0.1,0.1", "Au", "1", window=True)
     _, shapes = room_walls("", window=True)

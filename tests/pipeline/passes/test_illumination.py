@@ -27,6 +27,7 @@ from tests.fixtures.render import (
     room_walls,
     write_scene,
 )
+from tests.fixtures.xml import emitter
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -176,10 +177,8 @@ def test_a_large_lamp_is_as_bright_as_it_is(tmp_path: Path) -> None:
 def test_point_and_spot_lights_give_their_illuminance(tmp_path: Path) -> None:
     view = make_view(tuple(EYE))
     x, y, z = placed(view, 100, 25, 2.5)
-    point = (
-        f'<emitter type="point"><point name="position" x="{x}" y="{y}" z="{z}"/>'
-        '<rgb name="intensity" value="3"/></emitter>'
-    )
+    place = f'<point name="position" x="{x}" y="{y}" z="{z}"/>'
+    point = emitter("point", place, intensity=(3,))
     got = panorama(tmp_path, ball("far", (0, 0, 50), 0.1, diffuse()) + point, view)
     assert energy(got) == pytest.approx(3 / 2.5**2, rel=1e-4)
     assert got["distance.Z"].max() == pytest.approx(2.5, rel=1e-4)
@@ -187,10 +186,8 @@ def test_point_and_spot_lights_give_their_illuminance(tmp_path: Path) -> None:
     aims = f'<lookat origin="{x},{y},{z}" target="{EYE[0]},{EYE[1]},{EYE[2]}" up="0,0,1"/>'
     away = f'<lookat origin="{x},{y},{z}" target="{x},{y},{z + 9}" up="0,1,0"/>'
     for transform, expected in ((aims, 5 / 2.5**2), (away, 0.0)):
-        spot = (
-            f'<emitter type="spot"><transform name="to_world">{transform}</transform>'
-            '<rgb name="intensity" value="5"/></emitter>'
-        )
+        turned = f'<transform name="to_world">{transform}</transform>'
+        spot = emitter("spot", turned, intensity=(5,))
         got = panorama(tmp_path, ball("far", (0, 0, 50), 0.1, diffuse()) + spot, view)
         assert energy(got) == pytest.approx(expected, rel=1e-4)
 
@@ -218,13 +215,8 @@ def test_half_a_lamp_is_half_its_energy(tmp_path: Path) -> None:
 
 def test_the_sun_keeps_its_energy_through_a_window(tmp_path: Path) -> None:
     walls, _ = room_walls(diffuse(), window=True)
-    body = "".join(
-        (
-            walls,
-            '<emitter type="sunsky"><vector name="sun_direction" x="0" y="1" z="0.2"/>',
-            '<float name="sky_scale" value="0"/></emitter>',
-        )
-    )
+    towards = '<vector name="sun_direction" x="0" y="1" z="0.2"/>'
+    body = walls + emitter("sunsky", towards, sky_scale=0.0)
     direction = np.array([0, 1, 0.2]) / math.hypot(1, 0.2)
     energies = []
     for shift in (0.0, 0.013, 0.029):  # another part of a pixel each time
@@ -262,11 +254,9 @@ def test_an_environment_map_lies_where_the_render_shows_it(tmp_path: Path, turn:
     walls, _ = room_walls(diffuse(), window=True)
     # z up as the importers write it; the texel is looked for, not computed: Mitsuba is the judge.
     for column in range(0, 128, 8):
-        body = walls + (
-            '<emitter type="envmap"><string name="filename" value="textures/env.exr"/>'
-            f'<transform name="to_world"><rotate x="1" angle="90"/><rotate z="1" angle="{turn}"/>'
-            "</transform></emitter>"
-        )
+        rotated = f'<rotate x="1" angle="90"/><rotate z="1" angle="{turn}"/>'
+        placed_so = f'<transform name="to_world">{rotated}</transform>'
+        body = walls + emitter("envmap", placed_so, filename="textures/env.exr")
         files = {"textures/env.exr": environment(29, column)}
         scene = open_scene(write_scene(tmp_path / str(column), body, portals=[WINDOW], files=files))
         view = make_view((0.1, 0.4, 1.4), (0.05, 1, 0.05), (48, 48), 40.0)
@@ -289,9 +279,8 @@ def test_energy_of_a_detailed_environment_map_is_kept(tmp_path: Path) -> None:
     # A speck of one texel of 2048 x 1024, far finer than the panorama's grid.
     pixels = np.zeros((1024, 2048, 3), dtype=np.float32)
     pixels[400:402, 700:702] = 1000
-    body = ball("far", (0, 0, -50), 0.1, diffuse()) + (
-        '<emitter type="envmap"><string name="filename" value="textures/env.exr"/></emitter>'
-    )
+    body = ball("far", (0, 0, -50), 0.1, diffuse())
+    body += emitter("envmap", filename="textures/env.exr")
     scene = open_scene(write_scene(tmp_path / "s", body, files={"textures/env.exr": exr(pixels)}))
     solid = 4 * (2 * math.pi / 2048) * (math.pi / 1024) * math.sin(math.pi * 401 / 1024)
     for towards in ((0, 1, 0), (0.013, 1, 0.007)):

@@ -22,6 +22,7 @@ from tests.fixtures.render import (
     room_walls,
     write_scene,
 )
+from tests.fixtures.xml import bitmap, bsdf
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -93,11 +94,8 @@ def png(pixels: list[list[tuple[int, int, int]]]) -> bytes:
 
 def test_reflectance_is_the_texel_the_right_way_up(tmp_path: Path) -> None:
     texels = [[(255, 0, 0), (0, 255, 0)], [(0, 0, 255), (188, 188, 188)]]
-    material = (
-        '<bsdf type="twosided"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
-        '<string name="filename" value="textures/t.png"/>'
-        '<string name="filter_type" value="nearest"/></texture></bsdf></bsdf>'
-    )
+    shown = bitmap("reflectance", "textures/t.png", filter_type="nearest")
+    material = bsdf("twosided", bsdf("diffuse", shown))
     view = make_view(size=(32, 32), focal=32)
     # Seen from the front, u runs to the right and v up; Mitsuba puts an image's first row at v = 0.
     body = quad("p", (0, 2, 1.5), (0, -1, 0), (0.5, 0.5), material)
@@ -118,20 +116,15 @@ def test_reflectance_is_the_texel_the_right_way_up(tmp_path: Path) -> None:
     ("material", "expected"),
     [
         (diffuse("0.2,0.4,0.6"), (0.2, 0.4, 0.6)),
-        ('<bsdf type="roughplastic"><rgb name="diffuse_reflectance" value="0.1,0.2,0.3"/></bsdf>',
-         (0.1, 0.2, 0.3)),
-        ('<bsdf type="principled"><rgb name="base_color" value="0.9,0.5,0.1"/>'
-         '<float name="metallic" value="1"/></bsdf>', (0.9, 0.5, 0.1)),
-        ('<bsdf type="conductor"/>', (1, 1, 1)),  # a perfect mirror
-        ('<bsdf type="roughconductor"><string name="material" value="none"/>'
-         '<float name="specular_reflectance" value="0.7"/></bsdf>', (0.7, 0.7, 0.7)),
+        (bsdf("roughplastic", diffuse_reflectance=(0.1, 0.2, 0.3)), (0.1, 0.2, 0.3)),
+        (bsdf("principled", base_color=(0.9, 0.5, 0.1), metallic=1.0), (0.9, 0.5, 0.1)),
+        (bsdf("conductor"), (1, 1, 1)),  # a perfect mirror
+        (bsdf("roughconductor", material="none", specular_reflectance=0.7), (0.7, 0.7, 0.7)),
         # eta 1.5, k 2: ((0.5)^2 + 4) / ((2.5)^2 + 4)
-        ('<bsdf type="conductor"><float name="eta" value="1.5"/><float name="k" value="2"/></bsdf>',
-         (4.25 / 10.25,) * 3),
-        ('<bsdf type="blendbsdf"><float name="weight" value="0.25"/>'
-         '<bsdf type="diffuse"><rgb name="reflectance" value="0.8"/></bsdf>'
-         '<bsdf type="diffuse"><rgb name="reflectance" value="0.4"/></bsdf></bsdf>', (0.7,) * 3),
-        ('<bsdf type="roughdielectric"/>', (1, 1, 1)),
+        (bsdf("conductor", eta=1.5, k=2.0), (4.25 / 10.25,) * 3),
+        (bsdf("blendbsdf", bsdf("diffuse", reflectance=(0.8,)), bsdf("diffuse", reflectance=(0.4,)),
+              weight=0.25), (0.7,) * 3),
+        (bsdf("roughdielectric"), (1, 1, 1)),
         (glow(5), (0, 0, 0)),
     ],
 )  # fmt: skip
@@ -212,11 +205,7 @@ def test_cast_measures_distance_and_stops_at_glass(tmp_path: Path) -> None:
 
 def test_textures_may_be_exr(tmp_path: Path) -> None:
     pixels = np.full((4, 4, 3), (0.1, 0.25, 0.5), dtype=np.float32)
-    material = (
-        '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
-        '<string name="filename" value="textures/t.exr"/><boolean name="raw" value="true"/>'
-        "</texture></bsdf>"
-    )
+    material = bsdf("diffuse", bitmap("reflectance", "textures/t.exr", raw=True))
     body = quad("p", (0, 2, 1.5), (0, -1, 0), (5, 5), material)
     got = inputs(tmp_path, body, make_view(), files={"textures/t.exr": exr(pixels)})
     np.testing.assert_allclose(got["albedo.G"], 0.25, atol=1e-3)

@@ -26,6 +26,7 @@ from pbrnet.scenes.importing.semantics import (
 )
 from tests.fixtures.encoded import picture
 from tests.fixtures.render import ball, diffuse, glow, make_view, quad, write_scene
+from tests.fixtures.xml import bitmap, bsdf
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -99,11 +100,8 @@ def test_pixels_alone_are_those_of_the_object_rendered_alone(tmp_path: Path) -> 
     """Through glass, cut-out leaves, a ball inside a box, and three boards one behind another."""
     opacity = np.full((8, 8), 255, np.uint8)
     opacity[:, ::2] = 0
-    leaf = (
-        '<bsdf type="mask"><texture type="bitmap" name="opacity"><string name="filename" '
-        'value="textures/leaf.png"/><boolean name="raw" value="true"/>'
-        f'<string name="filter_type" value="nearest"/></texture>{diffuse()}</bsdf>'
-    )
+    holes = bitmap("opacity", "textures/leaf.png", raw=True, filter_type="nearest")
+    leaf = bsdf("mask", holes, diffuse())
     shapes = {
         "pane": quad("pane", (0, 1, 1.5), (0, -1, 0), (3, 3), '<bsdf type="thindielectric"/>'),
         "leaf": quad("leaf", (-0.2, 1.5, 1.5), (0, -1, 0), (0.4, 0.4), leaf),

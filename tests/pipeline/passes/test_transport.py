@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ from tests.fixtures.render import (
     room_walls,
     write_scene,
 )
+from tests.fixtures.xml import bsdf, emitter, texture
 
 pytestmark = pytest.mark.usefixtures("wavefront")
 
@@ -56,9 +58,7 @@ def computed(folder: Path, body: str, view: View, params: TransportParams = PARA
 
 def emitting(reflectance: float, radiance: float) -> str:
     """Material of a surface that shines and reflects."""
-    return diffuse(reflectance) + (
-        f'<emitter type="area"><rgb name="radiance" value="{radiance}"/></emitter>'
-    )
+    return diffuse(reflectance) + emitter("area", radiance=(radiance,))
 
 
 def test_samples_and_surfels_suit_the_size_of_the_image() -> None:
@@ -86,10 +86,7 @@ def test_a_closed_white_furnace_has_the_sum_of_its_bounces(tmp_path: Path) -> No
 def test_gloss_takes_part_in_the_exchange_of_light(tmp_path: Path) -> None:
     # The furnace with walls of plastic: in the mean they reflect what all lobes reflect of light
     # from all sides, more than their base colour.
-    plastic = (
-        '<bsdf type="principled"><rgb name="base_color" value="0.4"/>'
-        '<float name="roughness" value="0.3"/></bsdf>'
-    )
+    plastic = bsdf("principled", base_color=(0.4,), roughness=0.3)
     walls, _ = room_walls(plastic + emitting(0.0, 1.0).removeprefix(diffuse(0.0)))
     scene = open_scene(write_scene(tmp_path / "a", walls))
     params = TransportParams(samples=16, bounces=30)
@@ -312,10 +309,8 @@ def test_a_mirror_shows_the_lamp_and_the_wall_behind_the_camera(tmp_path: Path) 
 def test_cloth_shows_the_light_of_both_sides(tmp_path: Path, through: float) -> None:
     # A sheet close before a large lamp, and a smaller, dimmer one behind the camera: it transmits
     # `through` / 2 of what its back gets, and reflects the rest of what its front gets.
-    cloth = (
-        '<bsdf type="principledthin"><rgb name="base_color" value="0.8"/>'
-        f'<float name="roughness" value="0.9"/><float name="diff_trans" value="{through}"/>'
-        '<float name="eta" value="1.001"/></bsdf>'
+    cloth = bsdf(
+        "principledthin", base_color=(0.8,), roughness=0.9, diff_trans=float(through), eta=1.001
     )
     body = (
         quad("sheet", (0, 2, 1.5), (0, -1, 0), (1, 1), cloth)
@@ -334,16 +329,14 @@ def test_cloth_shows_the_light_of_both_sides(tmp_path: Path, through: float) -> 
 
 
 def test_the_part_that_goes_through_is_found_in_all_wrappers(tmp_path: Path) -> None:
-    thin = '<bsdf type="principledthin"><float name="diff_trans" value="{}"/></bsdf>'
-    image = '<bsdf type="principledthin"><texture type="checkerboard" name="diff_trans"/></bsdf>'
+    thin = partial(bsdf, "principledthin")
     cases = {
-        thin.format(1.0): 0.5,
-        '<bsdf type="principledthin"/>': 0.0,
-        image: 0.5,
-        f'<bsdf type="mask">{thin.format(2.0)}<float name="opacity" value="0.5"/></bsdf>': 1.0,
-        f'<bsdf type="blendbsdf"><float name="weight" value="0.5"/>{thin.format(1.0)}'
-        f"{diffuse(0.5)}</bsdf>": 0.25,
-        f'<bsdf type="twosided">{diffuse(0.5)}</bsdf>': 0.0,
+        thin(diff_trans=1.0): 0.5,
+        thin(): 0.0,
+        thin(texture("checkerboard", name="diff_trans")): 0.5,
+        bsdf("mask", thin(diff_trans=2.0), opacity=0.5): 1.0,
+        bsdf("blendbsdf", thin(diff_trans=1.0), diffuse(0.5), weight=0.5): 0.25,
+        bsdf("twosided", diffuse(0.5)): 0.0,
         "": 0.0,
     }
     body = "".join(
@@ -356,11 +349,7 @@ def test_the_part_that_goes_through_is_found_in_all_wrappers(tmp_path: Path) -> 
 
 def test_light_through_a_curtain_reaches_the_room(tmp_path: Path) -> None:
     # A closed room whose only light is a lamp behind a curtain that divides it.
-    cloth = (
-        '<bsdf type="principledthin"><rgb name="base_color" value="0.9"/>'
-        '<float name="roughness" value="0.9"/><float name="diff_trans" value="1"/>'
-        '<float name="eta" value="1.001"/></bsdf>'
-    )
+    cloth = bsdf("principledthin", base_color=(0.9,), roughness=0.9, diff_trans=1.0, eta=1.001)
     walls, _ = room_walls(diffuse(0.6))
     curtain = quad("curtain", (0, 1, 1.5), (0, -1, 0), (2, 1.5), cloth)
     body = walls + curtain + ball("lamp", (0, 1.5, 1.5), 0.1, glow(50.0))

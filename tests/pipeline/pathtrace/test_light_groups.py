@@ -18,13 +18,10 @@ from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.scenes.contract import Light
 from tests.fixtures.joint import (
     blocks,
-    bsdf,
     deviations,
     in_parts,
-    number,
     plain,
     region_means,
-    rgb,
     sunsky,
 )
 from tests.fixtures.params import plain_truth
@@ -38,6 +35,7 @@ from tests.fixtures.render import (
     room_walls,
     write_scene,
 )
+from tests.fixtures.xml import bsdf, emitter
 
 pytestmark = pytest.mark.usefixtures("wavefront")
 
@@ -59,16 +57,13 @@ def lit_room(folder: Path, *shining: str) -> RenderScene:
     def light(name: str, radiance: str) -> str:
         return glow(radiance) if name in shining else diffuse(0)
 
-    body = walls + ball("block", (0.5, 0.8, 0.5), 0.5, bsdf("roughconductor", number("alpha", 0.3)))
+    body = walls + ball("block", (0.5, 0.8, 0.5), 0.5, bsdf("roughconductor", alpha=0.3))
     body += quad("lamp", (0, 0, 2.95), (0, 0, -1), (0.5, 0.4), light("ceiling", "6,5,3"), (0, 1, 0))
     body += quad("strip", (-1.9, 0, 1.5), (1, 0, 0), (0.8, 0.3), light("ceiling", "2,1,1"))
     body += ball("ball", (1.2, 0.5, 2.2), 0.25, light("far", "1,4,8"))
     if "bulb" in shining:
-        body += (
-            '<emitter type="point" id="bulb"><point name="position" x="-1.5" y="-1" z="2"/>'
-            + rgb("intensity", "0.9,0.5,0.7")
-            + "</emitter>"
-        )
+        place = '<point name="position" x="-1.5" y="-1" z="2"/>'
+        body += emitter("point", place, id="bulb", intensity=(0.9, 0.5, 0.7))
     if "sky" in shining or "sun" in shining:
         scales = {name: scale * (name in shining) for name, scale in (("sun", 0.2), ("sky", 40))}
         body += sunsky(**scales)

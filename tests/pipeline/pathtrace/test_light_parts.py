@@ -15,34 +15,27 @@ from pbrnet.pipeline.render.sensors import make_sensor
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.geometry.directions import pixel_directions
 from tests.fixtures.joint import (
-    COPPER,
     FAITHFUL,
     MAX_DEPTH,
     PARTING,
-    bsdf,
     deviations,
     in_parts,
-    number,
     region_means,
-    rgb,
     shelf,
 )
 from tests.fixtures.params import plain_truth
 from tests.fixtures.render import diffuse, glow, make_view, quad, room_walls, write_scene
+from tests.fixtures.xml import bsdf, emitter
 
 pytestmark = pytest.mark.usefixtures("wavefront")
 
 BASE, METALLIC, ROUGHNESS = (0.7, 0.3, 0.1), 0.3, 0.4
 MATERIALS = {
     "principled": bsdf(
-        "principled",
-        rgb("base_color", ",".join(map(str, BASE)))
-        + number("metallic", METALLIC)
-        + number("roughness", ROUGHNESS)
-        + number("clearcoat", 0.8),
+        "principled", base_color=BASE, metallic=METALLIC, roughness=ROUGHNESS, clearcoat=0.8
     ),
     "texture": FAITHFUL["texture"],
-    "rough copper": bsdf("roughconductor", COPPER + number("alpha", 0.3)),
+    "rough copper": FAITHFUL["rough copper"],
 }
 COPIES, SPP = 16, 36
 
@@ -64,10 +57,8 @@ def test_a_point_light_over_a_plane_is_direct_and_diffuse(tmp_path: Path) -> Non
     """E = I cos / d^2; radiance = reflectance x E / pi; nothing is left for the other parts."""
     reflectance, height = np.array([0.2, 0.5, 0.8]), 2.0
     body = quad("floor", (0, 0, 0), (0, 0, 1), (9, 9), diffuse("0.2,0.5,0.8"), (0, 1, 0))
-    body += (
-        f'<emitter type="point"><point name="position" x="0" y="3" z="{height}"/>'
-        f"{rgb('intensity', '5')}</emitter>"
-    )
+    place = f'<point name="position" x="0" y="3" z="{height}"/>'
+    body += emitter("point", place, intensity=(5,))
     scene = open_scene(write_scene(tmp_path / "plane", body))
     view = make_view((0, 0, 1.5), (0, 1, -1), size=(24, 18))
     rays = pixel_directions(view.intrinsics, 24, 18) @ view.pose[:3, :3].T
@@ -87,7 +78,7 @@ def test_a_point_light_over_a_plane_is_direct_and_diffuse(tmp_path: Path) -> Non
 def test_bounces_in_a_closed_room_are_divided_as_the_series_says(tmp_path: Path) -> None:
     """Emission and the first bounce are direct; all but emission is diffuse."""
     reflectances = np.array([0.2, 0.5, 0.9])
-    emit = f'<emitter type="area">{rgb("radiance", "0.5")}</emitter>'
+    emit = emitter("area", radiance=(0.5,))
     walls, _ = room_walls(diffuse("0.2,0.5,0.9") + emit)
     scene = open_scene(write_scene(tmp_path / "closed", walls))
     found = parts_of(scene, make_view(size=(32, 24)), spp=64, max_depth=6, rr_depth=2)
