@@ -48,7 +48,7 @@ REASONS = {
     "negative": "a negative radiance, depth or distance",
     "inconsistent": "depth or normal make no sense where a surface is seen, or differ between the "
     "view and its panorama",
-    "mislabelled": "materials or labels do not match the visible surfaces",
+    "mislabelled": "materials or labels do not agree with what is seen",
     "misaligned": "flow or occlusion do not agree with depth and cameras",
     "light": "the parts of the light do not add up to color",
     "few_surfaces": "too few pixels see a surface",
