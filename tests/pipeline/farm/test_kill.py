@@ -20,7 +20,7 @@ from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
 from tests.fixtures.dask_processes import dask_cluster, dask_scheduler, dask_worker, workers_of
 from tests.fixtures.paths import ROOT
-from tests.fixtures.stages import write_room
+from tests.fixtures.stages import files_in, write_room
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -42,6 +42,7 @@ RUN: dict[str, Callable[[Path, Params], object]] = {
 }
 BEFORE_TRUTH = ("inputs", "illumination", "visibility")
 FRAMES = ("inputs", "illumination", "visibility", "shading", "color")
+ALL = (*FRAMES, "dataset")
 
 
 def _start(data: Path, stage: str, *options: str) -> subprocess.Popen[bytes]:
@@ -74,23 +75,13 @@ def _run(data: Path, *stages: str) -> None:
         RUN[stage](data, params)
 
 
-def _files(data: Path, folders: Sequence[str] = (*FRAMES, "dataset")) -> dict[str, bytes]:
-    """Every frame and every file of the packed dataset, or the files of some folders."""
-    return {
-        str(path.relative_to(data)): path.read_bytes()
-        for folder in folders
-        for path in sorted((data / folder).rglob("*"))
-        if path.is_file()
-    }
-
-
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tmp_path_factory.mktemp("undisturbed") / "data"
     for name, depth in (("alpha", 3.0), ("beta", 3.2)):
         write_room(data / "scenes" / name, size=(4.0, depth, 2.6))
     _run(data, "cameras", *STAGES)
-    files = _files(data)
+    files = files_in(data, *ALL)
     assert len([name for name in files if name.endswith(".exr")]) >= 28
     assert any(name.endswith(".parquet") for name in files)
     return data
@@ -148,7 +139,7 @@ def test_main_process_killed(fresh: Path, undisturbed: Path, seed: int) -> None:
             time.sleep(0.05)
         _finish(_start(fresh, stage))
     _run(fresh, "dataset")
-    assert _files(fresh) == _files(undisturbed)
+    assert files_in(fresh, *ALL) == files_in(undisturbed, *ALL)
 
 
 def test_workers_killed(before_truth: Path, undisturbed: Path) -> None:
@@ -165,7 +156,7 @@ def test_workers_killed(before_truth: Path, undisturbed: Path) -> None:
             killed += 1
     _finish(process)
     assert killed
-    assert _files(fresh, FRAMES) == _files(undisturbed, FRAMES)
+    assert files_in(fresh, *FRAMES) == files_in(undisturbed, *FRAMES)
     assert not (fresh / "failures" / "groundtruth.json").exists()
 
 
@@ -178,7 +169,7 @@ def test_scheduler_killed(before_truth: Path, undisturbed: Path, tmp_path: Path)
         if process.wait(timeout=120):
             assert "scheduler has gone" in _finish(process, (4,))
     _run(fresh, "groundtruth")
-    assert _files(fresh, FRAMES) == _files(undisturbed, FRAMES)
+    assert files_in(fresh, *FRAMES) == files_in(undisturbed, *FRAMES)
 
 
 def test_workers_in_other_folders_come_and_go(
@@ -192,7 +183,7 @@ def test_workers_in_other_folders_come_and_go(
             _wait_for_frames(fresh, process, 3)
             cluster.worker.terminate()
             _finish(process)
-    assert _files(fresh, FRAMES) == _files(undisturbed, FRAMES)
+    assert files_in(fresh, *FRAMES) == files_in(undisturbed, *FRAMES)
 
 
 def test_a_worker_with_other_code_is_refused(fresh: Path, tmp_path: Path) -> None:
@@ -251,7 +242,7 @@ def test_twenty_kills(fresh: Path, undisturbed: Path, tmp_path: Path) -> None:
         assert "Traceback" not in words
     assert len(hits) == 20
     _run(fresh, *STAGES)
-    assert _files(fresh) == _files(undisturbed)
+    assert files_in(fresh, *ALL) == files_in(undisturbed, *ALL)
 
 
 def test_interrupt_leaves_whole_files_and_says_how_to_go_on(fresh: Path, undisturbed: Path) -> None:
@@ -263,5 +254,5 @@ def test_interrupt_leaves_whole_files_and_says_how_to_go_on(fresh: Path, undistu
     assert time.monotonic() - started < 15
     assert "same command again to resume" in words and "Traceback" not in words
     assert not list(fresh.rglob(".partial-*"))
-    whole = _files(undisturbed)
-    assert all(whole[name] == pixels for name, pixels in _files(fresh).items())
+    whole = files_in(undisturbed, *ALL)
+    assert all(whole[name] == pixels for name, pixels in files_in(fresh, *ALL).items())

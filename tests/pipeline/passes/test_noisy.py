@@ -24,26 +24,27 @@ from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.splits import SplitParams, split_sampling
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
-from pbrnet.pipeline.views import ImageParams, View, load_cameras
+from pbrnet.pipeline.views import ImageParams, View
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.files import digest_folder
 from pbrnet.scenes.seeds import derive
 from tests.fixtures.dataset import box_frames, make_data, make_view, small_params, write_view
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
-from tests.fixtures.stages import write_room
+from tests.fixtures.stages import files_in, views_in, write_room
 from tests.fixtures.traces import frame_fingerprint, render
 
 pytestmark = pytest.mark.slow
 
 PARAMS = pbrs_params(
     image=ImageParams(32, 24),
-    farm=FarmParams(workers=2, batch=2, retries=1),
+    farm=FarmParams(workers=1, batch=2, retries=1),
     cameras=pbrs_cameras(views_per_room=2),
     groundtruth=plain_truth(spp=4, block_spp=2, max_depth=3),
     noisy=NoisyParams(spp=2),
 )
 TRACE = noisy_trace(PARAMS.groundtruth, PARAMS.noisy.spp)
 WITHOUT = replace(PARAMS, noisy=NoisyParams())
+MADE = ("shading", "color", "noisy")
 SHADING = ("shading.R", "shading.G", "shading.B")
 IMAGES = {
     "noisy_color": ("R", "G", "B"),
@@ -61,7 +62,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_room(data / "scenes" / "alpha")
     write_room(data / "scenes" / "beta", size=(4.4, 3.2, 2.5))
     run_cameras(data, PARAMS)
-    assert run_frames("groundtruth", data, PARAMS).made == 12
+    two = replace(PARAMS, farm=replace(PARAMS.farm, workers=2))
+    assert run_frames("groundtruth", data, two).made == 12
     return data
 
 
@@ -76,19 +78,7 @@ def data(finished: Path, tmp_path: Path) -> Path:
 def room(finished: Path) -> tuple[RenderScene, View]:
     """A room, opened, and a view of it."""
     set_variant()
-    return open_scene(load_scene(finished / "scenes" / "alpha")), views_of(finished)[0]
-
-
-def views_of(data: Path) -> list[View]:
-    return [v for path in sorted((data / "cameras").glob("*")) for v in load_cameras(path).views]
-
-
-def files_of(data: Path, *kinds: str) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(data)): path.read_bytes()
-        for kind in kinds or ("shading", "color", "noisy")
-        for path in sorted((data / kind).rglob("*.exr"))
-    }
+    return open_scene(load_scene(finished / "scenes" / "alpha")), views_in(finished)[0]
 
 
 def both(channels: dict[str, np.ndarray]) -> np.ndarray:
@@ -191,7 +181,7 @@ def test_noisy_frames_are_unbiased_and_have_nothing_of_the_truths_noise(
 def test_colour_and_shading_lie_in_one_frame_that_describes_itself(finished: Path) -> None:
     names = ("stage", "scene_id", "view_id")
     rows = {tuple(row[name] for name in names) for row in read_ledger(finished).to_pylist()}
-    for view in views_of(finished):
+    for view in views_in(finished):
         frame = read_frame(frame_path(finished, "noisy", view))
         assert (frame.meta["spp"], frame.meta["seed"]) == (2, trace_seed("noisy", view, 0))
         assert frame.meta["denoiser"] == denoiser_version()
@@ -211,24 +201,24 @@ def test_the_denoised_are_nearer_to_the_truth(room: tuple[RenderScene, View]) ->
 
 @pytest.mark.slow
 def test_one_worker_and_a_resumed_run_give_the_same_bytes(data: Path, tmp_path: Path) -> None:
-    before = files_of(data)
+    before = files_in(data, *MADE)
     alone = tmp_path / "alone"
     shutil.copytree(data / "scenes", alone / "scenes")
     shutil.copytree(data / "cameras", alone / "cameras")
     run_frames("groundtruth", alone, replace(PARAMS, farm=FarmParams(workers=1, batch=1)))
-    assert files_of(alone) == before
+    assert files_in(alone, *MADE) == before
     paths = sorted((data / "noisy").rglob("*.exr"))
     paths[0].unlink()
     paths[1].write_bytes(paths[1].read_bytes()[:-9])
     summary = run_frames("groundtruth", data, PARAMS)
     assert (summary.made, summary.kept) == (2, 10)
-    assert files_of(data) == before
+    assert files_in(data, *MADE) == before
 
 
 @pytest.mark.slow
 def test_asking_for_them_or_not_leaves_the_truth_alone(data: Path) -> None:
-    before = files_of(data, "shading", "color")
-    view = views_of(data)[0]
+    before = files_in(data, "shading", "color")
+    view = views_in(data)[0]
     for kind in TRACE_OF:
         marks = {
             frame_fingerprint(kind, view, replace(PARAMS, noisy=NoisyParams(spp=spp)), "d", "r")
@@ -241,7 +231,7 @@ def test_asking_for_them_or_not_leaves_the_truth_alone(data: Path) -> None:
     )
     summary = run_frames("groundtruth", data, WITHOUT)
     assert (summary.made, summary.kept, summary.removed) == (0, 8, 4)
-    assert files_of(data) == before
+    assert files_in(data, *MADE) == before
     assert list((data / "noisy").iterdir()) == []
     summary = run_frames("groundtruth", data, PARAMS)
     assert (summary.made, summary.kept) == (4, 8)
@@ -260,14 +250,14 @@ def test_training_views_have_samples_of_their_own(data: Path) -> None:
     """Two rooms: one is tested. Its frames stay; those of the other are rendered anew."""
     noisy, truth = NoisyParams(spp=2, train=(1, 8)), replace(PARAMS.groundtruth, train_spp=6)
     params = replace(PARAMS, noisy=noisy, groundtruth=truth)
-    before = files_of(data)
-    views = views_of(data)
+    before = files_in(data, *MADE)
+    views = views_in(data)
     scenes = [load_scene(folder) for folder in sorted((data / "scenes").iterdir())]
     sampling = split_sampling(scenes, truth, noisy, params.dataset.splits, params.seed)
     changed = [view for view in views if sampling[view.scene_id][0].spp == 6]
     assert {view.scene_id for view in changed} in ({"alpha"}, {"beta"})
     run_frames("groundtruth", data, params)
-    after = files_of(data)
+    after = files_in(data, *MADE)
     assert {name.split("/")[1] for name in after if after[name] != before[name]} == {
         changed[0].scene_id
     }

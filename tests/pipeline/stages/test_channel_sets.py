@@ -16,24 +16,19 @@ from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.params import pbrs_cameras, pbrs_params, view_params
-from tests.fixtures.stages import write_room
+from tests.fixtures.stages import files_in, write_room
 from tests.fixtures.traces import frame_fingerprint
 
 pytestmark = pytest.mark.slow
 
 PAPER = pbrs_params(
     image=ImageParams(48, 36),
-    farm=FarmParams(workers=2, batch=2),
+    farm=FarmParams(workers=1, batch=2),
     scenes=SceneParams(homes=0, imports=("nothing",)),
     cameras=pbrs_cameras(views_per_room=2),
 )
 ALL = replace(PAPER, channels=("materials", "labels"))
-
-
-def files(data: Path) -> dict[str, bytes]:
-    kinds = ("inputs", "materials", "labels", "video")
-    paths = [path for kind in kinds for path in sorted((data / kind).rglob("*.exr"))]
-    return {str(path.relative_to(data)): path.read_bytes() for path in paths}
+FRAMES = ("inputs", "materials", "labels", "video")
 
 
 def test_sets_are_added_and_removed_and_change_no_other_frame(
@@ -43,11 +38,11 @@ def test_sets_are_added_and_removed_and_change_no_other_frame(
     write_room(data / "scenes" / "alpha")
     run_cameras(data, PAPER)
     assert run_frames("inputs", data, PAPER).made == 2
-    paper = files(data)
+    paper = files_in(data, *FRAMES)
     assert len(paper) == 2 and (data / "labels").is_dir()
     run = run_frames("inputs", data, ALL)
     assert (run.made, run.kept) == (4, 2)
-    both = files(data)
+    both = files_in(data, *FRAMES)
     assert len(both) == 6 and both.items() >= paper.items()
     stages = [row["stage"] for row in read_ledger(data).to_pylist()]
     assert stages.count("materials") == stages.count("labels") == stages.count("inputs") == 2
@@ -58,7 +53,7 @@ def test_sets_are_added_and_removed_and_change_no_other_frame(
     broken = frame_path(data, "materials", view)
     broken.write_bytes(broken.read_bytes()[:-40])
     run = run_frames("inputs", data, ALL)
-    assert (run.made, run.kept) == (2, 4) and files(data) == both
+    assert (run.made, run.kept) == (2, 4) and files_in(data, *FRAMES) == both
 
     # The same through dask, by workers that get scenes sent and send frames back.
     far = tmp_path / "far"
@@ -67,10 +62,10 @@ def test_sets_are_added_and_removed_and_change_no_other_frame(
         (data / folder).rename(far / folder)
     monkeypatch.setenv("PBRNET_CACHE", str(tmp_path / "cache"))
     run_frames("inputs", far, replace(ALL, farm=FarmParams(workers=1, transfer="send")))
-    assert files(far) == both
+    assert files_in(far, *FRAMES) == both
 
     run = run_frames("inputs", far, PAPER)
-    assert (run.made, run.kept, run.removed) == (0, 2, 4) and files(far) == paper
+    assert (run.made, run.kept, run.removed) == (0, 2, 4) and files_in(far, *FRAMES) == paper
 
 
 def test_trajectories_are_frames_like_others(tmp_path: Path) -> None:
@@ -86,10 +81,10 @@ def test_trajectories_are_frames_like_others(tmp_path: Path) -> None:
     assert [view.view_id for view in frames] == [f"path-00-{n:04d}" for n in range(4)]
     assert frames[2].eye.tolist() == [1.1, 1.2, 1.5] and frames[0].room == "living"
     assert run_frames("inputs", data, film).made == 6 + 6
-    whole = files(data)
+    whole = files_in(data, *FRAMES)
     frame_path(data, "video", frames[1]).unlink()
     run = run_frames("inputs", data, film)
-    assert (run.made, run.kept) == (1, 11) and files(data) == whole
+    assert (run.made, run.kept) == (1, 11) and files_in(data, *FRAMES) == whole
 
     # What the dataset would reject is not path-traced: here all of a frame is called hidden.
     place = frame_path(data, "video", frames[1])

@@ -14,7 +14,7 @@ from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
-from tests.fixtures.stages import write_room
+from tests.fixtures.stages import files_in, write_room
 
 PAPER = pbrs_params(
     image=ImageParams(32, 24),
@@ -24,12 +24,7 @@ PAPER = pbrs_params(
     groundtruth=plain_truth(spp=4, block_spp=2, max_depth=3, denoise="oidn"),
 )
 MORE = replace(PAPER, channels=("environment",), environment=EnvironmentParams(32, 4))
-
-
-def files(data: Path) -> dict[str, bytes]:
-    kinds = ("shading", "color", "environment")
-    paths = [path for kind in kinds for path in sorted((data / kind).rglob("*.exr"))]
-    return {str(path.relative_to(data)): path.read_bytes() for path in paths}
+FRAMES = ("shading", "color", "environment")
 
 
 @pytest.mark.check
@@ -40,11 +35,11 @@ def test_the_set_is_added_and_removed_and_changes_no_other_frame(
     write_room(data / "scenes" / "alpha")
     run_cameras(data, PAPER)
     assert run_frames("groundtruth", data, PAPER).made == 4
-    paper = files(data)
+    paper = files_in(data, *FRAMES)
     assert len(paper) == 4 and (data / "environment").is_dir()
     run = run_frames("groundtruth", data, MORE)
     assert (run.made, run.kept) == (2, 4)
-    both = files(data)
+    both = files_in(data, *FRAMES)
     assert len(both) == 6 and both.items() >= paper.items()
     rows = [row for row in read_ledger(data).to_pylist() if row["stage"] == "environment"]
     assert [(row["width"], row["height"], row["spp"]) for row in rows] == [(32, 16, 4)] * 2
@@ -56,7 +51,7 @@ def test_the_set_is_added_and_removed_and_changes_no_other_frame(
     # A damaged frame is rendered again, to the same bytes.
     path.write_bytes(path.read_bytes()[:-40])
     run = run_frames("groundtruth", data, MORE)
-    assert (run.made, run.kept) == (1, 5) and files(data) == both
+    assert (run.made, run.kept) == (1, 5) and files_in(data, *FRAMES) == both
 
     # The same through dask, by one worker that gets scenes sent and sends frames back.
     far = tmp_path / "far"
@@ -65,7 +60,7 @@ def test_the_set_is_added_and_removed_and_changes_no_other_frame(
         (data / folder).rename(far / folder)
     monkeypatch.setenv("PBRNET_CACHE", str(tmp_path / "cache"))
     run_frames("groundtruth", far, replace(MORE, farm=FarmParams(workers=1, transfer="send")))
-    assert files(far) == both
+    assert files_in(far, *FRAMES) == both
 
     run = run_frames("groundtruth", far, PAPER)
-    assert (run.made, run.kept, run.removed) == (0, 4, 2) and files(far) == paper
+    assert (run.made, run.kept, run.removed) == (0, 4, 2) and files_in(far, *FRAMES) == paper

@@ -23,7 +23,7 @@ from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.render import make_view
-from tests.fixtures.stages import write_room
+from tests.fixtures.stages import files_in, write_room
 from tests.fixtures.traces import frame_fingerprint, render
 
 PAPER = pbrs_params(
@@ -34,11 +34,7 @@ PAPER = pbrs_params(
     groundtruth=plain_truth(spp=4, block_spp=2, max_depth=4, denoise="oidn"),
 )
 LIGHT = replace(PAPER, channels=("light",))
-
-
-def files(data: Path) -> dict[str, bytes]:
-    paths = [p for kind in ("shading", "color", "light") for p in (data / kind).rglob("*.exr")]
-    return {str(path.relative_to(data)): path.read_bytes() for path in sorted(paths)}
+FRAMES = ("shading", "color", "light")
 
 
 @pytest.mark.slow
@@ -49,13 +45,13 @@ def test_light_frames_are_added_and_removed_and_change_no_other_frame(tmp_path: 
     run_cameras(data, PAPER)
     shutil.copytree(data, other)
     assert run_frames("groundtruth", data, PAPER).made == 2
-    paper = files(data)
+    paper = files_in(data, *FRAMES)
     run = run_frames("groundtruth", data, LIGHT)  # the light frame alone
     assert (run.made, run.kept) == (1, 2)
-    all_frames = files(data)
+    all_frames = files_in(data, *FRAMES)
     assert len(all_frames) == 3 and all_frames.items() > paper.items()
     assert run_frames("groundtruth", other, LIGHT).made == 3  # all of one trace
-    assert files(other) == all_frames
+    assert files_in(other, *FRAMES) == all_frames
 
     (view,) = load_cameras(data / "cameras" / "alpha.json").views
     color, light = (read_frame(frame_path(data, kind, view)) for kind in ("color", "light"))  # type: ignore[arg-type]
@@ -73,7 +69,7 @@ def test_light_frames_are_added_and_removed_and_change_no_other_frame(tmp_path: 
     np.testing.assert_array_equal(light.stack(*light_bands(2)), color.rgb)
 
     run = run_frames("groundtruth", data, PAPER)
-    assert (run.kept, run.removed) == (2, 1) and files(data) == paper
+    assert (run.kept, run.removed) == (2, 1) and files_in(data, *FRAMES) == paper
 
 
 def test_fingerprints_of_colour_do_not_know_of_light() -> None:

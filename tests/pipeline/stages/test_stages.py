@@ -26,19 +26,19 @@ from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.plans import plan_stages
 from pbrnet.pipeline.stages.runner import StageError, plan_line
 from pbrnet.pipeline.stages.scenes import run_scenes
-from pbrnet.pipeline.views import ImageParams, View, load_cameras, save_cameras
+from pbrnet.pipeline.views import ImageParams, load_cameras, save_cameras
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError, PbrnetError
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
-from tests.fixtures.stages import write_room
+from tests.fixtures.stages import files_in, views_in, write_room
 from tests.fixtures.traces import frame_fingerprint
 
 pytestmark = pytest.mark.slow
 
 PARAMS = pbrs_params(
     image=ImageParams(48, 36),
-    farm=FarmParams(workers=2, batch=2, retries=1),
+    farm=FarmParams(workers=1, batch=2, retries=1),  # each worker takes seconds to start
     scenes=SceneParams(homes=0, imports=("nothing",)),
     cameras=pbrs_cameras(views_per_room=2),
     illumination=IlluminationParams(width=32),
@@ -60,7 +60,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_room(data / "scenes" / "alpha")
     write_room(data / "scenes" / "beta", size=(4.4, 3.2, 2.5))
     for stage in STAGES.values():
-        stage(data, PARAMS)
+        stage(data, replace(PARAMS, farm=replace(PARAMS.farm, workers=2)))
     return data
 
 
@@ -71,21 +71,8 @@ def data(finished: Path, tmp_path: Path) -> Path:
     return tmp_path / "data"
 
 
-def _files(data: Path, *folders: str) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(data)): path.read_bytes()
-        for folder in folders or ("cameras", *KINDS)
-        for path in sorted((data / folder).rglob("*"))
-        if path.is_file()
-    }
-
-
-def _views(data: Path) -> list[View]:
-    return [v for path in sorted((data / "cameras").glob("*")) for v in load_cameras(path).views]
-
-
 def test_all_frames_are_there_and_describe_themselves(finished: Path) -> None:
-    views = _views(finished)
+    views = views_in(finished)
     assert len(views) == 4
     for view in views:
         for kind in KINDS:
@@ -115,33 +102,33 @@ def test_one_worker_makes_the_same_bytes_as_two(finished: Path, tmp_path: Path) 
     alone = replace(PARAMS, farm=FarmParams(workers=1, batch=1))
     for stage in STAGES.values():
         stage(tmp_path, alone)
-    assert _files(tmp_path) == _files(finished)
+    assert files_in(tmp_path, "cameras", *KINDS) == files_in(finished, "cameras", *KINDS)
 
 
 def test_a_second_run_keeps_everything_and_starts_nobody(
     data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pbrnet.pipeline.stages.runner.Farm", None)
-    before = _files(data)
+    before = files_in(data, "cameras", *KINDS)
     for stage, count in (("cameras", 2), ("inputs", 4), ("groundtruth", 8)):
         summary = STAGES[stage](data, PARAMS)
         assert (summary.made, summary.kept, summary.removed) == (0, count, 0)
-    assert _files(data) == before
+    assert files_in(data, "cameras", *KINDS) == before
 
 
 def test_missing_truncated_and_foreign_frames_are_rendered_again(data: Path) -> None:
-    before = _files(data)
+    before = files_in(data, "cameras", *KINDS)
     paths = sorted((data / "color").rglob("*.exr"))
     paths[0].unlink()
     paths[1].write_bytes(paths[1].read_bytes()[:-7])
     paths[2].write_text("not an EXR at all")
     summary = run_frames("color", data, PARAMS)
     assert (summary.made, summary.kept) == (3, 1)
-    assert _files(data) == before
+    assert files_in(data, "cameras", *KINDS) == before
 
 
 def test_a_frame_that_rots_on_the_disk_is_found_and_made_again(data: Path) -> None:
-    path = frame_path(data, "color", _views(data)[1])
+    path = frame_path(data, "color", views_in(data)[1])
     whole = path.read_bytes()
     rotten = bytearray(whole)
     rotten[-len(whole) // 4] ^= 0x10
@@ -154,11 +141,11 @@ def test_a_frame_that_rots_on_the_disk_is_found_and_made_again(data: Path) -> No
 
 def test_halves_are_the_whole(data: Path) -> None:
     """Frames are the same whether made together or alone."""
-    before = _files(data)
+    before = files_in(data, "cameras", *KINDS)
     for kind in ("shading", "color"):
         shutil.rmtree(data / kind)
         assert run_frames(kind, data, PARAMS).made == 4
-    assert _files(data) == before
+    assert files_in(data, "cameras", *KINDS) == before
 
 
 def test_without_twin_there_is_colour_but_no_shading(data: Path) -> None:
@@ -167,16 +154,16 @@ def test_without_twin_there_is_colour_but_no_shading(data: Path) -> None:
     scene.write_text(scene.read_text().replace("</scene>", hair + "</shape></scene>"))
     with pytest.raises(StageError, match=r"2 failed, 2 made, 4 kept(.|\n)*'hair'"):
         run_frames("groundtruth", data, PARAMS)
-    before = _files(data, "color")
+    before = files_in(data, "color")
     assert len(list((data / "color" / "alpha").glob("*.exr"))) == 2
     assert not list((data / "shading" / "alpha").glob("*.exr"))
     shutil.rmtree(data / "color" / "alpha")
     assert run_frames("color", data, PARAMS).made == 2
-    assert _files(data, "color") == before
+    assert files_in(data, "color") == before
 
 
 def test_two_renders_differ_from_one_trace_by_noise_only(data: Path) -> None:
-    view = _views(data)[0]
+    view = views_in(data)[0]
     one = [read_frame(frame_path(data, kind, view)).rgb for kind in ("shading", "color")]
     apart = replace(PARAMS, groundtruth=replace(PARAMS.groundtruth, joint=False))
     assert run_frames("groundtruth", data, apart).made == 8
@@ -188,7 +175,7 @@ def test_two_renders_differ_from_one_trace_by_noise_only(data: Path) -> None:
 def test_strangers_are_removed_and_files_of_others_are_not(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before = _files(data)
+    before = files_in(data, "cameras", *KINDS)
     some = next((data / "inputs" / "alpha").glob("*.exr"))
     shutil.copy(some, data / "inputs" / "alpha" / "old-s1.exr")
     shutil.copytree(data / "inputs" / "beta", data / "inputs" / "gone")
@@ -200,17 +187,17 @@ def test_strangers_are_removed_and_files_of_others_are_not(
     assert notes.read_text() == "keep me"
     assert "my notes.txt" in capsys.readouterr().err
     notes.unlink()
-    assert _files(data) == before
+    assert files_in(data, "cameras", *KINDS) == before
 
 
 def test_orphans_come_back_from_the_trash_without_rendering(
     data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    before = _files(data, "color", "shading")
+    before = files_in(data, "color", "shading")
     fewer = _alter("cameras", views_per_room=1)
-    everything = _files(data, ".")
+    everything = files_in(data, ".")
     plans = [plan_line(data, plan, fewer.farm) for plan in plan_stages(STAGES, data, fewer)]
-    assert _files(data, ".") == everything, "a plan changes nothing"
+    assert files_in(data, ".") == everything, "a plan changes nothing"
     assert plans[0].startswith("cameras: 2 to make (2 of them out of date)")
     assert "at most 32 more" in plans[3] and "8 to be kept, remade or moved" in plans[3]
     run_cameras(data, fewer)
@@ -223,7 +210,7 @@ def test_orphans_come_back_from_the_trash_without_rendering(
     again = run_frames("groundtruth", data, PARAMS)
     assert (again.made, again.kept, again.removed) == (0, 8, 0)
     assert "4 back from the trash" in capsys.readouterr().err
-    assert _files(data, "color", "shading") == before and not (data / "trash").exists()
+    assert files_in(data, "color", "shading") == before and not (data / "trash").exists()
 
 
 def test_changed_samples_render_ground_truth_only(data: Path) -> None:
@@ -262,7 +249,7 @@ def _alter(section: str, **values: Any) -> Params:
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_what_changes_a_fingerprint(finished: Path, other: Params, changed: str) -> None:
-    view = _views(finished)[0]
+    view = views_in(finished)[0]
     for kind in KINDS:
         same = frame_fingerprint(kind, view, PARAMS, "scene", "renderer")
         assert (frame_fingerprint(kind, view, other, "scene", "renderer") != same) == (
@@ -271,7 +258,7 @@ def test_what_changes_a_fingerprint(finished: Path, other: Params, changed: str)
 
 
 def test_what_of_a_view_changes_a_fingerprint(finished: Path) -> None:
-    view = _views(finished)[0]
+    view = views_in(finished)[0]
     moved = [[*row] for row in view.camera_to_world]
     moved[0][3] += 1e-6
     for other, same in (
@@ -290,11 +277,11 @@ def test_what_of_a_view_changes_a_fingerprint(finished: Path) -> None:
 
 
 def test_a_changed_scene_renews_its_own_cameras_and_frames_only(data: Path) -> None:
-    before = _files(data)
+    before = files_in(data, "cameras", *KINDS)
     write_room(data / "scenes" / "beta", size=(4.4, 3.2, 2.5), lamp=20.0)
     assert run_cameras(data, PARAMS).made == 1
     assert run_frames("groundtruth", data, PARAMS).kept == 4
-    after = _files(data)
+    after = files_in(data, "cameras", *KINDS)
     assert all(after[name] == before[name] for name in before if "/alpha" in name)
     assert all(after[name] != before[name] for name in after if name.startswith("color/beta"))
 
@@ -414,36 +401,27 @@ def test_a_folder_that_is_read_only_is_said_and_keeps_all(data: Path, tmp_path: 
     try:
         shutil.copytree(data, disk, dirs_exist_ok=True)
         next((disk / "color").rglob("*.exr")).unlink()
-        before = _files(disk)
+        before = files_in(disk, "cameras", *KINDS)
         subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
         with pytest.raises(MachineError, match="Read-only file system"):
             run_frames("groundtruth", disk, PARAMS)
-        assert _files(disk) == before
+        assert files_in(disk, "cameras", *KINDS) == before
     finally:
         subprocess.run(["umount", disk], check=True)
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="mounting a small tmpfs needs root")
-def test_a_full_disk_is_said_and_the_run_goes_on_later(data: Path, tmp_path: Path) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "none", disk], check=False)
-    if mounted.returncode:
-        pytest.skip("a tmpfs cannot be mounted here")
-    try:
-        for folder in ("scenes", "cameras"):
-            shutil.copytree(data / folder, disk / folder)
-        ballast = disk / "ballast"
-        with ballast.open("wb", buffering=0) as stream:
-            stream.write(bytes(shutil.disk_usage(disk).free - 40_000))
-        with pytest.raises(MachineError, match="disk is full"):
-            run_frames("groundtruth", disk, PARAMS)
-        assert not list(disk.rglob(".partial-*"))
-        ballast.unlink()
-        run_frames("groundtruth", disk, PARAMS)
-        assert _files(disk, "shading", "color") == _files(data, "shading", "color")
-    finally:
-        subprocess.run(["umount", disk], check=True)
+def test_a_full_disk_is_said_and_the_run_goes_on_later(data: Path, small_disk: Path) -> None:
+    for folder in ("scenes", "cameras"):
+        shutil.copytree(data / folder, small_disk / folder)
+    ballast = small_disk / "ballast"
+    with ballast.open("wb", buffering=0) as stream:
+        stream.write(bytes(shutil.disk_usage(small_disk).free - 40_000))
+    with pytest.raises(MachineError, match="disk is full"):
+        run_frames("groundtruth", small_disk, PARAMS)
+    assert not list(small_disk.rglob(".partial-*"))
+    ballast.unlink()
+    run_frames("groundtruth", small_disk, PARAMS)
+    assert files_in(small_disk, "shading", "color") == files_in(data, "shading", "color")
 
 
 def test_commands_have_examples_and_say_what_they_did(data: Path, tmp_path: Path) -> None:
