@@ -14,7 +14,7 @@ import click
 
 from pbrnet.pipeline.commands.options import FOLDER, PATH, NumberRange
 from pbrnet.pipeline.inspection.sizes import triangles_of
-from pbrnet.pipeline.limits import Limits, run_limited
+from pbrnet.pipeline.stages.limits import Limits, run_limited
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.contract import Scene, load_scene

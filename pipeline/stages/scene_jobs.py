@@ -12,8 +12,8 @@ from typing import Any
 from pbrnet.pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
-from pbrnet.pipeline.limits import Limits
 from pbrnet.pipeline.records import Failure
+from pbrnet.pipeline.stages.limits import Limits
 from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant
 from pbrnet.scenes.assets.index import INDEX, load_index
 from pbrnet.scenes.contract import load_scene, scene_folders

@@ -46,7 +46,7 @@ PLUMBING = (
     "pipeline/costs",
     "pipeline/farm",
     "pipeline/keys.py",
-    "pipeline/limits.py",
+    "pipeline/stages/limits.py",
     "pipeline/params.py",
     "pipeline/passes/settings.py",
     "pipeline/progress.py",
