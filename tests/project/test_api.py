@@ -16,7 +16,7 @@ PAGE = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
 
 
 def test_the_page_lists_every_name_and_each_can_be_imported() -> None:
-    table = PAGE.split("## Read a data set")[0]
+    table = PAGE.split("## Read a dataset")[0]
     listed = set(re.findall(r"`(\w+)[(`]", table)) & set(dir(pbrnet))
     assert listed >= set(pbrnet.__all__)
     for name in pbrnet.__all__:

@@ -161,7 +161,7 @@ def test_a_pinned_list_refuses_another_truth(
     assert [view.view_id for view in views.views] == ["room-0-s0", "walk-0-0002"]
     assert len(score_folder(folder, rows, views, "color").views) == 2
     other = make_dataset(tmp_path / "other", unit=2 * UNIT)
-    with pytest.raises(InputError, match="is not that of the list"):
+    with pytest.raises(InputError, match="differs from the list"):
         score_folder(folder, DatasetRows(other), views, "color")
     with pytest.raises(InputError, match="is not in this dataset"):
         score_folder(folder, DatasetRows(dataset, ("test",)), views, "color")
@@ -196,7 +196,10 @@ def test_a_pinned_list_refuses_another_truth(
             lambda folder: (folder / "home-b--room-0-s0.exr").write_bytes(b"\x76\x2f\x31\x01junk"),
             "not a readable EXR",
         ),
-        (lambda folder: (folder / "seconds.json").write_text('{"a": "b"}'), "seconds are numbers"),
+        (
+            lambda folder: (folder / "seconds.json").write_text('{"a": "b"}'),
+            "seconds must be numbers",
+        ),
     ],
 )
 def test_faults_of_a_submission_end_in_one_line(

@@ -130,7 +130,7 @@ def test_radiosity_needs_no_network(room: Path) -> None:
     assert min(image.max() for image in light) > 0
     assert frame.rgb.shape == (20, 36, 3)
     done = predict("--method", "radiosity", *FRAMES)
-    assert done.exit_code == 2 and "from a SCENE" in done.output
+    assert done.exit_code == 2 and "requires a SCENE" in done.output
 
 
 @pytest.mark.usefixtures("wavefront")
@@ -175,7 +175,7 @@ def test_a_time_budget_chooses_method_and_samples(room: Path) -> None:
     done = predict(*view, "--seconds", "1e-6", "--out", "out.png")
     assert done.exit_code == 0 and "this is the fastest" in done.output
     assert "--spp 1 --denoiser fast: " in done.output
-    for wrong, words in ((("--method", "plus"), "one or the other"), ((), "from a SCENE")):
+    for wrong, words in ((("--method", "plus"), "do not combine"), ((), "requires a SCENE")):
         asked = (*view, *wrong) if wrong else FRAMES
         done = predict(*asked, "--seconds", "1")
         assert done.exit_code == 2 and words in done.output

@@ -162,7 +162,7 @@ def test_the_page_shows_all_modalities_results_and_reasons(text: str) -> None:
         "no color frame",
         "efficientnet_lite0",
         "Reflectance × true shading",
-        "LPIPS is left out",
+        "LPIPS is not shown",
         "0.700 to 0.800",
         "renderer: color",
         "Views with the lowest error",

@@ -449,7 +449,7 @@ def test_the_report_notes_a_damaged_result(tmp_path: Path, place: list[str], val
     ("arguments", "code", "words"),
     [
         (("--score",), 2, "--score requires the answer files"),
-        (("a.json",), 2, "they need --score"),
+        (("a.json",), 2, "they require --score"),
         (("--score", "a.json"), 3, "no such key"),
         (("--pairs", 4), 2, "--pairs: 4 is not allowed; 3 methods need at least 6"),
         (("--seconds", 0), 2, "--seconds"),

@@ -280,7 +280,7 @@ def test_folders_that_cannot_be_shown_end_in_one_line(
         (("--folder", "a/b=old", *TWO), "'a/b' cannot be the name of a folder of pictures"),
         ((*TWO, "--folder", "photos=.", "--pairs", 5), "3 folders need at least 6"),
         ((*TWO, "--method", "pbrnet"), "--folder and --method exclude each other"),
-        (("--question", "Which?"), "give --folder, too"),
+        (("--question", "Which?"), "--question requires --folder"),
         ((*TWO, "--question", " "), "--question: ' ' is not allowed"),
         ((*TWO, "--question", "a\nb"), "--question: 'a\\nb' is not allowed"),
     ],

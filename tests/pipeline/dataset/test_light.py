@@ -124,7 +124,7 @@ def test_views_with_other_light_groups_are_rejected(tmp_path: Path) -> None:
     assert pack_dataset(data, params).total == 2
     line = (data / "dataset" / "rejected.csv").read_text().splitlines()[1]
     assert line.startswith("home-0000,000,light,") and "light groups: 7" in line
-    with pytest.raises(InputError, match="another number of light groups"):
+    with pytest.raises(InputError, match="the number of light groups differs"):
         pack_dataset(data, replace(params, light=LightParams(2)))
 
 

@@ -182,7 +182,7 @@ def test_an_interrupted_export_resumes(
 
 def test_a_folder_with_other_files_is_refused(dataset: Path, tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("precious")
-    with pytest.raises(InputError, match="holds other files"):
+    with pytest.raises(InputError, match="contains other files"):
         run_export(FORMATS["colmap"], job(dataset, tmp_path))
     assert (tmp_path / "thesis.tex").read_text() == "precious"
 
