@@ -254,13 +254,13 @@ def check_frame(
             raise InputError(f"{path}: the channel {name!r} holds NaN or infinity; render it again")
 
 
-def holds(path: Path, expected: str, verify: bool = False) -> bool:
-    """Test whether a complete frame with this fingerprint lies at `path`.
+def holds(path: Path, expected: Iterable[str], verify: bool = False) -> bool:
+    """Test whether a complete frame with one of these fingerprints lies at `path`.
 
     With `verify` its pixels are read as well, and compared with their checksum.
     """
     try:
-        if read_meta(path).get("fingerprint") != expected or not is_complete(path):
+        if str(read_meta(path).get("fingerprint")) not in expected or not is_complete(path):
             return False
         if verify:
             read_frame(path)

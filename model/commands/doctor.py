@@ -192,7 +192,7 @@ def _cuda() -> Finding:
     named = ", ".join(f"{name} ({size / 2**30:.0f} GiB)" for name, size in each) or "CUDA"
     advice = [cards.problem] if cards.problem else []
     if not train:
-        advice.append("training runs on the CPU: install the CUDA build of torch (torch.lock)")
+        advice.append("training runs on the CPU: install a CUDA build of torch")
     state = f"{named}: {' and '.join(uses) or 'not used'}"
     return Finding("GPU", state, not cards.problem, "; ".join(advice))
 

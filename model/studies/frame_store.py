@@ -58,7 +58,7 @@ class FrameStore:
         return [
             kind
             for kind in kinds
-            if not holds(frame_path(self.root, kind, view), self.fingerprint(kind, view, digest))
+            if not holds(frame_path(self.root, kind, view), [self.fingerprint(kind, view, digest)])
         ]
 
     def render(self, scene: RenderScene, view: View, digest: str) -> None:

@@ -45,7 +45,7 @@ from distributed.utils import get_mp_context, silence_logging_cmgr
 
 from pbrnet.pipeline.farm.dispatch import Dispatch
 from pbrnet.pipeline.farm.scheduling import Item
-from pbrnet.pipeline.farm.settings import FarmParams
+from pbrnet.pipeline.farm.settings import VISIBLE_CARDS, FarmParams
 from pbrnet.pipeline.farm.transfer import TransferServer, TransferService
 from pbrnet.pipeline.farm.worker import Outcome
 from pbrnet.pipeline.terminal import say
@@ -76,6 +76,8 @@ class Farm:
     number of threads that the worker may use (0: its own choice). `setup` and the work function
     must be importable by name. `service` answers the workers' requests for files. If `needed`, a
     file, is not visible to all workers of an external scheduler, local workers are used instead.
+    Local workers take turns at `cards`, names of graphics cards for `CUDA_VISIBLE_DEVICES`; there
+    is one worker for each unless the parameters say how many.
     """
 
     def __init__(
@@ -86,10 +88,11 @@ class Farm:
         items: int,
         service: TransferService | None = None,
         needed: Path | None = None,
+        cards: Sequence[str] = (),
     ) -> None:
         self.params, self.setup, self.service, self.needed = params, setup, service, needed
-        self.address = scheduler or os.environ.get("DASK_SCHEDULER_ADDRESS") or ""
-        self.wanted = min(params.workers or cpu_count(), max(1, items))
+        self.address, self.cards = scheduler_address(scheduler), cards
+        self.wanted = min(params.workers or len(cards) or cpu_count(), max(1, items))
         self._stack = contextlib.ExitStack()
         self._cluster: LocalCluster | None = None
 
@@ -223,7 +226,7 @@ class Farm:
 
     def _local_cluster(self, folder: str) -> LocalCluster:
         """Start worker processes on this machine; retry if one dies while it starts."""
-        tries = 0
+        tries, cards = 0, {VISIBLE_CARDS: ",".join(self.cards)} if self.cards else {}
         while True:
             try:
                 return LocalCluster(
@@ -235,7 +238,8 @@ class Farm:
                     silence_logs=logging.CRITICAL,
                     local_directory=folder,
                     preload=["pbrnet.pipeline.farm.worker"],
-                    env=dict(os.environ),  # the server keeps the one that it was started with
+                    # The server keeps the environment that it was started with.
+                    env={**os.environ, **cards},
                 )
             except (OSError, RuntimeError, TimeoutError) as error:
                 tries += 1
@@ -254,6 +258,11 @@ class Farm:
     def _close_quietly(resource: Any) -> None:
         with contextlib.suppress(Exception):
             resource.close(timeout=5)
+
+
+def scheduler_address(given: str | None) -> str:
+    """Return the address of an external scheduler, as given or from the environment; else ""."""
+    return given or os.environ.get("DASK_SCHEDULER_ADDRESS") or ""
 
 
 def _kill_workers(nannies: Sequence[Nanny]) -> None:

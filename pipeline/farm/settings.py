@@ -7,6 +7,7 @@ from typing import Literal
 
 from pbrnet.scenes.checked import param, within
 
+VISIBLE_CARDS = "CUDA_VISIBLE_DEVICES"  # the environment variable, known to CUDA
 Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
 
 

@@ -1,7 +1,7 @@
 """Execution of a batch of items inside a dask worker.
 
 The module is also the preload of the worker processes that `pbrnet.pipeline.farm.cluster` starts on
-this machine: dask calls `dask_setup` in each of them.
+this machine, and may be that of others: dask calls `dask_setup` in each of them.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import contextlib
 import faulthandler
 import multiprocessing
 import os
+import re
 import threading
 import time
 import traceback
@@ -23,6 +24,7 @@ from distributed import get_worker
 
 from pbrnet.pipeline.farm.recycling import replace_if_due
 from pbrnet.pipeline.farm.scheduling import Item
+from pbrnet.pipeline.farm.settings import VISIBLE_CARDS
 from pbrnet.scenes.errors import MachineError
 
 _MAX_RETURNED = 32 << 20  # bytes of files that a batch returns; beyond that it ends early
@@ -93,8 +95,16 @@ def run_batch(
 
 
 def dask_setup(worker: Any) -> None:
-    """Prepare a worker process of a local cluster; dask calls this as the process starts."""
+    """Prepare a worker process; dask calls this as the process starts."""
     _leave_terminal()
+    _take_card(str(worker.name))
+
+
+def _take_card(name: str) -> None:
+    """Leave one of several visible graphics cards to this worker, by the number in its name."""
+    cards, number = os.environ.get(VISIBLE_CARDS, "").split(","), re.search(r"\d+$", name)
+    if len(cards) > 1 and number:
+        os.environ[VISIBLE_CARDS] = cards[int(number[0]) % len(cards)]
 
 
 def _leave_terminal() -> None:

@@ -16,18 +16,18 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cache
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
-from pbrnet.pipeline.farm.settings import Variant
+from pbrnet.pipeline.farm.settings import VISIBLE_CARDS, Variant
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import MachineError
 
 PREFERRED: tuple[Variant, ...] = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 PROBED = "PBRNET_CARDS"  # the environment variable with the answer of an earlier process
-VISIBLE = "CUDA_VISIBLE_DEVICES"
 _PATIENCE = 120.0  # seconds: a first kernel takes some ten, more on a busy machine
 _NO_DEVICE = 100  # of cuInit
 _MISMATCH = 803
@@ -64,7 +64,7 @@ class Cards:
 def cards() -> Cards:
     """Return the graphics cards, from the environment or by tracing a triangle in a child."""
     driver = driver_version()
-    if not driver or os.environ.get(VISIBLE) == "":
+    if not driver or os.environ.get(VISIBLE_CARDS) == "":
         return Cards()
     asked = f"{os.uname().nodename} {driver}"
     known = _known(os.environ, asked)
@@ -72,6 +72,13 @@ def cards() -> Cards:
         known = _probed()
         os.environ[PROBED] = json.dumps({"asked": asked, **asdict(known)})
     return known
+
+
+def card_ids() -> tuple[str, ...]:
+    """Return the names of the usable cards for `CUDA_VISIBLE_DEVICES`."""
+    given = os.environ.get(VISIBLE_CARDS)
+    count = len(cards().memory) if cards().usable else 0
+    return tuple(given.split(",")[:count] if given else map(str, range(count)))
 
 
 def driver_version() -> str:
@@ -100,10 +107,16 @@ def choose(requested: Variant = "auto") -> Variant:
         return requested
     chosen = best_variant()
     if problem := cards().problem:
-        say(f"pbrnet: {chosen} renders, not the card: {problem}", err=True)
+        _say(f"pbrnet: {chosen} renders, not the card: {problem}")
     if chosen == "scalar_rgb":
-        say(_SCALAR_WARNING, err=True)
+        _say(_SCALAR_WARNING)
     return chosen
+
+
+@cache
+def _say(line: str) -> None:
+    """Print a line on standard error, once in a process."""
+    say(line, err=True)
 
 
 def accepted(requested: Variant = "auto") -> tuple[Variant, ...]:

@@ -32,7 +32,7 @@ from pbrnet.pipeline.stages.runner import (
     execute,
     finish,
 )
-from pbrnet.pipeline.stages.scene_listing import active_renderer, list_scenes, scene_digests
+from pbrnet.pipeline.stages.scene_listing import accepted_renderers, list_scenes, scene_digests
 from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.pipeline.views import CameraFile, load_cameras
 from pbrnet.scenes.contract import Scene
@@ -47,7 +47,7 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
     with data_lock(data, "cameras"):
         root = data / "cameras"
         remove_partials(root)
-        plan, scenes, renderer = plan_cameras(data, params)
+        plan, scenes, renderers = plan_cameras(data, params)
         begin(data, params.farm, plan)
         first = first_scenes(scenes, params.cameras)
         made: dict[Path, bool] = {}
@@ -66,19 +66,20 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                         continue
                     job = replace(job, shared=load_cameras(lender).views)
                 part.add(job, *plan.targets[item.key])
-            made |= execute(data, params.farm, scheduler, part, renderer)
+            made |= execute(data, params.farm, scheduler, part, renderers)
             plan.failures += part.failures
+            plan.renderers += part.renderers
         return finish(data, params.farm, plan, made, started, lambda: _notes(root, scenes))
 
 
 def plan_cameras(
     data: Path, params: Params, pending: Pending = NOTHING_PENDING
-) -> tuple[StagePlan, dict[str, Scene], str]:
-    """Return what the stage will do, its scenes, and the renderer; nothing is changed.
+) -> tuple[StagePlan, dict[str, Scene], tuple[str, ...]]:
+    """Return what the stage will do, its scenes, and accepted renderers; nothing is changed.
 
     `pending` scenes are left aside, as they will be others by then.
     """
-    root, renderer = data / "cameras", active_renderer(params.farm)
+    root, renderers = data / "cameras", accepted_renderers(params.farm)
     plan = StagePlan("cameras", "scenes", sample_scene, view_size(params))
     scenes = list_scenes(data, plan, pending.scenes)
     first = first_scenes(scenes, params.cameras)
@@ -96,22 +97,22 @@ def plan_cameras(
     spared = {*scenes, *(failure.scene_id for failure in plan.failures), *pending.changed}
     plan.orphans = [file for file in sorted(root.glob("*.json")) if file.stem not in spared]
     views = ViewParams(params.cameras, params.image)
-    expected = camera_fingerprints(scenes, views, params.seed, digests, renderer)
+    expected = camera_fingerprints(scenes, views, params.seed, digests, renderers)
     trash = Trash(data, params.farm.trash_days)
-    for scene_id, digest in expected.items():
+    for scene_id, marks in expected.items():
         path = root / f"{scene_id}.json"
-        if _is_current(path, digest):
+        if _is_current(path, marks):
             plan.kept += 1
-        elif _is_current(trash.place(path), digest):
+        elif _is_current(trash.place(path), marks):
             plan.returning.append(path)
         else:
             place, own = data / "scenes" / scene_id, first[scene_id] == scene_id
             given = _trajectories(scene_id, params.cameras) if own else ()
             job = CameraJob(
-                path, place, digests[scene_id], views, params.seed, digest, trajectories=given
+                path, place, digests[scene_id], views, params.seed, marks, trajectories=given
             )
             plan.add(job, Target(path, "cameras", scene_id))
-    return plan, scenes, renderer
+    return plan, scenes, renderers
 
 
 def first_scenes(scenes: Mapping[str, Scene], params: CameraParams) -> dict[str, str]:
@@ -129,15 +130,24 @@ def camera_fingerprints(
     params: ViewParams,
     seed: int,
     digests: Mapping[str, str],
-    renderer: str,
-) -> dict[str, str]:
-    """Return the fingerprint of each scene's camera file; `digests` are those of the scenes."""
+    renderers: Iterable[str],
+) -> dict[str, dict[str, str]]:
+    """Return the fingerprints of each scene's camera file, by renderer that samples it.
+
+    `digests` are those of the scenes.
+    """
+    found: dict[str, dict[str, str]] = {name: {} for name in scenes}
     first = first_scenes(scenes, params.cameras)
-    own = {name: camera_fingerprint(name, params, seed, digests[name], renderer) for name in scenes}
-    return {
-        name: own[name] if source == name else fingerprint(own=own[name], shared=own[source])
-        for name, source in first.items()
-    }
+    for renderer in renderers:
+        own = {
+            name: camera_fingerprint(name, params, seed, digests[name], renderer) for name in scenes
+        }
+        for name, source in first.items():
+            shares = source != name
+            found[name][renderer] = (
+                fingerprint(own=own[name], shared=own[source]) if shares else own[name]
+            )
+    return found
 
 
 def camera_fingerprint(
@@ -165,9 +175,10 @@ def _trajectories(scene_id: str, params: CameraParams) -> tuple[Trajectory, ...]
     return tuple(read_trajectory(path, f"path-{number:02d}") for number, path in enumerate(files))
 
 
-def _is_current(path: Path, expected: str) -> bool:
+def _is_current(path: Path, expected: Mapping[str, str]) -> bool:
+    """Test whether a camera file has one of the fingerprints that are expected by renderer."""
     try:
-        return load_cameras(path).fingerprint == expected
+        return load_cameras(path).fingerprint in expected.values()
     except InputError:
         return False
 

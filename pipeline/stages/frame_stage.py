@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,7 @@ from pbrnet.pipeline.stages.runner import (
 )
 from pbrnet.pipeline.stages.scene_listing import (
     SAFE_NAME,
-    active_renderer,
+    accepted_renderers,
     list_scenes,
     scene_digests,
 )
@@ -74,10 +75,10 @@ def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = N
     for kind in kinds[1:]:  # DVC expects every output folder of a stage, also an empty one
         (data / kind).mkdir(parents=True, exist_ok=True)
     with data_lock(data, stage):
-        plan, expected, renderer = plan_frames(stage, data, params)
+        plan, expected, renderers = plan_frames(stage, data, params)
         begin(data, params.farm, plan)
         plan.removed += sum(_tidy(data / kind) for kind in kinds)
-        made = execute(data, params.farm, scheduler, plan, renderer)
+        made = execute(data, params.farm, scheduler, plan, renderers)
         # A worker of an earlier run may still have been alive and have overwritten a frame.
         written = {path: expected[path] for path, fine in made.items() if fine}
         for path in _stale(written, verify=False):
@@ -94,19 +95,19 @@ def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = N
 
 def plan_frames(
     stage: str, data: Path, params: Params, pending: Pending = NOTHING_PENDING
-) -> tuple[StagePlan, dict[Path, ExpectedFrame], str]:
-    """Return what a stage will do, the frames it should find in the end, and the renderer.
+) -> tuple[StagePlan, dict[Path, ExpectedFrame], tuple[str, ...]]:
+    """Return what a stage will do, the frames it should find in the end, and accepted renderers.
 
     Nothing is changed. `pending` scenes are left aside, as they will be others by then.
     """
-    kinds, renderer = FRAME_STAGES[stage], active_renderer(params.farm)
+    kinds, renderers = FRAME_STAGES[stage], accepted_renderers(params.farm)
     wanted = [kind for kind in kinds if kind in params.kinds]
     unit = "views" if len(wanted) == 1 else "frames"
     plan = StagePlan(stage, unit, render_frames, view_size(params))
     scenes = list_scenes(data, plan, pending.scenes)
     digests = scene_digests(data, scenes)
     of_cameras = ViewParams(params.cameras, params.image)
-    cameras = camera_fingerprints(scenes, of_cameras, params.seed, digests, renderer)
+    cameras = camera_fingerprints(scenes, of_cameras, params.seed, digests, renderers)
     views = _views(data, cameras, plan, bool(pending.scenes))
     expected: dict[Path, ExpectedFrame] = {}
     seen = sorted({view.scene_id for view in views})
@@ -123,8 +124,9 @@ def plan_frames(
     for kind in kinds:
         for view in views if kind in wanted else ():
             own, scene = settings[view.scene_id][kind], digests[view.scene_id]
-            digest = frame_fingerprint(kind, view, own, params.seed, scene, renderer)
-            expected[frame_path(data, kind, view)] = ExpectedFrame(kind, view, own, digest)
+            mark = partial(frame_fingerprint, kind, view, own, params.seed, scene)
+            frame = ExpectedFrame(kind, view, own, mark, renderers)
+            expected[frame_path(data, kind, view)] = frame
         orphans = _frames_below(data / kind) - expected.keys()
         plan.orphans += sorted(path for path in orphans if path.parent.name not in spared)
         plan.unsure += sum(path.parent.name in pending.changed for path in orphans)
@@ -147,11 +149,11 @@ def plan_frames(
             view,
             digests[view.scene_id],
             {frame.kind: frame.settings for frame in frames},
-            {frame.kind: frame.fingerprint for frame in frames},
+            {frame.kind: dict(frame.fingerprints()) for frame in frames},
             trace_seed(first, view, params.seed),
         )
         plan.add(job, *(expected[path].target(path) for path in paths))
-    return plan, expected, renderer
+    return plan, expected, renderers
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,16 @@ class ExpectedFrame:
     kind: Kind
     view: View
     settings: Any  # of its trace
-    fingerprint: str
+    mark: Callable[[str], str]  # from the renderer to the fingerprint
+    renderers: tuple[str, ...]  # any of which may make it
+
+    def fingerprints(self) -> Iterator[tuple[str, str]]:
+        """Yield the renderers with the fingerprint that their frame has."""
+        return ((renderer, self.mark(renderer)) for renderer in self.renderers)
+
+    def holds(self, path: Path, verify: bool) -> bool:
+        """Test whether it lies at `path`; with `verify` its pixels are read, too."""
+        return holds(path, (mark for _, mark in self.fingerprints()), verify)
 
     def target(self, path: Path) -> Target:
         return Target(path, self.kind, self.view.scene_id, self.view.view_id)
@@ -218,11 +229,14 @@ def _by_trace(frames: dict[Path, ExpectedFrame]) -> list[list[Path]]:
 
 
 def _views(
-    data: Path, expected: Mapping[str, str], plan: StagePlan, may_be_none: bool
+    data: Path,
+    expected: Mapping[str, Mapping[str, str]],
+    plan: StagePlan,
+    may_be_none: bool,
 ) -> list[View]:
     """Return the views of all scenes, sorted; add broken camera files to the plan's failures.
 
-    `expected`: the fingerprint of each scene's camera file.
+    `expected`: the fingerprints that each scene's camera file may have, by renderer.
     """
     views: list[View] = []
     stale = []
@@ -241,7 +255,7 @@ def _views(
         except InputError as error:
             plan.failures.append(Failure(plan.stage, scene_id, "", str(error)))
             continue
-        if file.fingerprint != expected[scene_id]:
+        if file.fingerprint not in expected[scene_id].values():
             stale.append(scene_id)
         views += file.views
     if stale:
@@ -268,7 +282,7 @@ def _stale(expected: dict[Path, ExpectedFrame], verify: bool) -> dict[Path, Expe
     With `verify` also those whose pixels do not match their checksum.
     """
     paths = list(expected)
-    good = threaded(lambda path: holds(path, expected[path].fingerprint, verify), paths)
+    good = threaded(lambda path: expected[path].holds(path, verify), paths)
     return {path: expected[path] for path, fine in zip(paths, good, strict=True) if not fine}
 
 

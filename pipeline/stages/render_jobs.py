@@ -9,9 +9,10 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import OrderedDict
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import drjit as dr
 
@@ -59,7 +60,7 @@ class CameraJob:
     scene_digest: str
     params: ViewParams
     seed: int
-    fingerprint: str
+    fingerprint: dict[str, str]  # by the version of the renderer
     trajectories: tuple[Trajectory, ...] = ()
     shared: tuple[View, ...] | None = None  # the cameras of another scene of the plan
 
@@ -72,7 +73,7 @@ class FrameJob:
     view: View
     scene_digest: str
     settings: dict[Kind, Any]  # of the trace, of the frames to write
-    fingerprints: dict[Kind, str]
+    fingerprints: dict[Kind, dict[str, str]]  # by the version of the renderer
     seed: int
 
 
@@ -87,24 +88,24 @@ def use_code(code: str, workspace: Workspace, threads: int) -> None:
 
 
 def use_renderer(
-    variant: str, renderer: str, code: str, workspace: Workspace | None, threads: int
+    variant: Variant, renderers: Collection[str], code: str, workspace: Workspace, threads: int
 ) -> None:
     """Set up a worker that renders: its workspace, Mitsuba variant and number of threads.
 
     Raises `MachineError` if this worker runs other code, cannot render with `variant`, or has
-    another `renderer` than the one in the fingerprints.
+    none of the `renderers` whose frames the command accepts.
     """
     global _threads_set
     require_code(code)
     use_workspace(workspace)
-    set_variant(cast(Variant, variant))
+    set_variant(variant)
     # Workers that compile the same kernel at the same time race for one entry of Dr.Jit's cache,
     # and one of them prints a harmless warning.
     dr.set_log_level(dr.LogLevel.Error)
-    if renderer_version() != renderer:
+    if renderer_version() not in renderers:
         raise MachineError(
-            f"a worker has {renderer_version()}, this command has {renderer}: install the same "
-            "version of everything on all workers"
+            f"a worker has {renderer_version()}, this command accepts {' or '.join(renderers)}: "
+            "install the same version of everything on all workers"
         )
     if threads and threads != _threads_set:
         dr.set_thread_count(threads)
@@ -120,8 +121,9 @@ def sample_scene(job: CameraJob) -> dict[str, Any]:
         cameras = take_cameras(opened, opened.scene, job.params, job.shared)
     sent: dict[str, SentFile] = {}
     with writing(job.path, sent, "cameras") as path:
-        save_cameras(path, replace(cameras, fingerprint=job.fingerprint))
-    costs = {**opening, "threads": dr.thread_count(), **memory_columns()}
+        fingerprint = job.fingerprint[renderer_version()]
+        save_cameras(path, replace(cameras, fingerprint=fingerprint))
+    costs = {**opening, **_machine_columns()}
     return {"costs": costs, "files": sent}
 
 
@@ -135,7 +137,7 @@ def render_frames(job: FrameJob) -> dict[str, Any]:
     rendered, failed = _rendered(opened, job)
     sent: dict[str, SentFile] = {}
     frames = {kind: _write(job, kind, *frame, sent) for kind, frame in rendered.items()}
-    costs = {**opening, "threads": dr.thread_count(), **memory_columns(), "frames": frames}
+    costs = {**opening, **_machine_columns(), "frames": frames}
     return {"costs": costs, "failed": failed, "files": sent}
 
 
@@ -174,7 +176,7 @@ def _write(
             **({"seed": job.seed} if TRACE_OF[kind].seed else {}),
             renderer=renderer_version(),
             **({} if kind in SURFACES else {"instruction_set": instruction_set()}),
-            fingerprint=job.fingerprints[kind],
+            fingerprint=job.fingerprints[kind][renderer_version()],
         )
         size = path.stat().st_size
     return {
@@ -184,6 +186,11 @@ def _write(
         "noise": stats.get("noise"),
         "bytes": size,
     }
+
+
+def _machine_columns() -> dict[str, Any]:
+    """Return the ledger's columns about this worker."""
+    return {"renderer": renderer_version(), "threads": dr.thread_count(), **memory_columns()}
 
 
 def _opened(folder: Path, digest: str) -> tuple[RenderScene, dict[str, Any]]:

@@ -8,7 +8,8 @@ could not be made again, writes the list of failures and returns the summary.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,7 +21,7 @@ from dask.system import cpu_count
 from pbrnet.pipeline.costs.estimates import estimator
 from pbrnet.pipeline.costs.forecast import ViewSize, seconds_of
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
-from pbrnet.pipeline.farm.cluster import Farm
+from pbrnet.pipeline.farm.cluster import Farm, scheduler_address
 from pbrnet.pipeline.farm.scheduling import Item
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.transfer import TransferService
@@ -29,7 +30,7 @@ from pbrnet.pipeline.farm.worker import Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
 from pbrnet.pipeline.progress import Progress, span
 from pbrnet.pipeline.records import Failure, save_failures
-from pbrnet.pipeline.render.scene import set_variant
+from pbrnet.pipeline.render.variants import card_ids, choose
 from pbrnet.pipeline.stages.render_jobs import use_code, use_renderer
 from pbrnet.pipeline.stages.trash import Trash, size_text
 from pbrnet.pipeline.terminal import lines_of, say
@@ -114,6 +115,7 @@ class StagePlan:
     unsure: int = 0  # files of those scenes that are there now
     renders: bool = True  # whether the workers need a renderer and the scenes' files
     targets: dict[str, list[Target]] = field(default_factory=dict)  # by the item's key
+    renderers: Counter[str] = field(default_factory=Counter)  # files by the renderer that made them
 
     def add(self, job: Any, *targets: Target) -> None:
         """Add an item; the files now at its targets are out of date."""
@@ -165,11 +167,16 @@ def begin(data: Path, params: FarmParams, plan: StagePlan) -> None:
 
 
 def execute(
-    data: Path, params: FarmParams, scheduler: str | None, plan: StagePlan, renderer: str = ""
+    data: Path,
+    params: FarmParams,
+    scheduler: str | None,
+    plan: StagePlan,
+    renderers: Collection[str] = (),
 ) -> dict[Path, bool]:
     """Run the plan's items on the farm; return for each target whether it was made.
 
-    Failures are added to the plan.
+    Workers of this machine have its best variant; those of a scheduler choose theirs, one of
+    `renderers`. Failures are added to the plan.
     """
     made = {target.path: False for targets in plan.targets.values() for target in targets}
     if not plan.items:
@@ -186,19 +193,23 @@ def execute(
         setup: Callable[[int], None] = partial(use_code, code_version(), workspace)
         service: TransferService | None = None
         needed: Path | None = workspace.token_path
+        cards: tuple[str, ...] = ()
         if plan.renders:
-            variant = set_variant(params.variant)
-            setup = partial(use_renderer, variant, renderer, code_version(), workspace)
+            variant = params.variant
+            if not scheduler_address(scheduler):
+                variant = choose(variant)
+                cards = card_ids() if variant.startswith("cuda") else ()
+            setup = partial(use_renderer, variant, renderers, code_version(), workspace)
             service, needed = scene_service(workspace), None
         try:
-            with Farm(params, scheduler, setup, len(plan.items), service, needed) as farm:
+            with Farm(params, scheduler, setup, len(plan.items), service, needed, cards) as farm:
                 progress.write(farm.workers)
 
                 def finished(key: str) -> None:
                     progress.announce(key, len(plan.targets.get(key, ())))
 
                 for outcome in farm.run(plan.work, _weighted(data, plan), finished):
-                    made.update(_record(outcome, plan, renderer, ledger, progress))
+                    made.update(_record(outcome, plan, ledger, progress))
         finally:
             for folder in sorted({target.parent for target in made}):
                 remove_partials(folder)
@@ -222,7 +233,7 @@ def _weighted(data: Path, plan: StagePlan) -> list[Item]:
 
 
 def _record(
-    outcome: Outcome, plan: StagePlan, renderer: str, ledger: Ledger, progress: Progress
+    outcome: Outcome, plan: StagePlan, ledger: Ledger, progress: Progress
 ) -> dict[Path, bool]:
     """Record an outcome's files, failures, costs and progress; return which targets were made.
 
@@ -254,8 +265,9 @@ def _record(
                 worker=outcome.worker,
                 attempt=outcome.attempt,
                 ended=outcome.ended,
-                renderer=renderer or None,
             )
+            if "renderer" in costs:
+                plan.renderers[costs["renderer"]] += 1
     progress.advance(len(targets), targets[0].scene_id, outcome.key)
     return {path: not error for path, error in errors.items()}
 
@@ -289,8 +301,18 @@ def finish(
             "else is done; run the same command again to retry.",
         )
     seconds = time.monotonic() - started
-    lines = tuple(line for line in (*notes(), trash.described()) if line)
-    return Summary(plan.stage, count, plan.kept, plan.removed, seconds, lines)
+    said = (*_mixture(plan.renderers), *notes(), trash.described())
+    return Summary(plan.stage, count, plan.kept, plan.removed, seconds, tuple(filter(None, said)))
+
+
+def _mixture(renderers: Counter[str]) -> Iterable[str]:
+    """Yield a note if the files of a run are of several renderers."""
+    if len(renderers) > 1:
+        each = ", ".join(f"{count} by {name}" for name, count in sorted(renderers.items()))
+        yield (
+            f"note: workers of several kinds: {each}. Light agrees within its noise, everything "
+            "else to rounding; farm.variant chooses one kind"
+        )
 
 
 def threaded(function: Callable[[A], B], values: Sequence[A]) -> list[B]:

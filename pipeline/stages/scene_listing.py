@@ -9,7 +9,8 @@ from pathlib import Path
 from pbrnet.pipeline.farm.scene_digest import scene_digest
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.records import Failure
-from pbrnet.pipeline.render.scene import renderer_version, set_variant
+from pbrnet.pipeline.render.scene import renderer_version
+from pbrnet.pipeline.render.variants import accepted
 from pbrnet.pipeline.stages.runner import StagePlan, threaded
 from pbrnet.scenes.contract import Scene, load_scene, scene_folders
 from pbrnet.scenes.errors import InputError
@@ -17,10 +18,12 @@ from pbrnet.scenes.errors import InputError
 SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
 
 
-def active_renderer(params: FarmParams) -> str:
-    """Set the Mitsuba variant that the parameters choose; return renderer and variant version."""
-    set_variant(params.variant)
-    return renderer_version()
+def accepted_renderers(params: FarmParams) -> tuple[str, ...]:
+    """Return the versions of the renderer whose frames and cameras hold, the preferred one first.
+
+    One for each variant that workers may choose.
+    """
+    return tuple(renderer_version(variant) for variant in accepted(params.variant))
 
 
 def list_scenes(data: Path, plan: StagePlan, without: Collection[str] = ()) -> dict[str, Scene]:

@@ -51,8 +51,8 @@ def test_a_frame_comes_back_as_it_was_written(tmp_path: Path, view: View) -> Non
     assert frame.meta["spp"] == 4
     assert not {"seen", "score"} & frame.meta["view"].keys(), "camera files hold these"
     assert frame.meta["view"]["view_id"] == "v0"
-    assert frames.holds(path, "f")
-    assert not frames.holds(path, "g")
+    assert frames.holds(path, ["f"])
+    assert not frames.holds(path, ["g"])
 
 
 def test_the_standard_attribute_is_the_inverse_pose(tmp_path: Path, view: View) -> None:

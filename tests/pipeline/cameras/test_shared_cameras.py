@@ -105,7 +105,7 @@ def test_a_change_of_the_first_scene_concerns_those_that_share(tmp_path: Path) -
 
     def changed(params: Params, scene: str) -> set[str]:
         before, after = (
-            camera_fingerprints(scenes, view_params(params), params.seed, values, "r")
+            camera_fingerprints(scenes, view_params(params), params.seed, values, ["r"])
             for values in (digests, {**digests, scene: "2"})
         )
         return {name for name in names if before[name] != after[name]}

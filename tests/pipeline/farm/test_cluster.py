@@ -12,6 +12,7 @@ from typing import Any
 
 import psutil
 import pytest
+from dask.system import cpu_count
 from distributed import Future
 
 from pbrnet.pipeline.farm import cluster
@@ -203,6 +204,18 @@ def test_workers_and_folder_are_gone_afterwards() -> None:
     assert time.monotonic() - started < 10
     left = [p for p in psutil.Process().children(recursive=True) if p.pid not in before]
     assert not [p for p in left if "spawn_main" in " ".join(p.cmdline())]
+
+
+@pytest.mark.parametrize(("workers", "count"), [(0, 2), (3, 3)])
+def test_every_card_has_a_worker_which_sees_no_other(workers: int, count: int) -> None:
+    params = FarmParams(workers=workers, batch=1, window=1)
+    names = {f"k{index}": {"do": "card", "sleep": 0.5} for index in range(8)}
+    with Farm(params, None, no_setup, 8, cards=("2", "GPU-b")) as farm:
+        assert farm.wanted == count and farm.threads == max(1, cpu_count() // count)
+        outcomes = list(farm.run(work, _items(8, **names)))
+    cards = {outcome.worker: outcome.value for outcome in outcomes}
+    assert len(cards) == count and set(cards.values()) == {"2", "GPU-b"}
+    assert all(cards[outcome.worker] == outcome.value for outcome in outcomes)
 
 
 def test_two_items_of_one_name_are_refused() -> None:

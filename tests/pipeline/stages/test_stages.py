@@ -455,8 +455,8 @@ def test_commands_have_examples_and_say_what_they_did(data: Path, tmp_path: Path
 
 def test_frames_hold_only_under_their_own_fingerprint(finished: Path) -> None:
     path = next((finished / "inputs").rglob("*.exr"))
-    assert holds(path, read_meta(path)["fingerprint"])
-    assert not holds(path, "another")
+    assert holds(path, [read_meta(path)["fingerprint"]])
+    assert not holds(path, ["another"])
 
 
 def test_variants_of_a_home_stand_beside_it_and_share_its_plan(tmp_path: Path) -> None:
