@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.costs.ledger import read_ledger
-from pbrnet.pipeline.farm.settings import FarmParams
+from pbrnet.pipeline.farm.settings import FarmParams, Variant
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
 from pbrnet.pipeline.stages.cameras import run_cameras
@@ -60,11 +60,11 @@ class Course:
         return tuple(max(self.memory[start : start + size]) for start in starts)
 
 
-def parameters(homes: int, recycle: int = 0) -> Params:
+def parameters(homes: int, recycle: int = 0, variant: Variant = "auto") -> Params:
     """Return parameters for small views, one per scene, and one worker."""
     return Params(
         image=ImageParams(width=32, height=24),
-        farm=FarmParams(workers=1, batch=1, recycle=recycle),
+        farm=FarmParams(workers=1, batch=1, recycle=recycle, variant=variant),
         scenes=SceneParams(homes=homes, rooms_min=1, rooms_max=3, texture_size=64),
         cameras=CameraParams(views_per_room=1, views_per_scene=1, candidates=4),
         illumination=IlluminationParams(width=32, supersampling=1, light_samples=4),
@@ -73,10 +73,15 @@ def parameters(homes: int, recycle: int = 0) -> Params:
 
 
 def measure(
-    folder: Path, homes: int, scenes: int, recycle: int = 0, stages: Sequence[str] = ("truth",)
+    folder: Path,
+    homes: int,
+    scenes: int,
+    recycle: int = 0,
+    stages: Sequence[str] = ("truth",),
+    variant: Variant = "auto",
 ) -> list[Course]:
     """Make homes below `folder`, copy them to this number of scenes, and run the stages."""
-    params = parameters(homes, recycle)
+    params = parameters(homes, recycle, variant)
     run_scenes(folder, params)
     run_cameras(folder, params)
     multiply(folder, scenes)

@@ -17,6 +17,7 @@ from typing import Any
 
 import psutil
 
+from benchmarks.bench import ROOT
 from benchmarks.rows import Row
 from benchmarks.timing import now
 from pbrnet.pipeline.commands.release import processor
@@ -38,6 +39,7 @@ TITLES = {
     "budgets": "Time budgets",
     "published": "Comparison with published figures",
 }
+CARD = ROOT / "benchmarks" / "card.json"  # of `python -m benchmarks.card`
 _CLOCKS = {"cpu": "CPU", "wall": "wall", "": ""}
 _HEADER = """# Benchmarks
 
@@ -104,12 +106,11 @@ class Results:
 
     def save(self) -> None:
         """Write the results file and the page."""
-        ordered = {name: self.topics[name] for name in TITLES if name in self.topics}
         unfinished = [name for name in TITLES if not self.complete(name)]
         record = {
             "measured_on": measured_on(self.sizes),
             "unfinished": unfinished,
-            "topics": ordered,
+            "topics": self.topics,
         }
         write_json(self.path, record)
         write_text(self.page, page_of(record))
@@ -138,9 +139,33 @@ def page_of(record: dict[str, Any]) -> str:
     if machine["sizes"] != "full":
         parts.append("**A trial run at small sizes**: ignore its figures.\n")
     parts.append(f"{_machine_line(machine)}\n")
-    for name, topic in record["topics"].items():
-        parts.append(_section(name, topic, machine))
+    topics = record["topics"]
+    parts += [_section(name, topics[name], machine) for name in TITLES if name in topics]
+    parts.append(_card_section(read_json(CARD) if CARD.is_file() else {}))
     return "\n".join(parts)
+
+
+def write_card(file: Path, record: dict[str, Any]) -> None:
+    """Write the results of `python -m benchmarks.card`; if `file` is `CARD`, also the page."""
+    write_json(file, record)
+    if file == CARD:
+        results = read_json(ROOT / "benchmarks" / "results.json")
+        write_text(ROOT / "docs" / "benchmarks.md", page_of(results))
+
+
+def _card_section(record: dict[str, Any]) -> str:
+    """Return the section of a graphics card, which most machines cannot measure."""
+    lines = ["## A graphics card against LLVM", ""]
+    if not record.get("card"):
+        lines.append(
+            "Not measured: no card was available. `python -m benchmarks.card` measures in at most "
+            "eight minutes how nearly surfaces are equal, the mean and noise of light, views an "
+            "hour, memory over 50 scenes, and training steps."
+        )
+        return "\n".join([*lines, ""])
+    rows = [row for step in record["steps"].values() for row in step["rows"]]
+    lines += [f"{record['card']}. {_machine_line(record['measured_on'])}", ""]
+    return "\n".join([*lines, *_table(rows), ""])
 
 
 def _machine_line(machine: dict[str, Any]) -> str:
@@ -164,11 +189,14 @@ def _section(name: str, topic: dict[str, Any], machine: dict[str, Any]) -> str:
         )
     else:
         lines.append("Incomplete.")
-    lines += ["", "| row | figure | range | clock | goal |", "|---|---:|---:|---|---|"]
-    lines += [_line(row) for row in topic["rows"]]
-    lines.append("")
-    lines += [f"- **{row['name']}**: {row['meaning']}." for row in _by_meaning(topic["rows"])]
-    return "\n".join([*lines, ""])
+    return "\n".join([*lines, "", *_table(topic["rows"]), ""])
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the lines of a table of rows and of their meanings."""
+    lines = ["| row | figure | range | clock | goal |", "|---|---:|---:|---|---|"]
+    lines += [*(_line(row) for row in rows), ""]
+    return lines + [f"- **{row['name']}**: {row['meaning']}." for row in _by_meaning(rows)]
 
 
 def _line(row: dict[str, Any]) -> str:

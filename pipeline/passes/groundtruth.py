@@ -35,6 +35,7 @@ from pbrnet.pipeline.render.bsdf_tables import partner_table
 from pbrnet.pipeline.render.material_sets import MaterialSets
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.render.sensors import make_sensor
+from pbrnet.pipeline.render.variants import cards, on_card
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array, Float64Array
 from pbrnet.scenes.contract import Room
@@ -43,6 +44,7 @@ from pbrnet.scenes.seeds import derive32
 # Powers of two that are a grid of nearly equal sides, as the `multijitter` sampler needs it.
 _BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels
+_CARD_BYTES = 512  # of a card's memory for each sample of a launch: half of it stays free
 _TRACERS: WeakKeyDictionary[MaterialSets, FrozenTracer] = WeakKeyDictionary()
 _SPHERE_TRACERS: WeakKeyDictionary[MaterialSets, SphereTracer] = WeakKeyDictionary()
 
@@ -299,7 +301,7 @@ def render_blocks(
 
 def truth_of(blocks: BlockStatistics, params: GroundTruthParams) -> Truth:
     """Return the mean of an image's blocks and its statistics."""
-    spp, _ = block_sizes(params)
+    spp, _ = block_sizes(params, blocks.mean.size)
     return blocks.image(), {"spp": spp * blocks.blocks, **blocks.statistics()}
 
 
@@ -311,7 +313,7 @@ def trace_blocks(
     `launch(copies, spp, seed)` returns that many blocks side by side, each of `images` images of
     three bands. The target is that of the first two: parts of colour do not change the samples.
     """
-    spp, blocks = block_sizes(params)
+    spp, blocks = block_sizes(params, view.width * view.height)
     min_blocks = blocks
     if params.noise:
         min_blocks = min(blocks, max(2, -(-params.min_spp // spp)))
@@ -330,8 +332,10 @@ def trace_blocks(
     return statistics
 
 
-def block_sizes(params: GroundTruthParams) -> tuple[int, int]:
+def block_sizes(params: GroundTruthParams, pixels: int) -> tuple[int, int]:
     """Return samples per pixel in one block and the number of blocks.
+
+    A block is one launch, so on a card it also fits into that one's memory.
 
     There are two or more blocks unless `spp` is 1, because a noise estimate needs two independent
     ones: samples that would fit into one block are divided between two. A block has a power of two
@@ -341,6 +345,8 @@ def block_sizes(params: GroundTruthParams) -> tuple[int, int]:
     spp, most = params.spp, min(params.block_spp, params.spp)
     if spp // most < 2 and spp > 1:
         most = spp // 2
+    if on_card():
+        most = max(1, min(most, launch_samples() // pixels))
     size = max(number for number in _BLOCK_SIZES if number <= most and spp % number == 0)
     return size, spp // size
 
@@ -350,12 +356,21 @@ def blocks_per_launch(blocks: int, samples: int) -> int:
 
     `samples` is the number of samples in one block. Each launch has a fixed cost (see
     `pbrnet.pipeline.pathtrace.launches`), so small images trace several blocks at once, as many as
-    `_LAUNCH_SAMPLES` allows.
+    `launch_samples` allows.
     """
-    fitting = (
-        n for n in range(1, blocks + 1) if blocks % n == 0 and n * samples <= _LAUNCH_SAMPLES
-    )
+    limit = launch_samples()
+    fitting = (n for n in range(1, blocks + 1) if blocks % n == 0 and n * samples <= limit)
     return max(fitting, default=1)
+
+
+def launch_samples() -> int:
+    """Return the most samples of one launch: on a card a power of two by the least memory of any.
+
+    So the frames of a card are bit-identical on cards of one model.
+    """
+    if not on_card():
+        return _LAUNCH_SAMPLES
+    return 1 << max(0, (min(cards().memory) // _CARD_BYTES).bit_length() - 1)
 
 
 @lru_cache(maxsize=8)

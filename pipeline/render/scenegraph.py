@@ -19,6 +19,7 @@ import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.render.dispatch import keep_from_calls
+from pbrnet.pipeline.render.variants import on_card
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.scene_xml import check_scene_xml
 from pbrnet.scenes.image_files import UnreadableImage, exr_channels
@@ -149,7 +150,7 @@ def parse(xml: Path) -> Graph:
         raise InputError(f"{xml}: {_first_words(error)}") from None
     if not len(state.nodes) or str(state.nodes[0].type).rpartition(".")[2] != "Scene":
         raise InputError(f"{xml}: the outermost element is not <scene>")
-    if not mi.variant().startswith("cuda"):  # whose ray tracer has no such choice
+    if not on_card():  # whose ray tracer has no such choice
         # Without it, a ray that is aimed at an edge may slip between two triangles, others with
         # AVX2 than with AVX-512.
         state.nodes[0].props["embree_use_robust_intersections"] = True

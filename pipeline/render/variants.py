@@ -74,6 +74,11 @@ def cards() -> Cards:
     return known
 
 
+def on_card() -> bool:
+    """Return whether this process renders on a card."""
+    return str(mi.variant()).startswith("cuda")
+
+
 def card_ids() -> tuple[str, ...]:
     """Return the names of the usable cards for `CUDA_VISIBLE_DEVICES`."""
     given = os.environ.get(VISIBLE_CARDS)

@@ -13,6 +13,7 @@ import pytest
 from pbrnet.pipeline.passes import groundtruth
 from pbrnet.pipeline.passes.groundtruth import block_sizes, blocks_per_launch, render_truth
 from pbrnet.pipeline.render.scene import open_scene
+from pbrnet.pipeline.render.variants import Cards
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.encoded import exr, picture
@@ -203,7 +204,7 @@ def test_seeds_matter_and_repeat(tmp_path: Path) -> None:
 
 def test_samples_are_split_into_blocks() -> None:
     def sizes(spp: int, block: int) -> tuple[int, int]:
-        return block_sizes(plain_truth(spp=spp, block_spp=block))
+        return block_sizes(plain_truth(spp=spp, block_spp=block), 1 << 20)
 
     assert sizes(64, 16) == (16, 4)
     assert sizes(16, 16) == (8, 2)
@@ -217,6 +218,18 @@ def test_samples_are_split_into_blocks() -> None:
     assert blocks_per_launch(12, 1 << 18) == 6
     assert blocks_per_launch(7, 1 << 20) == 1
     assert blocks_per_launch(4, 1 << 30) == 1
+
+
+@pytest.mark.parametrize(("gib", "samples", "block"), [(8, 1 << 24, 16), (139, 1 << 28, 64)])
+def test_launches_on_a_card_fit_into_its_memory(
+    monkeypatch: pytest.MonkeyPatch, gib: int, samples: int, block: int
+) -> None:
+    monkeypatch.setattr(groundtruth, "on_card", lambda: True)
+    monkeypatch.setattr(groundtruth, "cards", lambda: Cards((gib << 30, 200 << 30)))
+    assert groundtruth.launch_samples() == samples
+    assert block_sizes(plain_truth(spp=128, block_spp=64), 1024 * 768) == (block, 128 // block)
+    assert block_sizes(plain_truth(spp=4, block_spp=4), 1 << 30)[0] == 1  # never none
+    assert blocks_per_launch(64, samples >> 3) == 8
 
 
 def test_broken_samples_are_counted_and_replaced(
