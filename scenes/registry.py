@@ -6,6 +6,7 @@ line here.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cache
@@ -29,6 +30,8 @@ from pbrnet.scenes.sweethome.options import SweetHomeOptions
 # (file, scene folder to write, scene id, options, files that it opens) -> the scene
 Importer = Callable[[Path, Path, str, Any, OpenedFiles], Scene]
 
+# Root elements of XML files that no source reads -> the suffix of their kind
+_XML_ROOTS = {b"mujoco": ".mjcf", b"robot": ".urdf", b"sdf": ".sdf", b"gbXML": ".gbxml"}
 _LFS = b"version https://git-lfs.github.com/"  # start of a pointer
 
 
@@ -115,9 +118,10 @@ def import_scene(
         return _copy_folder(path, out, scene_id, opened or OpenedFiles(path))
     regular_file(path)
     source = SOURCES.get(path.suffix.lower())
-    if source is None and path.suffix.lower() in refused():
-        kind, remedy = refused()[path.suffix.lower()]
-        raise InputError(f"{path}: {path.suffix} files ({kind}) are not read; {remedy}")
+    suffix = _told_suffix(path)
+    if suffix in refused():
+        kind, remedy = refused()[suffix]
+        raise InputError(f"{path}: {suffix} files ({kind}) are not read; {remedy}")
     if source is None:
         raise InputError(
             f"{path}: unknown kind of scene {path.suffix!r}; known: {', '.join(sorted(SOURCES))}, "
@@ -141,6 +145,17 @@ def import_scene(
         if path.name in str(error):
             raise
         raise InputError(f"{path}: {error}") from None
+
+
+def _told_suffix(path: Path) -> str:
+    """The suffix of a file, in lower case; of XML, that of the kind that its root tells."""
+    suffix = path.suffix.lower()
+    if suffix != ".xml":
+        return suffix
+    with path.open("rb") as file:
+        head = re.sub(rb"<!--.*?-->", b"", file.read(4096), flags=re.DOTALL)
+    root = re.search(rb"<([A-Za-z]\w*)", head)
+    return _XML_ROOTS.get(root[1], suffix) if root else suffix
 
 
 def _copy_folder(path: Path, out: Path, scene_id: str, opened: OpenedFiles) -> Scene:

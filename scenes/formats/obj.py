@@ -20,6 +20,7 @@ from pbrnet.scenes.geometry.mesh import MAX_TRIANGLES, Mesh
 MAX_BYTES = 512 * 2**20
 _COLUMNS = {b"v": 3, b"vt": 1, b"vn": 3}  # fewest values of a line
 _TABLES = {b"v": 0, b"vt": 1, b"vn": 2}
+_CONTINUED = b"\v"  # a blank to `bytes.split`, so that lines can still be counted
 _WITHOUT_FACES = (b"curv", b"curv2", b"surf", b"l", b"p")
 
 
@@ -57,6 +58,7 @@ class Obj:
     libraries: list[str]  # names in `mtllib` lines, without repetition
     without_faces: dict[str, int]  # keyword of curves and points -> number of lines
     header: str  # comments at the start of the file, which may name the licence
+    line_of_face: Int64Array  # (F,), counted from 1
 
     def mesh(self, faces: Int64Array | None = None, flip_v: bool = True) -> Mesh:
         """Return the mesh of some faces (indices), of all by default; polygons become fans.
@@ -64,8 +66,9 @@ class Obj:
         It has normals if all corners have one, and likewise texture coordinates. `flip_v` maps v
         to 1 - v, like Mitsuba by default. Raises `InputError`.
         """
-        sizes, corners = self.sizes, self.corners
+        sizes, corners, lines = self.sizes, self.corners, self.line_of_face
         if faces is not None:
+            lines = lines[faces]
             ends = np.cumsum(self.sizes)
             sizes = self.sizes[faces]
             starts = ends[faces] - sizes
@@ -73,14 +76,23 @@ class Obj:
             corners = corners[rows + np.arange(len(rows))]
         if not len(sizes):
             raise InputError(f"{self.place}: an OBJ without faces")
+        self._check(corners, np.repeat(lines, sizes))
         return self._mesh(corners.copy(), sizes, flip_v)
 
-    def _mesh(self, corners: Int64Array, sizes: Int64Array, flip_v: bool) -> Mesh:
+    def _check(self, corners: Int64Array, lines: Int64Array) -> None:
+        """Raise `InputError` with the line if one of `corners` (C, 3) refers to nothing."""
         tables = ((self.positions, "vertex"), (self.uvs, "vt"), (self.normals, "vn"))
         for column, (table, kind) in enumerate(tables):
             values = corners[:, column]
-            if (values > len(table)).any() or (values < (column == 0)).any():
-                raise InputError(f"{self.place}: a face refers to a {kind} that does not exist")
+            wrong = (values > len(table)) | (values < (column == 0))
+            if wrong.any():
+                first = int(np.argmax(wrong))
+                raise InputError(
+                    f"{self.place}:{lines[first]}: a face refers to a {kind} that does not exist: "
+                    f"number {values[first]} of {len(table):,}"
+                )
+
+    def _mesh(self, corners: Int64Array, sizes: Int64Array, flip_v: bool) -> Mesh:
         has_uv, has_normals = bool((corners[:, 1] > 0).all()), bool((corners[:, 2] > 0).all())
         corners[:, 1] *= has_uv
         corners[:, 2] *= has_normals
@@ -121,6 +133,7 @@ class _Lines:
     counts: dict[int, tuple[int, int, int]] = field(default_factory=dict)
     runs: dict[ObjRun, int] = field(default_factory=dict)
     run_of_face: list[int] = field(default_factory=list)
+    line_of_face: list[int] = field(default_factory=list)
     libraries: list[str] = field(default_factory=list)
     without_faces: dict[str, int] = field(default_factory=dict)
 
@@ -128,7 +141,7 @@ class _Lines:
 def parse_obj(data: bytes, place: str) -> Obj:
     """Parse the bytes of an OBJ file; messages of `InputError` begin with `place`."""
     text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    lines = text.replace(b"\\\n", b" ").split(b"\n")
+    lines = text.replace(b"\\\n", _CONTINUED).split(b"\n")
     found = _sorted_lines(lines)
     positions, uvs, normals = (
         _table(rows, columns, least, f"{place}: {word.decode()}")
@@ -150,6 +163,7 @@ def parse_obj(data: bytes, place: str) -> Obj:
         list(dict.fromkeys(found.libraries)),
         found.without_faces,
         decode_text(b"\n".join(comments))[:4000],
+        np.array(found.line_of_face, dtype=np.int64),
     )
 
 
@@ -163,8 +177,8 @@ def decode_text(data: bytes) -> str:
 
 def _sorted_lines(lines: list[bytes]) -> _Lines:
     found = _Lines(tables=([], [], []))
-    run, number = ObjRun(), -1
-    for line in lines:
+    run, number, continued = ObjRun(), -1, 0
+    for place, line in enumerate(lines, start=1):
         words = line.split(None, 1)
         if not words:
             continue
@@ -179,6 +193,7 @@ def _sorted_lines(lines: list[bytes]) -> _Lines:
                 found.counts[len(found.faces)] = tuple(map(len, found.tables))  # type: ignore[assignment]
             found.faces.append(rest)
             found.run_of_face.append(number)
+            found.line_of_face.append(place + continued)
         elif word == b"mtllib":
             name = decode_text(rest.strip())
             # A line may hold one name with blanks, or several names.
@@ -188,6 +203,7 @@ def _sorted_lines(lines: list[bytes]) -> _Lines:
         elif word in _WITHOUT_FACES:
             kind = word.decode()
             found.without_faces[kind] = found.without_faces.get(kind, 0) + 1
+        continued += line.count(_CONTINUED)
     return found
 
 

@@ -40,6 +40,7 @@ def export(path: str, out: str) -> None:
         raise InputError(f"{path}: damaged IFC file ({_one_line(error)})") from None
     if not isinstance(file, ifcopenshell.file) or not file.by_type("IfcProject"):
         raise InputError(f"{path}: damaged IFC file, or one without a project")
+    _complete(file)
     products = {one.id(): one for one in file.by_type("IfcProduct") if one.Representation}
     chosen = [one for one in products.values() if not any(_is_a(one, name) for name in _LEFT_OUT)]
     elements: list[dict[str, Any]] = []
@@ -70,7 +71,9 @@ def export(path: str, out: str) -> None:
     points = np.concatenate(pieces) if pieces else np.zeros((0, 3, 3))
     shift = _shift(points)
     np.save(Path(out) / "points.npy", points + shift)
-    lost = Counter(one.is_a() for one in chosen if one.id() not in seen)
+    openings = [one for one in products.values() if one.is_a("IfcOpeningElement")]
+    seen |= {shape.id for shape in _shapes(file, openings)}
+    lost = Counter(one.is_a() for one in (*chosen, *openings) if one.id() not in seen)
     result = {
         "schema": str(file.schema),
         "elements": elements,
@@ -80,6 +83,17 @@ def export(path: str, out: str) -> None:
         "author": _author(file),
     }
     (Path(out) / "building.json").write_text(json.dumps(result, allow_nan=False))
+
+
+def _complete(file: Any) -> None:
+    """Give shapes without a context that of the model: the kernel passes others over, unsaid."""
+    context = next(
+        (one for one in file.by_type("IfcGeometricRepresentationContext")
+         if not one.is_a("IfcGeometricRepresentationSubContext")), None,
+    )  # fmt: skip
+    for shape in file.by_type("IfcShapeRepresentation") if context is not None else ():
+        if shape.ContextOfItems is None:
+            shape.ContextOfItems = context
 
 
 def _shapes(file: Any, products: list[Any]) -> Any:

@@ -28,6 +28,7 @@ from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased
 from pbrnet.scenes.geometry.regions import largest_part, simplified, union
 from pbrnet.scenes.ifc.classes import category_of_element, is_window, occupies_no_room
 from pbrnet.scenes.ifc.options import IfcOptions
+from pbrnet.scenes.ifc.slabs import lacks_slab, slabs_of
 from pbrnet.scenes.importing.assembly import Draft, assemble
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.credits import find_credit
@@ -37,10 +38,16 @@ from pbrnet.scenes.importing.names import Names
 from pbrnet.scenes.importing.objects import room_of, structure_category
 from pbrnet.scenes.importing.shape import Shape, bounds_of, make_object
 from pbrnet.scenes.importing.shapes.panes import pieces_of_mesh
-from pbrnet.scenes.importing.shapes.sealing_shapes import completing_shapes
+from pbrnet.scenes.importing.shapes.sealing_shapes import (
+    CEILING,
+    FLOOR,
+    completing_shapes,
+    sealing_shape,
+)
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.reconstruction.interior import find_interior
+from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.room_index import RoomIndex
 from pbrnet.scenes.reconstruction.rooms import MIN_AREA, FoundRoom
 
@@ -53,6 +60,7 @@ _CREASE = 40.0  # degrees
 _GREY: Color = (0.5, 0.5, 0.5)  # of surfaces without a style
 _CLEAR = 0.4  # transparency from which a style is clear glass
 _LEAST_HEIGHT = 1.0  # metres, of a space that is a room
+_PRISM = 0.97  # least share of its floor's area times its height that a space without slopes fills
 _PANE_DEPTH = 0.06  # metres, greatest thickness of a pane
 _PANE_SHARE = 0.2  # least share of a window's face that a pane covers
 
@@ -131,7 +139,9 @@ class _Building:
                 self._element(element)
         if not self.shapes:
             raise InputError(f"{self.path}: the file has no elements with surfaces")
-        if not self.rooms:
+        if self.rooms:
+            self._add_slabs()
+        else:
             self.changes.note("the file has no spaces: rooms were derived from its surfaces")
             self._close()
         for name in self.storeys if self.rooms else ():
@@ -149,12 +159,25 @@ class _Building:
         """Add ceilings and walls to spaces that are open above, if there is no closed room."""
         corners = np.concatenate([shape.mesh.corners for shape in self.shapes])
         for shape in completing_shapes(find_interior(corners).completion, self.changes):
-            added = replace(shape, id=self._names.unique(shape.id))
-            self.shapes.append(added)
-            self.elements[added.id] = {
-                "class": "IfcBuildingElementPart", "name": shape.name, "guid": added.id,
-                "part_of": "", "predefined": "",
-            }  # fmt: skip
+            self._add(shape, "IfcBuildingElementPart")
+
+    def _add_slabs(self) -> None:
+        """Add floors and ceilings to spaces that lack them, at the heights that the file states."""
+        rays = RayCaster(np.concatenate([shape.mesh.corners for shape in self.shapes]))
+        for name, color, predefined in (("floor", FLOOR, "FLOOR"), ("ceiling", CEILING, "CEILING")):
+            rooms = [room for _, room in self.rooms if lacks_slab(room, rays, name == "ceiling")]
+            if rooms:
+                shape = sealing_shape(f"added_{name}", slabs_of(rooms, name == "ceiling"), color)
+                self._add(shape, "IfcCovering", predefined)
+                self.changes.note(f"spaces without a {name} got one at their height: {len(rooms)}")
+
+    def _add(self, shape: Shape, kind: str, predefined: str = "") -> None:
+        added = replace(shape, id=self._names.unique(shape.id))
+        self.shapes.append(added)
+        self.elements[added.id] = {
+            "class": kind, "name": shape.name, "guid": added.id, "part_of": "",
+            "predefined": predefined,
+        }  # fmt: skip
 
     def _space(self, element: dict[str, Any]) -> None:
         if element["predefined"] in ("EXTERNAL", "GFA") or element["class"] != "IfcSpace":
@@ -170,7 +193,10 @@ class _Building:
             self.changes.note("spaces too small to be rooms were left out: {}", name)
             return
         outline = orient(Polygon(floor.exterior))
-        self.rooms.append((name, FoundRoom(outline, float(low), float(high))))
+        volume = abs(float(np.sum(corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])))) / 6
+        is_prism = volume > _PRISM * outline.area * (high - low)
+        solid = None if is_prism else corners
+        self.rooms.append((name, FoundRoom(outline, float(low), float(high), solid=solid)))
         self._with_rooms.add(element["storey"])
 
     def _element(self, element: dict[str, Any]) -> None:

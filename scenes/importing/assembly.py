@@ -31,7 +31,7 @@ from pbrnet.scenes.contract import (
 )
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.camera import Camera, default_camera, sensor_of, view_of
-from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.changes import NO_ROOM, Changes
 from pbrnet.scenes.importing.light.ceiling_lamps import HungLamp, free_ceiling_lamps, hung_lamp
 from pbrnet.scenes.importing.light.daylight import daylight, ground
 from pbrnet.scenes.importing.light.in_rooms import (
@@ -187,7 +187,7 @@ def _with_some_room(
             "scene, is used as a room"
         )
     if not rooms:
-        changes.note("NO ROOM WAS FOUND: the bounding box of the scene is used as a room")
+        changes.note(f"{NO_ROOM}: the bounding box of the scene is used as a room")
         return [bounding_room], ["room_0"], [False]
     return rooms, room_ids, [not room.guessed for room in rooms]
 

@@ -24,6 +24,9 @@ _CATEGORY_OF_WORD = {
     for rank, (category, hints) in reversed(list(enumerate(_TABLE["categories"].items())))
     for hint in (category.replace(" ", ""), *hints)
 }
+_FINISHES, _STRUCTURE, _SURFACES, _ROOMS_TOO, _HUNG = (
+    frozenset(_TABLE[name]) for name in ("finishes", "structure", "surfaces", "rooms_too", "hung")
+)
 _DOORS = ("door", "doors", "gate", "porte", "tur", "puerta", "porta", "doorway", "doorframe",
           "garage")  # fmt: skip
 _BUILDING = ("stairs", "railing")
@@ -35,10 +38,31 @@ def category_of(*labels: str) -> str:
     return next((found for found in map(_category, labels) if found), "other")
 
 
+def category_of_part(label: str, material: str) -> str:
+    """Return the category of a part from its name, else from that of its material.
+
+    A material tells nothing of a part whose name says that it is one of the building, and words
+    for finishes tell nothing in its name: what is of `light_glass` is neither a lamp nor a glass.
+    `label` may be, or end with, the material's name, as in files without other names.
+    """
+    borrowed = _FINISHES & words_of(material) if label.endswith(material) else frozenset[str]()
+    if found := _category(label, borrowed):
+        return found
+    return (not has_structural_name(label) and _category(material, _FINISHES)) or "other"
+
+
+def has_structural_name(label: str) -> bool:
+    """Return whether a name says that a shape is part of the building, as "Walls" does."""
+    return bool(words_of(label) & _STRUCTURE)
+
+
 @lru_cache(_REMEMBERED)
-def _category(label: str) -> str:
-    """The category that one label tells, or ""."""
-    ranked = [_CATEGORY_OF_WORD[word] for word in words_of(label) if word in _CATEGORY_OF_WORD]
+def _category(label: str, without: frozenset[str] = frozenset()) -> str:
+    """The category that the words of one label, but for those `without` meaning, tell, or ""."""
+    words = words_of(label)
+    if words & _SURFACES and not words & _HUNG:  # "toilet wall": the room, not the thing
+        without |= _ROOMS_TOO
+    ranked = [_CATEGORY_OF_WORD[word] for word in words - without if word in _CATEGORY_OF_WORD]
     return min(ranked)[1] if ranked else ""
 
 

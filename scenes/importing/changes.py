@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+# Starts the note of a scene without rooms; the command warns then, and ends with exit code 1.
+NO_ROOM = "NO ROOM WAS FOUND"
 _SHOWN = 4  # details of one sentence that are listed
 
 

@@ -20,7 +20,13 @@ from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.geometry.regions import intersection
-from pbrnet.scenes.importing.categories import category_of, room_type
+from pbrnet.scenes.importing.categories import (
+    category_of,
+    category_of_part,
+    has_structural_name,
+    room_type,
+    words_of,
+)
 from pbrnet.scenes.importing.shape import Shape, bounds_of, make_object
 from pbrnet.scenes.reconstruction.room_index import RoomIndex
 from pbrnet.scenes.reconstruction.rooms import FoundRoom
@@ -53,9 +59,6 @@ _HOLLOW_CATEGORIES = (
 )  # fmt: skip
 _HOLLOW_DEPTH = 1.6  # metres
 
-_WALL_WORDS = ("wall", "walls", "ceiling", "floor", "roof", "skirting", "baseboard", "beam",
-               "molding", "moulding", "cornice", "plinth", "pillar", "column", "slab")  # fmt: skip
-
 
 @dataclass(frozen=True)
 class _SurfaceSample:
@@ -66,7 +69,7 @@ class _SurfaceSample:
 
 def shape_category(shape: Shape) -> str:
     """The category that the names of a shape and of its material tell."""
-    return category_of(shape.name, shape.surface.name)
+    return category_of_part(shape.name, shape.surface.name)
 
 
 def hollow_furniture(shapes: list[Shape]) -> list[tuple[Float64Array, Float64Array]]:
@@ -125,8 +128,11 @@ def structure_category(shape: Shape, index: RoomIndex) -> str:
     it spans much of the room, or if it lies outside all rooms.
     """
     low, high = shape.mesh.bounds
+    named = shape_category(shape)
+    if named == "rug" and category_of(shape.name) == "other":
+        named = "other"  # carpet may be the floor's material
     if (
-        shape_category(shape) not in ("other", "window", "door")
+        named not in ("other", "window", "door")
         and index.containing(0.5 * (low + high), _NICHE_DEPTH) is not None
     ):
         return ""
@@ -153,16 +159,11 @@ def structure_category(shape: Shape, index: RoomIndex) -> str:
             return kind
     if index.rooms and not inside_any:
         return "structure"
-    words = _words(shape.name)
-    hints = words & set(_WALL_WORDS)
-    if hints and (
-        _words(shape.surface.name) & set(_WALL_WORDS) or hints & {"wall", "floor", "ceiling"}
-    ):
-        span = float(np.max(high - low))
-        if span > 1.5:
-            return next(
-                (kind for kind in ("floor", "ceiling", "wall") if kind in words), "structure"
-            )
+    words = words_of(shape.name)
+    kind = next((kind for kind in ("floor", "ceiling", "wall") if kind in words), "")
+    is_part = has_structural_name(shape.name) and (kind or has_structural_name(shape.surface.name))
+    if is_part and float(np.max(high - low)) > 1.5:
+        return kind or "structure"
     return ""
 
 
@@ -292,16 +293,3 @@ def room_of(
 
 def _on_floor(low: Float64Array, rooms: list[FoundRoom]) -> bool:
     return not rooms or any(abs(low[2] - room.floor_z) < 0.35 for room in rooms)
-
-
-def has_structural_name(label: str) -> bool:
-    """Return whether a name says that a shape is part of the building, as "Walls" does."""
-    return bool(_words(label) & set(_WALL_WORDS))
-
-
-def _words(label: str) -> set[str]:
-    """Words of a label in lower case, with and without separation at capitals."""
-    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", label)
-    return {word.lower() for word in re.findall(r"[A-Za-z]+", spaced)} | {
-        word.lower() for word in re.findall(r"[A-Za-z]+", label)
-    }

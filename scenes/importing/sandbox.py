@@ -79,9 +79,10 @@ class Sandbox:
     def find(self, name: str, place: str) -> Path | None:
         """Return the path of the file called `name`, or None if it is missing.
 
-        An absolute path, or one in another case, is looked up by its last part, below the scene's
-        folder and then in folders of textures beside it, as far as `root` has them. Raises
-        `InputError`, with `place` in its message, for a path that leads out of `root`.
+        An absolute path, one in another case, or one out of `root` to a file that is not there is
+        looked up by its last part, below the scene's folder and then in folders of textures beside
+        it, as far as `root` has them. Raises `InputError`, with `place` in its message, for a path
+        to a file outside `root`.
         """
         if not name or "\0" in name or len(name) > 4096:
             raise InputError(f"{place}: the file name is empty, too long or has a NUL character")
@@ -91,6 +92,8 @@ class Sandbox:
         foreign = PurePosixPath(written).is_absolute() or PureWindowsPath(name).drive != ""
         if not foreign:
             for folder in self._folders:
+                if not self._is_inside(folder / written) and not (folder / written).exists():
+                    continue
                 path = self._inside(written, place, folder)
                 if self.opened.is_file(folder / written):
                     return path
@@ -98,14 +101,17 @@ class Sandbox:
         beside = () if self.folder == self.root or not last else _TEXTURE_FOLDERS
         textures = [self.folder.parent / each / last for each in beside]
         for found in (*self.opened.with_name(last), *textures):
-            if resolved(found).is_relative_to(self.root) and self.opened.is_file(found):
+            if self._is_inside(found) and self.opened.is_file(found):
                 self.relocated.append((name, found.relative_to(self.root).as_posix()))
                 return found
         return None
 
+    def _is_inside(self, path: Path) -> bool:
+        return resolved(path).is_relative_to(self.root)
+
     def _inside(self, name: str, place: str, folder: Path | None = None) -> Path:
         path = resolved((folder or self.folder) / name)
-        if not path.is_relative_to(self.root):
+        if not self._is_inside(path):
             raise InputError(
                 f"{place}: {name!r} lies outside the scene's folder {self.root}; "
                 "move the file into it, or give a folder that contains both with --root"

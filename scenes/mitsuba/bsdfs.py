@@ -113,17 +113,21 @@ class Bsdf:
 
 
 def _diffuse(bsdf: Bsdf) -> Surface:
-    return Surface(plugin("bsdf", "diffuse", reflectance=bsdf.color("reflectance")))
+    return Surface(plugin("bsdf", "diffuse", reflectance=_diffuse_color(bsdf)))
+
+
+def _diffuse_color(bsdf: Bsdf) -> Color | Element | None:
+    """`reflectance`, or `diffuseReflectance`, as Mitsuba 0.5 reads it as well."""
+    color = bsdf.color("reflectance")
+    other = bsdf.color("diffuse_reflectance")
+    return color if color is not None else other
 
 
 def _rough_diffuse(bsdf: Bsdf) -> Surface:
     """`roughdiffuse` (Oren-Nayar), approximated by `diffuse`."""
     bsdf.properties.ignore("alpha", "use_fast_approx")
-    color = bsdf.color("reflectance")
-    if color is None:
-        color = bsdf.color("diffuse_reflectance")
     bsdf.note("roughdiffuse was replaced by diffuse")
-    return Surface(plugin("bsdf", "diffuse", reflectance=color))
+    return _diffuse(bsdf)
 
 
 def _dielectric(bsdf: Bsdf) -> Surface:

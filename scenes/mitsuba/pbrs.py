@@ -2,7 +2,8 @@
 
 PBRS (Zhang et al., *Physically-Based Rendering for Indoor Scene Understanding Using
 Convolutional Neural Networks*, 2017) converted SUNCG houses for Mitsuba 0.5. The release keeps
-cameras, categories and lamps in tables, in the house's folder or up to two folders above it.
+cameras, categories and lamps in tables: in the house's folder, up to three folders above it, or in
+`util_data` there; cameras also in `projects_camera` beside the folder of all houses.
 Shapes have the names of SUNCG's nodes: `Model#83_mesh` begins a node, and the `main_18_mesh`,
 `main_19_mesh` that follow are its other materials.
 """
@@ -37,6 +38,7 @@ MAX_CAMERAS = 2000
 _MAX_BYTES = 4 * 2**20
 _LIGHTS = "light_geometry_compact.txt"
 _CATEGORIES = "ModelCategoryMappingNewActive.csv"
+_CAMERAS = "room_camera.txt"
 _WALLPAPER = "wallp_0.jpg"
 _NODE = re.compile(r"(?P<kind>[A-Za-z]+)#(?P<rest>[\w#]+?)_mesh")
 _MODEL = re.compile(r"(?P<id>(?:s__)?\d+)(?:_\d+)?")
@@ -110,21 +112,22 @@ class ReleaseNode:
 def find_release(path: Path, opened: OpenedFiles, changes: Changes) -> Release | None:
     """Read the release's tables for the scene file `path`; None if it is no PBRS house.
 
-    Tables are files with the release's names in the folder of `path` or the two folders above
-    it; `opened` records the files looked for. Raises `InputError` for damaged tables.
+    `opened` records the files looked for. Raises `InputError` for damaged tables.
     """
     folder = path.parent
     lamps, classes, wallpaper = (
         _near(folder, name, opened) for name in (_LIGHTS, _CATEGORIES, _WALLPAPER)
     )
-    cameras = folder / "room_camera.txt"
-    if not opened.is_file(cameras) and not lamps and not classes:
+    beside = folder.resolve()
+    places = (folder, beside.parent.parent / "projects_camera" / beside.name)
+    cameras = next((one for one in places if opened.is_file(one / _CAMERAS)), None)
+    if cameras is None and not lamps and not classes:
         return None
     parameters = {"emitter_scale": EMITTER_SCALE}
     if wallpaper:
         parameters["default_texture_path"] = str(wallpaper)
     return Release(
-        _cameras(folder, opened, changes) if opened.is_file(cameras) else (),
+        () if cameras is None else _cameras(cameras, opened, changes),
         read_lamps(lamps) if lamps else {},
         _classes(classes) if classes else {},
         parameters,
@@ -333,7 +336,7 @@ def _parts(
 
 def _cameras(folder: Path, opened: OpenedFiles, changes: Changes) -> tuple[ReleaseCamera, ...]:
     """Cameras with their names, without those that the release flags as bad."""
-    cameras = read_cameras(folder / "room_camera.txt")
+    cameras = read_cameras(folder / _CAMERAS)
     names = _optional_lines(folder / "room_camera_name.txt", opened)
     flags = _optional_lines(folder / "room_camera_good.txt", opened)
     for label, lines in (("names", names), ("flags", flags)):
@@ -381,7 +384,7 @@ def _classes(path: Path) -> dict[str, _ModelClass]:
 
 def _near(folder: Path, name: str, opened: OpenedFiles) -> Path | None:
     """Find a table of the release: in `folder`, above it, or in `util_data` there."""
-    above = list(folder.resolve().parents)[:2]
+    above = list(folder.resolve().parents)[:3]
     for place in (folder, *(place / sub for place in above for sub in (".", "util_data"))):
         if opened.is_file(place / name):
             return (place / name).resolve()

@@ -29,12 +29,12 @@ from pbrnet.scenes.contract import Credit, Scene, SceneObject, load_scene, writi
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.assembly import Draft, assemble
 from pbrnet.scenes.importing.camera import Camera, transformed_camera
-from pbrnet.scenes.importing.categories import category_of
+from pbrnet.scenes.importing.categories import category_of, has_structural_name
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.credits import find_credit
 from pbrnet.scenes.importing.light.daylight import daylight
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
-from pbrnet.scenes.importing.objects import room_of, structure_category
+from pbrnet.scenes.importing.objects import room_of, shape_category, structure_category
 from pbrnet.scenes.importing.sandbox import Sandbox, model_root
 from pbrnet.scenes.importing.shape import (
     Emitter,
@@ -419,7 +419,9 @@ def _owning_node(
             return "/".join(names[:depth]), category, label
     label = names[-1].partition(":")[2] if names else shape.name
     key = "/".join(names) if names else shape.id
-    return key, category_of(shape.name, shape.surface.name), label or shape.name
+    if has_structural_name(label):
+        return key, category_of(shape.name), label
+    return key, shape_category(shape), label or shape.name
 
 
 def _collections(

@@ -21,8 +21,11 @@ from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
 from pbrnet.scenes.geometry.regions import intersection
-from pbrnet.scenes.importing.categories import category_of
-from pbrnet.scenes.importing.objects import has_structural_name
+from pbrnet.scenes.importing.categories import (
+    category_of,
+    category_of_part,
+    has_structural_name,
+)
 from pbrnet.scenes.importing.shape import Shape, bounds_of
 from pbrnet.scenes.importing.shapes.panes import pieces_of_mesh
 from pbrnet.scenes.reconstruction.scale_clues import usual_size
@@ -129,7 +132,7 @@ def _is_merged(shape: Shape, labels: tuple[str, ...]) -> bool:
     names = (*(label.partition(":")[2] for label in labels), shape.name)
     if shape.surface.see_through or any(has_structural_name(name) for name in names):
         return False
-    return category_of(*names, shape.surface.name) == "other"
+    return all(category_of_part(name, shape.surface.name) == "other" for name in names)
 
 
 def _part_bounds(shape: Shape, parts: Int64Array) -> Float64Array:

@@ -135,7 +135,7 @@ def complete(
             walls += _pierced(rim, panes, (base, sill, head, ceiling_z))
     roof = union([buffered(each, _OVER, join_style="mitre", mitre_limit=2.0) for each in spaces])
     return Completion(
-        _extruded(roof, ceiling_z, ceiling_z + _THICK),
+        extruded(roof, ceiling_z, ceiling_z + _THICK),
         np.concatenate(walls),
         tuple(spaces),
         raised,
@@ -302,12 +302,12 @@ def _pierced(
     """
     foot, sill, head, top = levels
     if window.is_empty:
-        return [_extruded(plan, foot, top)]
+        return [extruded(plan, foot, top)]
     inside = intersection(plan, window)
     return [
-        _extruded(difference(plan, window), foot, top),
-        _extruded(inside, foot, sill),
-        _extruded(inside, head, top),
+        extruded(difference(plan, window), foot, top),
+        extruded(inside, foot, sill),
+        extruded(inside, head, top),
     ]
 
 
@@ -356,7 +356,7 @@ def _along(ring: LineString, start: float, end: float) -> LineString:
     return LineString([*first.coords, *last.coords[1:]])
 
 
-def _extruded(plan: BaseGeometry, low: float, high: float) -> Float64Array:
+def extruded(plan: BaseGeometry, low: float, high: float) -> Float64Array:
     """Triangles (F, 3, 3) of the prism over a plan."""
     parts = [np.empty((0, 3, 3))]
     for part in polygon_parts(plan):

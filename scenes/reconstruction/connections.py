@@ -13,7 +13,7 @@ import shapely
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.geometry.directions import fibonacci_sphere
 from pbrnet.scenes.geometry.regions import buffered
-from pbrnet.scenes.reconstruction.light_walks import sample_room_points
+from pbrnet.scenes.reconstruction.light_walks import points_in_room
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import FoundRoom
 from pbrnet.scenes.seeds import generator
@@ -38,7 +38,7 @@ def connected_rooms(
         if not near:
             continue
         rng = generator(0, "connections", number)
-        origins = sample_room_points(room.floor, room.floor_z, room.ceiling_z, _RAYS, rng)
+        origins = points_in_room(room, _RAYS, rng)
         directions = rng.permutation(fibonacci_sphere(_RAYS))
         distances, _ = rays.cast(origins, directions)
         ends = origins + np.where(np.isfinite(distances), distances, 0.0)[:, None] * directions

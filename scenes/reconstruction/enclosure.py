@@ -35,7 +35,7 @@ from pbrnet.scenes.geometry.regions import (
     union,
 )
 from pbrnet.scenes.reconstruction.aperture_sections import PlaneFrame
-from pbrnet.scenes.reconstruction.light_walks import LightWalker, OpeningIndex, sample_room_points
+from pbrnet.scenes.reconstruction.light_walks import LightWalker, OpeningIndex, points_in_room
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import FoundOpening, FoundRoom
 from pbrnet.scenes.seeds import generator
@@ -376,9 +376,7 @@ def _hides_surfaces(
     """
     rng = generator(0, "shell")
     count = max(1, _VIEW_RAYS // len(rooms))
-    eyes = np.concatenate(
-        [sample_room_points(room.floor, room.floor_z, room.ceiling_z, count, rng) for room in rooms]
-    )
+    eyes = np.concatenate([points_in_room(room, count, rng) for room in rooms])
     directions = unit(rng.normal(size=eyes.shape))
     to_enclosure = RayCaster(added).cast(eyes, directions)[0]
     to_surface = rays.cast(eyes, directions)[0]

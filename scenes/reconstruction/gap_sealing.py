@@ -32,7 +32,7 @@ from pbrnet.scenes.geometry.regions import (
     thickened,
 )
 from pbrnet.scenes.reconstruction.aperture_sections import CrossSections, PlaneFrame
-from pbrnet.scenes.reconstruction.light_walks import EscapedWalk, LightWalker, sample_room_points
+from pbrnet.scenes.reconstruction.light_walks import EscapedWalk, LightWalker, points_in_room
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import FoundOpening, FoundRoom, slice_segments
 from pbrnet.scenes.seeds import generator
@@ -268,9 +268,9 @@ def _sample_viewpoints(rooms: list[FoundRoom]) -> Float64Array:
     rng = generator(0, "witnesses")
     sampled = []
     for room in rooms:
-        points = sample_room_points(room.floor, room.floor_z, room.ceiling_z, _VIEWPOINTS, rng)
+        points = points_in_room(room, _VIEWPOINTS, rng)
         points[:, 2] = rng.uniform(room.floor_z + 0.1, room.ceiling_z - 0.1, len(points))
-        sampled.append(points)
+        sampled.append(room.lowered(points))
     return np.concatenate(sampled)
 
 

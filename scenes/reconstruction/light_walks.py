@@ -84,7 +84,7 @@ class LightWalker:
         escaped, hit_points = [], [np.empty((0, 3))]
         for number, room in enumerate(rooms):
             rng = generator(seed, "escapes", number)
-            origins = sample_room_points(room.floor, room.floor_z, room.ceiling_z, count, rng)
+            origins = points_in_room(room, count, rng)
             directions = unit(rng.normal(size=(count, 3)))
             found, hits = self.trace(number, origins, directions, rng)
             escaped += found
@@ -227,6 +227,12 @@ def _plan_bounds(
     plan = corner[:2] + shapely.get_coordinates(blocker) @ axes[:2].T
     low, high = plan.min(axis=0), plan.max(axis=0)
     return np.concatenate([low - _OFFSET, high + _OFFSET])
+
+
+def points_in_room(room: FoundRoom, count: int, rng: np.random.Generator) -> Float64Array:
+    """Sample points (count, 3) in the lower half of a room, also below a sloping ceiling."""
+    made = sample_room_points(room.floor, room.floor_z, room.ceiling_z, count, rng)
+    return room.lowered(made)
 
 
 def sample_room_points(

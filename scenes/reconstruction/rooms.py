@@ -12,6 +12,7 @@ outwards; connected rays that leave the building form an opening. World: metres,
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -47,6 +48,7 @@ _HALF_CAVITY = 0.35  # metres; free strips less than twice as wide are wall cavi
 _CELL = 0.05  # metres; grid of the search for openings
 _MOST_CELLS = 50_000  # of that grid in one wall or ceiling; larger ones get larger cells
 _INSET = 0.12  # metres inside the wall at which the rays of that search start
+_LEAST_SLOPE = 0.1  # vertical part of the normal of a ceiling's face
 _REVEAL = 0.65  # greatest thickness of a wall around an opening, metres
 MIN_OPENING = 0.08  # square metres
 _RECESS = 0.02  # metres behind the wall's face from which a surface stands in a hole of the wall
@@ -59,12 +61,39 @@ _FRAME_CELLS = 4  # greatest width of a window's frame, in cells
 
 @dataclass
 class FoundRoom:
-    """A room: floor polygon (counter-clockwise), heights in metres, and whether it is a guess."""
+    """A room: floor polygon (counter-clockwise), heights in metres, and whether it is a guess.
+
+    `solid` (F, 3, 3) are the triangles around its air where that is no prism, as below a roof;
+    `ceiling_z` is the highest place then.
+    """
 
     floor: Polygon
     floor_z: float
     ceiling_z: float
     guessed: bool = False
+    solid: Float64Array | None = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def _solid_rays(self) -> RayCaster | None:
+        return None if self.solid is None else RayCaster(self.solid)
+
+    def encloses(self, points: Float64Array) -> BoolArray:
+        """Return which points (N, 3) over the floor the solid contains; all without a solid."""
+        if self._solid_rays is None:
+            return np.ones(len(points), dtype=bool)
+        up = np.array([0.0, 0.0, 1.0])
+        ends = [self._solid_rays.cast(points, way)[0] for way in (up, -up)]
+        return np.isfinite(ends[0]) & np.isfinite(ends[1])
+
+    def lowered(self, points: Float64Array) -> Float64Array:
+        """Return points (N, 3) over the floor, their heights squeezed below a sloping ceiling."""
+        if self._solid_rays is None:
+            return points
+        above = np.column_stack([points[:, :2], np.full(len(points), self.ceiling_z + 1.0)])
+        depth, _ = self._solid_rays.cast(above, np.array([0.0, 0.0, -1.0]))
+        top = np.where(np.isfinite(depth), above[:, 2] - depth, self.ceiling_z)
+        share = (points[:, 2] - self.floor_z) / (self.ceiling_z - self.floor_z)
+        return np.column_stack([points[:, :2], self.floor_z + share * (top - self.floor_z)])
 
     @cached_property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -175,27 +204,51 @@ def find_openings(rays: RayCaster, rooms: list[FoundRoom]) -> list[FoundOpening]
             along = np.append((end - start) / length, 0.0)
             outward = np.array([along[1], -along[0], 0.0])
             origin = np.append(start, room.floor_z)
-            found = _open_areas(rays, origin, along, np.array([0.0, 0, 1]), length, height, outward)
+            up = np.array([0.0, 0, 1])
+            found = _open_areas(rays, origin, along, up, length, height, outward, room)
             for outline, share, seeds in found:
                 openings.append(FoundOpening(index, outline, outward, share, seeds=seeds))
-        west, south, east, north = room.floor.bounds
-        origin = np.array([west, south, room.ceiling_z])
-        up = np.array([0.0, 0, 1])
-        found = _open_areas(
-            rays,
-            origin,
-            np.array([1.0, 0, 0]),
-            np.array([0.0, 1, 0]),
-            east - west,
-            north - south,
-            up,
-            room.floor,
-        )
-        openings += [
-            FoundOpening(index, outline, up, share, True, seeds=seeds)
-            for outline, share, seeds in found
-        ]
+        for plan, normal, origin, u, v in _ceiling_faces(room):
+            corners = np.array(plan.exterior.coords)
+            heights = origin[2] - ((corners - origin[:2]) @ normal[:2]) / normal[2]
+            offsets = np.column_stack([corners, heights]) - origin
+            low = np.array([(offsets @ u).min(), (offsets @ v).min()])
+            width, depth = np.array([(offsets @ u).max(), (offsets @ v).max()]) - low
+            start = origin + low[0] * u + low[1] * v
+            found = _open_areas(rays, start, u, v, width, depth, normal, room, plan)
+            openings += [
+                FoundOpening(index, outline, normal, share, True, seeds=seeds)
+                for outline, share, seeds in found
+            ]
     return [opening for opening in openings if not _leads_to_room(opening, rooms)]
+
+
+def _ceiling_faces(
+    room: FoundRoom,
+) -> Iterator[tuple[Polygon, Float64Array, Float64Array, Float64Array, Float64Array]]:
+    """The planes of a room's ceiling: plan, outward normal (3,), a point (3,), two axes (3,)."""
+    east = np.array([1.0, 0, 0])
+    if room.solid is None:
+        west, south, *_ = room.floor.bounds
+        corner = np.array([west, south, room.ceiling_z])
+        yield room.floor, np.array([0.0, 0, 1]), corner, east, np.array([0.0, 1, 0])
+        return
+    areas, normals = face_areas(room.solid)
+    normals = np.where(normals[:, 2:] < 0, -normals, normals)  # whichever way they are written
+    middles = room.solid.mean(axis=1)
+    is_top = ~room.encloses(middles + 0.01 * normals) & room.encloses(middles - 0.01 * normals)
+    is_top &= (normals[:, 2] > _LEAST_SLOPE) & (areas > 0)
+    keys = np.round(np.column_stack([normals, np.sum(normals * middles, axis=1)]), 2)
+    _, groups = np.unique(keys[is_top], axis=0, return_inverse=True)
+    for number in range(int(groups.max(initial=-1)) + 1):
+        chosen = np.nonzero(is_top)[0][groups.ravel() == number]
+        plan = largest_part(union(shapely.polygons(room.solid[chosen][:, :, :2])))
+        if plan.area >= MIN_OPENING:
+            normal = normals[chosen[0]]
+            level = np.cross([0.0, 0.0, 1.0], normal)
+            length = float(np.linalg.norm(level))
+            u = level / length if length > _ROUNDING else east
+            yield Polygon(plan.exterior), normal, middles[chosen[0]], u, np.cross(normal, u)
 
 
 def _leads_to_room(opening: FoundOpening, rooms: list[FoundRoom]) -> bool:
@@ -239,9 +292,10 @@ def _open_areas(
     width: float,
     height: float,
     outward: Float64Array,
+    room: FoundRoom,
     within: Polygon | None = None,
 ) -> list[tuple[Float64Array, float, Float64Array]]:
-    """Find the open areas of a rectangle in a wall or ceiling.
+    """Find the open areas of a rectangle in a wall or ceiling of `room`, over the plan `within`.
 
     Returns for each its outline (N, 3), its share of the rectangle's area, and the points (K, 3)
     in it from which rays leave the building.
@@ -256,9 +310,10 @@ def _open_areas(
     distance, _ = rays.cast(flat - _INSET * outward, outward)
     open_cells = (distance > _INSET + _REVEAL).reshape(rows, columns)
     hollow = (distance > _INSET + _RECESS).reshape(rows, columns)
+    inside = room.encloses(flat - _INSET * outward).reshape(rows, columns)
     if within is not None:
-        inside = shapely.contains_xy(within, flat[:, 0], flat[:, 1]).reshape(rows, columns)
-        open_cells &= inside
+        inside &= shapely.contains_xy(within, flat[:, 0], flat[:, 1]).reshape(rows, columns)
+    open_cells &= inside
     if not open_cells.any():
         return []
     open_cells &= _reaches_sky(rays, grid, open_cells, outward)
@@ -270,7 +325,7 @@ def _open_areas(
     joined |= ndimage.binary_dilation(
         joined, neighbours, iterations=_FRAME_CELLS, mask=hollow | joined
     )
-    if within is not None:
+    if within is not None or room.solid is not None:
         joined &= inside
     labels, count = ndimage.label(joined)
     du, dv = width / columns, height / rows
@@ -433,7 +488,7 @@ def _ceiling_plan(corners: Float64Array, level: float) -> Polygon:
 
 def _room_below(rays: RayCaster, polygon: Polygon, level: float) -> FoundRoom | None:
     """The room of a free area below a ceiling, or None if it lacks a floor or walls."""
-    points = _inside_points(polygon, 160)
+    points = inside_points(polygon, 160)
     if not len(points):
         return None
     heights = np.full(len(points), level - 0.3)
@@ -477,7 +532,7 @@ def _enclosed_share(rays: RayCaster, polygon: Polygon, floor: float, ceiling: fl
     return hits / (3 * 72)
 
 
-def _inside_points(polygon: Polygon, count: int) -> Float64Array:
+def inside_points(polygon: Polygon, count: int) -> Float64Array:
     """About `count` grid points (N, 2) inside a polygon, a little off its edge."""
     inner = buffered(polygon, -0.1)
     inner = polygon if inner.is_empty else inner
@@ -512,7 +567,7 @@ def _visible_space(
     if not parts or parts[0].area < MIN_AREA:
         return None
     outline = shapely.geometry.polygon.orient(Polygon(parts[0].exterior))
-    points = _inside_points(outline, 60)
+    points = inside_points(outline, 60)
     down, _ = rays.cast(
         np.column_stack([points, np.full(len(points), eye[2])]), np.array([0.0, 0, -1])
     )

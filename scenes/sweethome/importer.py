@@ -24,7 +24,7 @@ from pbrnet.scenes.contract import (
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.archive import MAX_XML, HomeArchive
 from pbrnet.scenes.geometry.regions import union
-from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.changes import NO_ROOM, Changes
 from pbrnet.scenes.importing.light.plan import note_filled, note_without_light
 from pbrnet.scenes.importing.materials.textures import TextureStore
 from pbrnet.scenes.installation import optional
@@ -126,6 +126,10 @@ def _build(
 ) -> _Built:
     """Build walls and slabs, furnish and light the home, and seal its gaps."""
     levels = planned_levels(home, options, changes)
+    if not any(level.walls for level in levels) and any(level.storey.rooms for level in levels):
+        raise InputError(
+            f"{archive.path}: the home has drawn rooms but no walls; draw walls around them"
+        )
     if not any(level.walls or level.storey.pieces for level in levels):
         raise InputError(f"{archive.path}: the home is empty: no walls and no furniture")
     building = building_items(levels, changes)
@@ -155,7 +159,9 @@ def _build(
         credits.texture(texture)
     sky = sky.beside(sum(item.sampling_weight for item in items if item.lumens > 0))
     if not rooms:
-        changes.note("NO ROOM WAS FOUND: draw rooms, or close the walls, to get views")
+        changes.note(
+            f"{NO_ROOM}: draw rooms and walls around them, or close the walls, to get views"
+        )
     return _Built(items, rooms, indoors, portals, lost, sky, middle)
 
 

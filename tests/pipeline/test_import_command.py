@@ -11,6 +11,7 @@ from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.commands import import_scene
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.registry import SOURCES
+from tests.fixtures.rooms import Block, write_obj
 
 
 def run(*arguments: object) -> Result:
@@ -71,3 +72,12 @@ def test_a_scale_is_a_positive_number(tmp_path: Path, name: str, value: str) -> 
     assert "scale" in f"{done.output}{done.exception}"
     assert done.exit_code and not (tmp_path / "out").exists()
     assert isinstance(done.exception, SystemExit | ParameterError | click.ClickException)
+
+
+def test_a_scene_without_a_room_warns_and_ends_with_exit_code_1(tmp_path: Path) -> None:
+    blocks = [Block("slab", (0, 0, -0.1), (9, 8, 0)), Block("post", (1, 1, 0), (1.2, 1.2, 2.5))]
+    path = write_obj(tmp_path / "yard.obj", blocks)
+    made = run(path, "--out", tmp_path / "yard", "--up", "z", "--scale", 1)
+    assert made.exit_code == 1
+    assert "Warning" in made.stderr and "NO ROOM WAS FOUND" in made.stderr
+    assert (tmp_path / "yard" / "scene.json").is_file()

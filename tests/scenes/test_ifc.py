@@ -1,5 +1,6 @@
 """IFC: unit, rooms from spaces, windows as portals, objects by class, and what is refused."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from pbrnet.scenes.color import decode_srgb_value
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.registry import import_scene
-from tests.fixtures.ifc import house
+from tests.fixtures.ifc import attic, house
 from tests.fixtures.imported import values
 
 INSTALLED = pytest.mark.skipif(
@@ -67,6 +68,36 @@ def test_metres_far_away_without_spaces_or_glass(tmp_path: Path) -> None:
     assert heights == [pytest.approx(2.6, abs=0.01)] * 2
     assert np.abs([room.floor[0] for room in scene.rooms]).max() < 50
     assert [(each.kind, each.clear) for each in scene.portals] == [("window", True)]
+
+
+@INSTALLED
+def test_spaces_without_slabs_get_floors_and_ceilings(tmp_path: Path) -> None:
+    scene = imported(tmp_path, house(slabs=False).text)
+    assert [room.ceiling_z for room in scene.rooms] == [2.6, 2.6]
+    assert [portal.kind for portal in scene.portals] == ["window"]
+    assert {"floor", "ceiling"} <= {each.category for each in scene.objects}
+    assert any("spaces without a ceiling got one at their height: 2" in e for e in scene.changes)
+    whole = imported(tmp_path, house().text)
+    assert not any("got one at their height" in each for each in whole.changes)
+
+
+@INSTALLED
+@pytest.mark.parametrize("roof_window", [False, True])
+def test_an_attic_is_its_own_solid(tmp_path: Path, roof_window: bool) -> None:
+    scene = imported(tmp_path, attic(roof_window).text)
+    (room,) = scene.rooms
+    assert (room.ceiling_z, room.has_light) == (3.0, True)
+    assert len(scene.portals) == roof_window
+    assert ("lamp" in {each.category for each in scene.objects}) != roof_window
+    for portal in scene.portals:  # in the slope, which rises 2 m over 2.5 m towards the ridge
+        assert portal.normal == pytest.approx((0, -2 / 10.25**0.5, 2.5 / 10.25**0.5), abs=0.01)
+
+
+@INSTALLED
+def test_openings_without_a_context_are_cut(tmp_path: Path) -> None:
+    text = re.sub(r"IFCSHAPEREPRESENTATION\(#\d+", "IFCSHAPEREPRESENTATION($", house().text)
+    scene = imported(tmp_path, text)
+    assert [portal.kind for portal in scene.portals] == ["window"]
 
 
 @INSTALLED

@@ -15,6 +15,10 @@ from pbrnet.scenes.registry import SOURCES, import_scene, refused
         ("a.rvt", r"Revit.*\.ifc"),
         ("a.max", r"3ds Max.*\.glb"),
         ("a.zip", "unpack it"),
+        ("office.world", r"Gazebo.*meshes"),
+        ("house.json", r"convert.*\.glb.*by the folder's name"),
+        ("office.rad", r"Radiance.*\.obj"),
+        ("model.hbjson", r"Honeybee.*\.glb"),
     ],
 )
 def test_a_known_kind_is_refused_with_a_way_around(tmp_path: Path, name: str, message: str) -> None:
@@ -29,6 +33,14 @@ def test_a_pointer_of_git_lfs_says_how_to_get_the_file(tmp_path: Path, suffix: s
     digest = "0" * 64
     path.write_text(f"version https://git-lfs.github.com/spec/v1\noid sha256:{digest}\nsize 9\n")
     with pytest.raises(InputError, match=r"Git LFS.*git lfs pull"):
+        import_scene(path, tmp_path / "out")
+
+
+@pytest.mark.parametrize(("root", "kind"), [("mujoco model='room'", "MuJoCo"), ("robot", "URDF")])
+def test_xml_of_others_is_told_by_its_root(tmp_path: Path, root: str, kind: str) -> None:
+    path = tmp_path / "room.xml"
+    path.write_text(f'<?xml version="1.0"?>\n<!-- no <scene> -->\n<{root}/>')
+    with pytest.raises(InputError, match=kind):
         import_scene(path, tmp_path / "out")
 
 

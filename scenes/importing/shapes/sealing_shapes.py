@@ -17,14 +17,15 @@ from pbrnet.scenes.reconstruction.completion import Completion
 # Reflectances
 _GREY: Color = (0.5, 0.5, 0.5)
 _WALL: Color = (0.72, 0.71, 0.69)
-_CEILING: Color = (0.82, 0.82, 0.80)
+CEILING: Color = (0.82, 0.82, 0.80)
+FLOOR: Color = (0.4, 0.38, 0.35)
 
 
 def completing_shapes(completion: Completion, changes: Changes) -> list[Shape]:
     """The ceiling and walls that close open spaces; notes them in `changes`."""
     if not completion.spaces:
         return []
-    shapes = [sealing_shape("added_ceiling", completion.ceilings, _CEILING)]
+    shapes = [sealing_shape("added_ceiling", completion.ceilings, CEILING)]
     changes.note(f"rooms open above got a ceiling: {len(completion.spaces)}")
     if completion.raised:
         changes.note("low walls were continued up to the ceiling")

@@ -99,6 +99,7 @@ def test_objects_groups_and_materials_go_with_their_faces() -> None:
         ("v 0 0 x\nf 1 1 1\n", "a.obj: v: a damaged line"),
         ("v 0 0 0\nf 1 1 2\n", "vertex that does not exist"),
         ("v 0 0 0\nf 1 1 0\n", "vertex that does not exist"),
+        ("v 0 0 0\nf 1 \\\n1 1\nf 1//2 1//2 1//2\n", "a.obj:4: a face refers to a vn .* 2 of 0"),
         ("v 0 0 0\nf 1 1 -2\n", "counts back too far"),
         ("v 0 0 0\nf 1 1 1/x\n", "damaged corner"),
         ("v 0 0 0\nf 1 1 99999999999999999999999\n", "damaged corner"),

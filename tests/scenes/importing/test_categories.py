@@ -7,7 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from pbrnet.scenes.importing.categories import CATEGORIES, category_of, category_of_piece, room_type
+from pbrnet.scenes.importing.categories import (
+    CATEGORIES,
+    category_of,
+    category_of_part,
+    category_of_piece,
+    room_type,
+)
 from pbrnet.scenes.registry import import_scene
 from tests.fixtures import mitsuba_files, sweethome
 from tests.fixtures.gltf import square
@@ -44,8 +50,34 @@ NAMES = {
     "Canapé": "sofa",
     "Kühlschrank": "fridge",
     "mesh_017": "other",
+    "Toilet_Floor": "other",
+    "wall bath": "other",
+    "wall-hung toilet": "toilet",
+    "wall_lamp": "lamp",
     "": "other",
 }
+
+
+PARTS = {
+    ("Floor", "Carpet"): "other",
+    ("Wall_North", "light_wood"): "other",
+    ("Ceiling", "Lit"): "other",
+    ("Cube.001", "Mat.1"): "other",
+    ("Cube.001", "mat_grey"): "other",
+    ("Plane", "Glass"): "other",
+    ("Plane", "Curtain fabric"): "curtain",
+    ("Chair", "Lit"): "chair",
+    ("wall_lamp", "Wood"): "lamp",
+    ("light_wood", "light_wood"): "other",  # parts without names have those of their materials
+    ("room_light_wood", "light_wood"): "other",
+    ("Sofa", "Sofa"): "sofa",
+    ("", "bed_sheet"): "bed",
+}
+
+
+@pytest.mark.parametrize(("part", "material"), PARTS)
+def test_a_name_of_a_part_goes_before_that_of_its_material(part: str, material: str) -> None:
+    assert category_of_part(part, material) == PARTS[part, material]
 
 
 @pytest.mark.parametrize("name", NAMES)

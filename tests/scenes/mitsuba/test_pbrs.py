@@ -267,3 +267,18 @@ def test_the_tables_may_lie_beside_the_house_too(tmp_path: Path) -> None:
         shutil.move(path.parent.parent / name, path.parent / name)
     scene = import_scene(path, tmp_path / "out")
     assert {item.category for item in scene.objects if item.name == "Model#67"} == {"armchair"}
+
+
+def test_the_folders_of_the_release_are_understood(tmp_path: Path) -> None:
+    """Houses, cameras and tables in three folders, as the release has them."""
+    path = house(tmp_path / "rendering" / "projects_serialize" / "h")
+    cameras, tables = tmp_path / "rendering" / "projects_camera" / "h", tmp_path / "util_data"
+    cameras.mkdir(parents=True)
+    tables.mkdir()
+    for name in ("room_camera.txt", "room_camera_name.txt", "room_camera_good.txt"):
+        shutil.move(path.parent / name, cameras / name)
+    for name in ("light_geometry_compact.txt", "ModelCategoryMappingNewActive.csv", "wallp_0.jpg"):
+        shutil.move(path.parent.parent / name, tables / name)
+    scene = import_scene(path, tmp_path / "out", root=tmp_path)
+    assert "armchair" in {item.category for item in scene.objects}
+    assert len(scene.source["views"]) == 1
