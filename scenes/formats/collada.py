@@ -211,7 +211,8 @@ def _instances(
         placed = matrix @ np.asarray(node.matrix, dtype=np.float64)
         if not np.isfinite(placed).all():
             raise UnreadableModel("the matrix of a node is not finite or too large")
-        name = str(getattr(node, "name", None) or node.xmlnode.get("name") or "")
+        named = getattr(node, "node", node)  # an instance has the name of its node in the library
+        name = str(getattr(named, "name", None) or named.xmlnode.get("name") or "")
         path = (*above, f"{seen}:{name}")
         for child in node.children:
             if isinstance(child, GeometryNode):

@@ -17,6 +17,7 @@ from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.formats.serialized import read_serialized
 from pbrnet.scenes.geometry import primitives
 from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
+from pbrnet.scenes.importing.categories import category_of, has_structural_name
 from pbrnet.scenes.importing.materials.mtl import MtlLibrary
 from pbrnet.scenes.importing.materials.surface import Surface
 from pbrnet.scenes.importing.names import Names
@@ -94,10 +95,13 @@ class ShapeReader:
                 raise node.error("an instance needs a shape group")
             label = node.attributes.get("id", "instance")
             for group in groups:
+                first = len(self.shapes)
                 for member in group.children:
                     target = self.scope.resolve(member)
                     if target.tag == "shape":
                         self._add(target, to_world, depth + 1, label)
+                names = (node.attributes.get("id", ""), group.attributes.get("id", ""))
+                self.shapes[first:] = [_named(shape, names) for shape in self.shapes[first:]]
             self.scope.changes.note("an instance was expanded to shapes of its own")
             properties.report_unused()
             return
@@ -313,6 +317,16 @@ class ShapeReader:
             return matrix
         self.scope.changes.note("a stretched sphere was replaced by a mesh")
         return None
+
+
+def _named(shape: Shape, names: tuple[str, ...]) -> Shape:
+    """A shape of an instance; if its own name tells nothing, one of `names` that tells what it is.
+
+    `names` are those of the instance and of its group.
+    """
+    if category_of(shape.name) != "other" or has_structural_name(shape.name):
+        return shape
+    return replace(shape, name=next((n for n in names if category_of(n) != "other"), shape.name))
 
 
 def _sphere_frame(properties: Properties) -> Float64Array:

@@ -47,11 +47,13 @@ from pbrnet.scenes.importing.shape import (
 from pbrnet.scenes.importing.shapes.doubled_faces import with_doubled_faces_apart
 from pbrnet.scenes.importing.shapes.panes import with_named_glass
 from pbrnet.scenes.importing.shapes.sealing_shapes import completing_shapes
+from pbrnet.scenes.importing.shapes.uncut_walls import with_cut_walls
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.models.model import Emission, Model, PunctualLight
 from pbrnet.scenes.models.options import READERS, ModelOptions
 from pbrnet.scenes.models.pieces import UNKNOWN, Pieces, split_unnamed, without_misleading_names
 from pbrnet.scenes.models.placement import place_model
+from pbrnet.scenes.models.scans import note_baked_light
 from pbrnet.scenes.models.showroom import showroom
 from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.photometry import LUMEN
@@ -164,6 +166,8 @@ def _draft(
     shapes = with_doubled_faces_apart(shapes, model.emissions.keys(), changes)
     node_paths, unknown = model.node_paths, frozenset[str]()
     if not is_single:
+        note_baked_light(shapes, changes)
+        shapes = with_cut_walls(shapes, changes)
         pieces, node_paths = _split(shapes, node_paths, placement.interior, changes)
         shapes, unknown = pieces.shapes, frozenset(pieces.piece)
         area = _area_of_pieces(area, pieces)
@@ -332,6 +336,8 @@ def _objects(
         names = node_paths.get(shape.id, ())
         part = bool(single_name) and shape.id in own_ids
         structure = "" if part else structure_category(shape, index)
+        if structure == "structure" and category_of(shape.name) in ("door", "window"):
+            structure = category_of(shape.name)
         if structure:
             key, kind = shape.id, (structure, shape.name, True)
         else:

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.formats.obj import distinct_rows, read_obj
+from pbrnet.scenes.formats.obj import ObjRun, distinct_rows, read_obj
 from pbrnet.scenes.geometry.mesh import cleaned, creased
+from pbrnet.scenes.importing.categories import category_of
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.materials.mtl import MtlLibrary
 from pbrnet.scenes.importing.materials.textures import TextureStore
@@ -42,7 +43,11 @@ def read_model(
         changes.note(f"{count} elements of type {kind!r} (curves, points) were left out")
     if not len(found.sizes):
         raise InputError(f"{path}: the file has no faces")
-    parts = list(dict.fromkeys((run.owner, run.material) for run in found.runs))
+    groups: dict[str, set[str]] = {}
+    for run in found.runs:
+        groups.setdefault(run.object, set()).add(run.group)
+    nodes = [_node(run, len(groups[run.object])) for run in found.runs]
+    parts = list(dict.fromkeys(zip(nodes, (run.material for run in found.runs), strict=True)))
     if len(parts) > MAX_SHAPES:
         raise InputError(f"{path}: the file has more than the limit of {MAX_SHAPES:,} parts")
     library = MtlLibrary(path, sandbox, textures, changes)
@@ -50,9 +55,13 @@ def read_model(
     stated = _UNIT.search(found.header)
     unit = _METRES.get(stated[1].lower()) if stated else None
     model, names = Model(kind="obj", unit=unit), Names()
-    part_of_run = np.array([parts.index((run.owner, run.material)) for run in found.runs])
+    numbers = {part: number for number, part in enumerate(parts)}
+    part_of_run = np.array(
+        [numbers[node, run.material] for node, run in zip(nodes, found.runs, strict=True)]
+    )
     for part, faces in distinct_rows(part_of_run[found.run_of_face]):
-        owner, material_name = parts[part]
+        node, material_name = parts[part]
+        owner = node[-1] if node else ""
         label = owner or material_name
         material = library.material(material_name)
         mesh, dropped = cleaned(found.mesh(faces), f"{path}: {label}")
@@ -65,10 +74,22 @@ def read_model(
             mesh = creased(mesh, _CREASE)
         shape = Shape(names.unique(label or path.stem), owner or path.stem, mesh, material.surface)
         model.shapes.append(shape)
-        file_node = f"0:{path.stem}"
-        model.node_paths[shape.id] = (file_node, f"1:{owner}") if owner else (file_node,)
+        names_of_nodes = enumerate((path.stem, *node))
+        model.node_paths[shape.id] = tuple(f"{depth}:{name}" for depth, name in names_of_nodes)
         if material.emission is not None:
             model.emissions[shape.id] = Emission(
                 material.emission, material.emission_image, material.emission_to_uv
             )
     return model
+
+
+def _node(run: ObjRun, group_count: int) -> tuple[str, ...]:
+    """The names of the object and the group of faces, as far as the file gives and needs them.
+
+    A group counts below an object that has several, or whose name does not tell what it is.
+    """
+    if not (run.object and run.group):
+        return (run.owner,) if run.owner else ()
+    if group_count > 1 or category_of(run.object) == "other" != category_of(run.group):
+        return run.object, run.group
+    return (run.object,)

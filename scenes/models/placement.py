@@ -9,7 +9,7 @@ named things. For each, `scale_clues` gives the scale; the pair with the most ev
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -25,7 +25,9 @@ from pbrnet.scenes.models.options import ModelOptions
 from pbrnet.scenes.reconstruction.interior import Interior, find_interior
 from pbrnet.scenes.reconstruction.orientation import upright
 from pbrnet.scenes.reconstruction.scale_clues import (
+    CEILING,
     NAMED,
+    OBJECT_EXTENT,
     Clue,
     ScaleEstimate,
     building_clues,
@@ -55,6 +57,11 @@ _STRUCTURE = ("door", "window", "stairs", "railing", "fireplace")  # categories 
 _TALL = ("door", "wardrobe", "fridge", "bookshelf", "person", "chair", "shower")
 _FLAT = ("bed", "rug", "table", "desk", "sofa", "bath")
 _MOST_TRIANGLES = 400_000  # that are split into parts to see what stands on one level
+_ACROSS = 0.95  # part of a normal along an axis, from which a face lies across it
+_CLEAR_UP = 0.95  # probability of another up axis than the stated one, from which it is named
+_SURE_NAMES = 5.0  # natural logarithm of how much names of floors, ceilings and walls tell
+_BESIDE = 0.02  # of a model's extent, from which a light stands beside it
+_SAME_HEIGHT = 0.2  # share by which a measured ceiling may differ from a room's height
 _SHOWN = 4  # kinds of named things among the reasons
 _SURE_BUILDING, _SURE_OBJECT = 0.98, 0.02
 _SURE_MANY = 0.998  # of a building that has many parts or several walls, too
@@ -93,6 +100,16 @@ class _Named:
 
     bounds: dict[str, list[Float64Array]]  # (2, 3) each
     building: float  # probability that the file is a building
+    parts: tuple[_NamedPart, ...] = ()
+
+
+@dataclass(frozen=True)
+class _NamedPart:
+    """A floor, ceiling or wall by name: shares (3,) of its area across the axes, and its middle."""
+
+    kind: str
+    level: Float64Array
+    middle: Float64Array
 
 
 def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
@@ -102,8 +119,8 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
     for a building that cannot become a room.
     """
     named = _named(model, name)
-    corners = np.concatenate([shape.mesh.corners for shape in model.shapes])
     stated_up = options.up if options.up != "auto" else model.up
+    corners = _own_corners(model, stated_up or "y")
     found: list[tuple[float, str, ScaleEstimate, list[Clue]]] = []
     for axis, weight in _up_weights(corners, named, stated_up).items():
         turned = corners @ upright(_axis(axis)).T
@@ -113,6 +130,10 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
     evidence, axis, estimate, clues = max(found, key=lambda each: each[0])
     confidence = evidence / total if total > 0 else 1.0
     reasons = [_up_reason(axis, stated_up, options)]
+    if model.up and options.up == "auto":
+        doubt, sentence = _doubted_up(corners, named, model.up)
+        confidence = min(confidence, 1 - doubt)
+        reasons += sentence
     turned = corners @ upright(_axis(axis)).T
     extent = float(np.max(np.ptp(without_ground(turned)[0].reshape(-1, 3), axis=0)))
     scale, share = options.scale, 1.0
@@ -127,44 +148,95 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
         if not scale:
             other = _other_up(corners, named, axis) if model.up and options.up == "auto" else ""
             raise InputError(_question(estimate, clues, confidence) + other)
-        reasons += _scale_reasons(scale, model.unit, clues)
-        if share < LEAST_CONFIDENCE:
-            reasons.append(_unclear_reason(estimate, scale))
-    else:
-        reasons.append(f"1 unit is {scale:g} m, as --scale says")
-    interior = None
     is_thing = named.building <= _SURE_OBJECT and scale * extent <= LARGEST_OBJECT
-    if not is_thing and _SMALLEST_SCENE < scale * extent < _LARGEST_SCENE:
-        interior = find_interior(scale * turned)
-        if not (interior.rooms or interior.completion.spaces):
-            refused, interior = interior.completion.refused, None
-            if refused and named.building >= _SURE_BUILDING and not model.cameras:
-                raise InputError(
-                    f"the building cannot become a room, because {refused}. Add walls, or "
-                    "import its pieces of furniture one by one"
-                )
+    interior = None if is_thing else _interior(scale * turned, scale * extent, named, model)
     is_object = interior is None and scale * extent <= LARGEST_OBJECT
-    if (
-        interior is None and not is_object and not model.cameras
-        and options.scale is None and share < LEAST_CONFIDENCE
-    ):  # fmt: skip
+    is_unclear = options.scale is None and share < LEAST_CONFIDENCE
+    if interior is None and not is_object and not model.cameras and is_unclear:
         question = _question(estimate, clues, share)
         raise InputError(
             f"no room was found in a scene {scale * extent:.3g} m across, and {question}"
         )
     if is_object and not stated_up:
         axis = "y"
+    if is_object and options.scale is None and scale * extent < _SMALLEST_OBJECT:
+        scale = 0.5 / extent
+        reasons.append(f"an object of {extent:.3g} units was enlarged to 0.5 m")
+    elif options.scale is None:
+        shown = _fitting_clues(clues, scale, extent, interior, is_object)
+        reasons += _scale_reasons(scale, model.unit, shown)
+        reasons += [_unclear_reason(estimate, scale)] if is_unclear else []
+    else:
+        reasons.append(f"1 unit is {scale:g} m, as --scale says")
     if interior is not None:
         reasons.append(_interior_reason(interior))
     elif is_object:
         reasons.append("a single object, since it has no room that a person can stand in")
     else:
         reasons.append(f"a scene of its own, since it is {scale * extent:.3g} m across")
-    if is_object and options.scale is None and scale * extent < _SMALLEST_OBJECT:
-        reasons.append(f"an object of {extent:.3g} units was enlarged to 0.5 m")
-        scale = 0.5 / extent
     kind: Literal["building", "object"] = "object" if is_object else "building"
     return Placement(kind, _axis(axis), scale, min(1.0, confidence), tuple(reasons), interior)
+
+
+def _interior(corners: Float64Array, extent: float, named: _Named, model: Model) -> Interior | None:
+    """The rooms in upright triangles (F, 3, 3) in metres, or None.
+
+    Raises `InputError` for a building by name whose walls are too few.
+    """
+    if not _SMALLEST_SCENE < extent < _LARGEST_SCENE:
+        return None
+    interior = find_interior(corners)
+    if interior.rooms or interior.completion.spaces:
+        return interior
+    refused = interior.completion.refused
+    if refused and named.building >= _SURE_BUILDING and not model.cameras:
+        raise InputError(
+            f"the building cannot become a room, because {refused}. Add walls, or import its "
+            "pieces of furniture one by one"
+        )
+    return None
+
+
+def _fitting_clues(
+    clues: list[Clue], scale: float, extent: float, interior: Interior | None, is_object: bool
+) -> list[Clue]:
+    """The clues that measure what the file turned out to be, for its reasons."""
+    named = [clue for clue in clues if clue.what.endswith(NAMED)]
+    if is_object:
+        return named or [clue for clue in clues if clue.what == OBJECT_EXTENT]
+    building = [clue for clue in clues if clue not in named and clue.what != OBJECT_EXTENT]
+    if not building:
+        building = [Clue("extent of the building", extent, 8.0, 0.8, 1.2)]
+    if interior is not None:
+        heights = [room.ceiling_z - room.floor_z for room in interior.rooms]
+        building = [
+            clue
+            for clue in building
+            if clue.what != CEILING
+            or any(abs(scale * clue.length / height - 1) < _SAME_HEIGHT for height in heights)
+        ]
+    return [*named, *building]
+
+
+def _own_corners(model: Model, axis: str) -> Float64Array:
+    """The triangles (F, 3, 3) of a model without lights that stand around it, as in a studio."""
+    lights = [shape for shape in model.shapes if shape.id in model.emissions]
+    rest = [shape for shape in model.shapes if shape.id not in model.emissions]
+    everything = [shape.mesh.corners for shape in model.shapes]
+    if not lights or not rest:
+        return np.concatenate(everything)
+    turn = upright(_axis(axis)).T
+    building, is_ground = without_ground(np.concatenate([s.mesh.corners for s in rest]) @ turn)
+    own = building[~is_ground].reshape(-1, 3)
+    low, high = own.min(axis=0), own.max(axis=0)
+    margin = _BESIDE * float((high - low).max())
+    kept = [shape.mesh.corners for shape in rest]
+    for light in lights:
+        points = light.mesh.vertices @ turn
+        beside = (points.min(axis=0) > high + margin) | (points.max(axis=0) < low - margin)
+        if not beside.any():
+            kept.append(light.mesh.corners)
+    return np.concatenate(kept)
 
 
 def _chosen(estimate: ScaleEstimate, stated: float | None) -> tuple[float, float]:
@@ -197,6 +269,22 @@ def _other_up(corners: Float64Array, named: _Named, stated: str) -> str:
     )
 
 
+def _doubted_up(corners: Float64Array, named: _Named, stated: str) -> tuple[float, list[str]]:
+    """The probability that another axis than the stated one points up, and the reason.
+
+    Zero, and none, unless the file's surfaces and names tell clearly.
+    """
+    weights = _up_weights(corners, named, "")
+    best = max(weights, key=lambda axis: weights[axis])
+    share = weights[best]
+    if best == stated or share < _CLEAR_UP:
+        return 0.0, []
+    return share, [
+        f"against it: by level surfaces, what stands on them and named things, +{best.upper()} "
+        f"points up (probability {share:.0%}); if so, give --up {best}"
+    ]
+
+
 def _axis(name: str) -> Float64Array:
     return np.eye(3)["xyz".index(name)]
 
@@ -220,17 +308,19 @@ def _estimate(
 def _named(model: Model, name: str) -> _Named:
     """The things whose names tell what they are."""
     bounds: dict[str, list[Float64Array]] = {}
-    whole = category_of(name)
+    whole = "other" if "lights" in words_of(name) else category_of(name)  # lights of a scene
     is_thing = whole != "other" and whole not in _STRUCTURE
     words = set() if is_thing else words_of(name)
-    parts, groups = 0, 0
+    groups = 0
+    parts: list[_NamedPart] = []
     for label, shapes in _groups(model):
         groups += 1
         category, spoken = category_of(label), words_of(label)
         low = np.min([shape.mesh.bounds[0] for shape in shapes], axis=0)
         high = np.max([shape.mesh.bounds[1] for shape in shapes], axis=0)
         is_surface = bool(spoken & _PARTS) and category in ("other", *_STRUCTURE)
-        parts += is_surface
+        if is_surface:
+            parts.append(_named_part(spoken, shapes))
         if category == "other" or category in _STRUCTURE:  # an office chair is no office
             words |= spoken
         if category == "other" or is_surface:  # a wall with a door is as large as the wall
@@ -246,7 +336,7 @@ def _named(model: Model, name: str) -> _Named:
     building = 0.5
     if is_named_building:
         building = _SURE_BUILDING
-        if groups >= _MANY_PARTS or parts >= _SEVERAL:
+        if groups >= _MANY_PARTS or len(parts) >= _SEVERAL:
             building = _SURE_MANY
         bounds = _single(bounds, float((high - low).max()))
     elif is_thing or (
@@ -254,7 +344,16 @@ def _named(model: Model, name: str) -> _Named:
         and sum(map(len, bounds.values())) >= len(model.shapes)
     ):  # fmt: skip
         building = _SURE_OBJECT
-    return _Named(bounds, building)
+    return _Named(bounds, building, tuple(parts))
+
+
+def _named_part(spoken: set[str], shapes: list[Shape]) -> _NamedPart:
+    corners = np.concatenate([shape.mesh.corners for shape in shapes])
+    areas, normals = face_areas(corners)
+    across = np.abs(normals) > _ACROSS
+    level = (areas[:, None] * across).sum(axis=0) / max(float(areas.sum()), 1e-300)
+    kind = next(word for word in ("floor", "ceiling", "wall", "roof") if word in spoken)
+    return _NamedPart(kind, level, 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))))
 
 
 def _single(bounds: dict[str, list[Float64Array]], extent: float) -> dict[str, list[Float64Array]]:
@@ -295,6 +394,7 @@ def _up_weights(corners: Float64Array, named: _Named, stated: str) -> dict[str, 
         ends = (centres[:, k] < low + edge) | (centres[:, k] > high - edge)
         level = areas[(np.abs(normals[:, k]) > 0.95) & ends].sum() / areas.sum()
         logs[axis] = math.log(prior) + 1.5 * math.log(level + 0.05) + _shape_score(named, k)
+        logs[axis] += _part_score(named.parts, k)
     standing = _standing(corners)
     for k, axis in enumerate("xyz"):
         logs[axis] += 4.0 * standing[k]
@@ -315,6 +415,25 @@ def _shape_score(named: _Named, k: int) -> float:
             elif category in _FLAT:
                 score += 1.0 if np.argmin(size) == k else -0.5
     return min(3.0, max(-3.0, score))
+
+
+def _part_score(parts: Sequence[_NamedPart], k: int) -> float:
+    """Fit of floors, ceilings and walls by name to the up axis number `k`, -15 to 15.
+
+    Floors and ceilings are level, walls are not, and ceilings are above floors.
+    """
+    flat = [part for part in parts if part.kind in ("floor", "ceiling")]
+    upright = [part for part in parts if part.kind == "wall"]
+    score = 0.0
+    if flat:
+        score += _SURE_NAMES * float(np.mean([2 * part.level[k] - 1 for part in flat]))
+    if upright:
+        score += _SURE_NAMES * float(np.mean([1 - 2 * part.level[k] for part in upright]))
+    lows, highs = ([part.middle[k] for part in flat if part.kind == kind]
+                   for kind in ("floor", "ceiling"))  # fmt: skip
+    if lows and highs:
+        score += _SURE_NAMES if np.mean(highs) > np.mean(lows) else -_SURE_NAMES
+    return score
 
 
 def _standing(corners: Float64Array) -> Float64Array:

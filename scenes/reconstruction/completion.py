@@ -134,6 +134,8 @@ def complete(
             panes = Polygon() if lit else _pane(_longest_edge(space.exterior, spaces))
             walls += _pierced(rim, panes, (base, sill, head, ceiling_z))
     roof = union([buffered(each, _OVER, join_style="mitre", mitre_limit=2.0) for each in spaces])
+    there = buffered(_level_plan(corners, ceiling_z), -_INTO)  # a ceiling over a part of them
+    roof = difference(roof, there)
     return Completion(
         extruded(roof, ceiling_z, ceiling_z + _THICK),
         np.concatenate(walls),

@@ -7,20 +7,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
+import numpy as np
 from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.regions import difference, intersection, union
 from pbrnet.scenes.reconstruction.completion import NOTHING, Completion, complete
 from pbrnet.scenes.reconstruction.habitable import Bounds, habitable, is_shut_in
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import (
     FoundRoom,
     closed_rooms,
+    inside_points,
     with_visible_space,
     without_overlaps,
 )
 from pbrnet.scenes.reconstruction.surroundings import without_ground
+
+_OPEN_SIDES = 0.25  # share of a room's outline without walls, from which it is part of a space
+_STEP = 0.25  # metres along an outline, and beyond it
+_INSET = 0.1  # metres within an outline
+_HEIGHTS = (0.4, 0.75)  # shares of a room's height
+_PART = 0.7  # share of a space that its covered part has at most, and the sky over the rest
+_PLACES = 200
+_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -40,19 +52,62 @@ class Interior:
 def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> Interior:
     """Find closed rooms; if there is none, how open spaces can become rooms.
 
+    A room whose ceiling covers a part of an open space, as in scans, is that space.
+
     Closed spaces that are hardly open and small beside the open ones, such as pillars, shafts
     and built-in cupboards, do not count as rooms.
     """
     building, is_ground = without_ground(corners)
     rays = RayCaster(building)
     rooms = _closed(rays, building, furniture)
+    completion = NOTHING
     if all(is_shut_in(room, rays, building) for room in rooms):
         completion = complete(building, is_ground, rooms)
         if completion.spaces:
             rooms = []
-    else:
-        completion = NOTHING
+    elif any(_open_share(room, rays) > _OPEN_SIDES for room in rooms):
+        whole = complete(building, is_ground, ())
+        if whole.spaces and all(_is_partly_covered(one, rooms, rays) for one in whole.spaces):
+            rooms, completion = [], whole
     return Interior(rooms, completion, bool(is_ground.any()))
+
+
+def _open_share(room: FoundRoom, rays: RayCaster) -> float:
+    """Share of a room's outline beside which no wall stands."""
+    ring = np.array(room.floor.exterior.coords)
+    open_length = 0.0
+    for start, end in pairwise(ring):
+        length = float(np.linalg.norm(end - start))
+        along = (end - start) / max(length, 1e-9)
+        outward = np.array([along[1], -along[0], 0.0])
+        places = np.arange(0.5 * _STEP, length, _STEP)
+        if not len(places):
+            continue
+        plan = start + places[:, None] * along
+        is_open = np.ones(len(places), dtype=bool)
+        for share in _HEIGHTS:
+            z = room.floor_z + share * (room.ceiling_z - room.floor_z)
+            origins = np.column_stack([plan, np.full(len(plan), z)]) - _INSET * outward
+            is_open &= rays.cast(origins, outward)[0] > _INSET + _STEP
+        open_length += float(is_open.mean()) * length
+    return open_length / float(room.floor.length)
+
+
+def _is_partly_covered(space: Polygon, rooms: Sequence[FoundRoom], rays: RayCaster) -> bool:
+    """Return whether rooms are the covered part of an open space that is much larger."""
+    inside = [
+        room for room in rooms
+        if intersection(space, room.floor).area > _PART * room.floor.area
+    ]  # fmt: skip
+    if not inside or len(inside) < len(rooms):
+        return False
+    covered = union([room.floor for room in inside])
+    if covered.area > _PART * space.area:
+        return False
+    points = inside_points(difference(space, covered), _PLACES)
+    z = inside[0].floor_z + 0.5 * (inside[0].ceiling_z - inside[0].floor_z)
+    origins = np.column_stack([points, np.full(len(points), z)])
+    return bool(len(points)) and float(rays.escapes(origins, _UP).mean()) > _PART
 
 
 def find_rooms(

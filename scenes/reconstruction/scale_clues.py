@@ -37,6 +37,7 @@ _SAME_HEIGHT = 0.03  # of the height measured
 _LEAST_HEIGHT = 0.02  # of a building's extent: lower gaps are in floors, not between them
 _LEAST_SHARE = 0.25  # of the columns that must have a ceiling at about the same height
 
+OBJECT_EXTENT, CEILING = "extent of the object", "ceiling above the floor"  # titles of clues
 NAMED = " by name"  # ends the titles of clues from names
 # Longest side in metres, and its spread as a natural logarithm, by category.
 _SIZES = {
@@ -164,7 +165,7 @@ def size_clues(sizes: dict[str, list[float]]) -> list[Clue]:
 
 def object_clues(corners: Float64Array) -> list[Clue]:
     """Clues from the triangles (F, 3, 3) if they are a single object."""
-    return [Clue("extent of the object", float(np.ptp(corners.reshape(-1, 3), axis=0).max()),
+    return [Clue(OBJECT_EXTENT, float(np.ptp(corners.reshape(-1, 3), axis=0).max()),
                  0.7, 1.1)]  # fmt: skip
 
 
@@ -189,7 +190,7 @@ def building_clues(corners: Float64Array, is_ground: BoolArray) -> list[Clue]:
     ceiling = _ceiling(columns)
     if ceiling is not None and ceiling[1] > _LEAST_HEIGHT * extent:
         floor, height = ceiling
-        clues.append(Clue("ceiling above the floor", height, 2.6, 0.2, 0.35))
+        clues.append(Clue(CEILING, height, 2.6, 0.2, 0.35))
     else:
         floor = _common_low(np.array([column[-1] for column in columns]))
         height = _wall_height(own, floor)

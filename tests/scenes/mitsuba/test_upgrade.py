@@ -55,6 +55,13 @@ def test_a_group_in_a_group_multiplies_its_places(tmp_path: Path) -> None:
     assert np.allclose(centre, [2, 1.5, 0.1], atol=1e-6)
 
 
+def test_members_of_a_group_are_called_after_what_it_is(tmp_path: Path) -> None:
+    group = f'<shape type="shapegroup" id="oak chair">{CUBE.format("mesh_7", "")}</shape>'
+    use = '<shape type="instance"><ref id="oak chair"/></shape>'
+    scene = imported(tmp_path, usual(group + use), "3.0.0")
+    assert "chair" in {item.category for item in scene.objects}
+
+
 def test_a_lamp_in_a_group_shines_at_every_instance(tmp_path: Path) -> None:
     light = '<emitter type="area"><spectrum name="radiance" value="5"/></emitter>'
     group = f'<shape type="shapegroup" id="g">{CUBE.format("bulb", light)}</shape>'

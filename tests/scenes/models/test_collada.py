@@ -174,3 +174,19 @@ def test_3ds_is_z_up_without_a_unit(tmp_path: Path) -> None:
     assert color == pytest.approx(expected, rel=1e-4)
     with pytest.raises(InputError, match=r"room\.3ds: damaged"):
         imported(tmp_path, room[: len(room) // 2], "room.3ds")
+
+
+def test_things_of_sketchup_have_the_names_of_their_components(tmp_path: Path) -> None:
+    """Nodes of the scene are called after instances, those of the library after what they are."""
+    shell = f"<node name='SketchUp'>{files.instance()}"
+    text = files.dae(
+        nodes=f"{shell}<node name='instance_0'><matrix>1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1</matrix>"
+        "<instance_node url='#ID3'/></node></node>",
+        geometries=files.box(ROOM) + files.box(files.POINTS * 0.25, "seat"),
+    ).replace(
+        "<library_visual_scenes>",
+        f"<library_nodes><node id='ID3' name='Stool'>{files.instance('seat')}</node>"
+        "</library_nodes><library_visual_scenes>",
+    )
+    scene = imported(tmp_path, text)
+    assert [item.name for item in scene.objects if item.category == "stool"] == ["Stool"]

@@ -42,6 +42,7 @@ from tests.fixtures.changed import changed
 from tests.fixtures.encoded import empty_png
 from tests.fixtures.gltf import SQUARE, SQUARE_FACES, SQUARE_UV, Builder, square
 from tests.fixtures.imported import CORNERS, RULED, look_down, ruler, values
+from tests.fixtures.rooms import Block, shell, write_obj
 
 pytestmark = pytest.mark.usefixtures("few_walks")
 
@@ -504,6 +505,16 @@ def test_an_obj_brings_its_materials_and_objects(tmp_path: Path) -> None:
     names = {thing.name: thing.category for thing in scene.objects}
     assert names["Lamp"] == "lamp"
     assert np.allclose(values(scene, "area", "radiance"), [[0.0016, 0.0032, 0.0048]])
+
+
+def test_groups_below_an_object_keep_their_names(tmp_path: Path) -> None:
+    things = [Block("Chair_1", (1, 1, 0), (1.5, 1.5, 0.9)), Block("Box", (3, 1, 0), (4, 2, 0.7))]
+    path = write_obj(tmp_path / "in" / "flat.obj", [*shell(), *things])
+    path.write_text("o Everything\n" + path.read_text())
+    scene = import_scene(path, tmp_path / "out", up="z")
+    found = {item.name: item.category for item in scene.objects}
+    assert (found["Chair_1"], found["Box"]) == ("chair", "box")
+    assert found["floor"] == "floor" and found["wall_a"] == "wall"
 
 
 def test_missing_libraries_and_textures_are_named(tmp_path: Path) -> None:

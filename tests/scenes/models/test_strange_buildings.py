@@ -1,0 +1,113 @@
+"""Kinds of buildings that others write and that are easily misread: axes, boxes, scans, studios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shapely.geometry import Polygon
+
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.registry import import_scene
+from tests.fixtures.buildings import Building, Part, block
+from tests.fixtures.rooms import Block, write_obj
+
+pytestmark = pytest.mark.usefixtures("few_walks")
+
+WIDTH, DEPTH, HEIGHT = 4.0, 3.0, 2.5
+
+
+def sheet(*corners: tuple[float, float, float]) -> np.ndarray:
+    return np.array([corners])
+
+
+def sheets() -> dict[str, np.ndarray]:
+    """A room of six sheets, lower than it is deep, as a scan or a plain model has it."""
+    w, d, h = WIDTH, DEPTH, HEIGHT
+    return {
+        "Floor": sheet((0, 0, 0), (w, 0, 0), (w, d, 0), (0, d, 0)),
+        "Ceiling": sheet((0, 0, h), (0, d, h), (w, d, h), (w, 0, h)),
+        "Wall_South": sheet((0, 0, 0), (0, 0, h), (w, 0, h), (w, 0, 0)),
+        "Wall_North": sheet((0, d, 0), (w, d, 0), (w, d, h), (0, d, h)),
+        "Wall_West": sheet((0, 0, 0), (0, d, 0), (0, d, h), (0, 0, h)),
+        "Wall_East": sheet((w, 0, 0), (w, 0, h), (w, d, h), (w, d, 0)),
+    }
+
+
+def imported(parts: list[Part], folder: Path, **how: str) -> Scene:
+    building = Building(tuple(parts), (), 0, **how)
+    return import_scene(building.save(folder / "in"), folder / "out", lamps="home")
+
+
+def areas(scene: Scene) -> list[float]:
+    return [Polygon(room.floor).area for room in scene.rooms]
+
+
+def test_names_of_floors_ceilings_and_walls_tell_what_is_up(tmp_path: Path) -> None:
+    scene = imported([Part(*each) for each in sheets().items()], tmp_path, up="z", suffix=".obj")
+    assert scene.source["placement"]["up"] == "z"
+    assert areas(scene) == [pytest.approx(12.0, rel=0.03)]
+    found = {item.name: item.category for item in scene.objects}
+    assert (found["Floor"], found["Ceiling"], found["Wall_West"]) == ("floor", "ceiling", "wall")
+
+
+def test_a_gltf_file_against_its_standard_is_doubted(tmp_path: Path) -> None:
+    parts = [Part(*each) for each in sheets().items()]
+    for up, is_doubted in (("y", False), ("z", True)):
+        scene = imported(parts, tmp_path / up, up=up, suffix=".glb")
+        placement = scene.source["placement"]
+        assert placement["up"] == "y"
+        assert any("--up z" in reason for reason in placement["reasons"]) == is_doubted
+        assert (placement["confidence"] < 0.5) == is_doubted
+
+
+def test_a_scan_with_a_part_of_its_ceiling_is_one_whole_room(tmp_path: Path) -> None:
+    parts = sheets()
+    parts["Ceiling"] = parts["Ceiling"] * [0.4, 0.5, 1]
+    scene = imported([Part("", np.concatenate(list(parts.values())))], tmp_path, suffix=".glb")
+    assert areas(scene) == [pytest.approx(12.0, rel=0.03)] and not scene.portals
+    assert any("rooms open above got a ceiling: 1" in change for change in scene.changes)
+
+
+def test_boxes_of_windows_and_doors_are_cut_out_of_boxes_of_walls(tmp_path: Path) -> None:
+    """As RoomPlan writes a room: everything is a box, what is in a wall lies inside its box."""
+    t = 0.16
+    boxes = {
+        "Floor0": ((0, 0, -t), (5, 4, 0)),
+        "Wall0": ((-t, -t, 0), (5 + t, 0, 2.5)),
+        "Wall1": ((-t, 4, 0), (5 + t, 4 + t, 2.5)),
+        "Wall2": ((-t, 0, 0), (0, 4, 2.5)),
+        "Wall3": ((5, 0, 0), (5 + t, 4, 2.5)),
+        "Window0": ((1.5, -t, 0.9), (2.9, 0, 2.1)),
+        "Door0": ((1, 4, 0), (1.9, 4 + t, 2.1)),
+        "Opening0": ((-t, 1, 0), (0, 2.5, 2.2)),
+    }
+    parts = [Part(name, block(*ends)) for name, ends in boxes.items()]
+    scene = imported(parts, tmp_path, suffix=".glb")
+    assert areas(scene) == [pytest.approx(20.0, rel=0.03)]
+    assert sorted(portal.kind for portal in scene.portals) == ["opening", "window"]
+    window = next(portal for portal in scene.portals if portal.kind == "window")
+    assert np.ptp(window.polygon, axis=0) == pytest.approx([1.4, 0, 1.2], abs=0.1)
+    found = {item.name: (item.category, item.is_structure) for item in scene.objects}
+    assert found["Door0"] == ("door", True) and "Window0" not in found
+    assert any("walls were cut" in change for change in scene.changes)
+
+
+@pytest.mark.slow
+def test_lights_around_a_diorama_are_not_its_size(tmp_path: Path) -> None:
+    diorama = [
+        Block("base", (0, 0, -0.1), (4, 4, 0)),
+        Block("back", (0, 3.9, 0), (4, 4, 2.6)),
+        Block("side", (0, 0, 0), (0.1, 4, 2.6)),
+        Block("television", (1, 3.7, 1), (2.2, 3.8, 1.7)),
+        Block("plane", (-18, -18, -0.2), (22, 22, -0.15)),
+    ]
+    lights = [Block(f"Area.{x}", (x, 2, 6), (x + 2, 4, 6.05), 20.0) for x in (-12, 12)]
+    rooms = []
+    for name, blocks in (("alone", diorama), ("lit", [*diorama, *lights])):
+        path = write_obj(tmp_path / name / "scene.obj", blocks)
+        scene = import_scene(path, tmp_path / name / "out", up="z", scale=1.0)
+        rooms.append(areas(scene))
+        assert not any("NO ROOM" in change for change in scene.changes)
+    assert rooms[0] == pytest.approx(rooms[1], rel=0.01)
