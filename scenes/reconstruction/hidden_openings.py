@@ -188,11 +188,13 @@ def _busiest_aperture(
             known[key] = enclosed_air(nearby, depth, points, wanted)
         for part in known[key]:
             inside = set(indices[shapely.contains_xy(part, points[:, 0], points[:, 1])].tolist())
-            if not inside or part.area < MIN_OPENING or buffered(part, -_MIN_HALF_WIDTH).is_empty:
+            if not inside or part.area < MIN_OPENING:
                 continue
             room = rooms[escaped[min(inside)].room]
-            if len(inside) >= _min_walks(part.area, walks, room) and not _is_indoors(
-                part, frame, depth, search.index
+            if (
+                len(inside) >= _min_walks(part.area, walks, room)
+                and not buffered(part, -_MIN_HALF_WIDTH).is_empty
+                and not _is_indoors(part, frame, depth, search.index)
             ):
                 found.append(_Aperture(frame, depth, part, frozenset(inside)))
                 most = max(most, len(inside))

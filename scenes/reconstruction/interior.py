@@ -15,6 +15,7 @@ from shapely.geometry import Polygon
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.geometry.regions import difference, intersection, union
 from pbrnet.scenes.reconstruction.completion import NOTHING, Completion, complete
+from pbrnet.scenes.reconstruction.connections import joined_below_beams
 from pbrnet.scenes.reconstruction.habitable import Bounds, habitable, is_shut_in
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import (
@@ -124,4 +125,5 @@ def find_rooms(
 
 
 def _closed(rays: RayCaster, corners: Float64Array, furniture: Sequence[Bounds]) -> list[FoundRoom]:
-    return without_overlaps(habitable(closed_rooms(rays, corners), rays, corners, furniture))
+    rooms = without_overlaps(habitable(closed_rooms(rays, corners), rays, corners, furniture))
+    return joined_below_beams(rooms, rays)

@@ -427,7 +427,9 @@ def _free_areas(corners: Float64Array, level: float) -> list[Polygon]:
     if cover.is_empty:
         return []
     polygons: list[Polygon] = []
-    for drop in _SLICES[:3]:
+    for drop in _SLICES:
+        if drop == _SLICES[-1]:  # below joists, whose bays are too narrow for rooms
+            cover = buffered(buffered(cover, _HALF_CAVITY), -_HALF_CAVITY)
         # Buffering the union of the lines takes a hundred times as long.
         lines = shapely.linestrings(slice_segments(corners, level - drop))
         walls = thickened(lines, _HALF_GAP, cap_style="square")

@@ -10,7 +10,7 @@ from shapely.geometry import Polygon
 
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.registry import import_scene
-from tests.fixtures.buildings import Building, Part, block
+from tests.fixtures.buildings import Building, Part, block, part, slab, walls
 from tests.fixtures.rooms import Block, write_obj
 
 pytestmark = pytest.mark.usefixtures("few_walks")
@@ -111,3 +111,24 @@ def test_lights_around_a_diorama_are_not_its_size(tmp_path: Path) -> None:
         rooms.append(areas(scene))
         assert not any("NO ROOM" in change for change in scene.changes)
     assert rooms[0] == pytest.approx(rooms[1], rel=0.01)
+
+
+def hall(*beams: Part) -> list[Part]:
+    window = walls(8, 5, 2.8, south=[(2, 4, 0.9, 2.2)])
+    return [slab("Floor", 8, 5, -0.2, 0), slab("Ceiling", 8, 5, 2.8, 3.0), *window, *beams]
+
+
+BEAMS = {
+    "one": ([(3.9, 4.2)], 2.3),
+    "two": ([(2.5, 2.8), (5.3, 5.6)], 2.4),
+    "joists": ([(x, x + 0.15) for x in np.arange(0.4, 7.8, 0.6).tolist()], 2.5),
+}
+
+
+@pytest.mark.parametrize("name", BEAMS)
+def test_beams_below_a_ceiling_part_no_room(tmp_path: Path, name: str) -> None:
+    spans, z = BEAMS[name]
+    beams = [part("Beam", ((west, 0, z), (east, 5, 2.8))) for west, east in spans]
+    scene = imported(hall(*beams), tmp_path, suffix=".glb")
+    assert areas(scene) == [pytest.approx(40.0, rel=0.03)]
+    assert [portal.kind for portal in scene.portals] == ["window"]
