@@ -53,6 +53,10 @@ _REVEAL = 0.65  # greatest thickness of a wall around an opening, metres
 MIN_OPENING = 0.08  # square metres
 _RECESS = 0.02  # metres behind the wall's face from which a surface stands in a hole of the wall
 _OPEN_SHARE = 0.2  # least share of free cells in an opening; the rest is frame and bars
+_ROOF_STEP, _OUTDOORS = 0.1, 1.5  # metres along a ray; so far without a roof is outdoors
+_FARTHEST_WALL = 40.0  # metres from a camera
+_JAMB = 0.2  # metres; narrower recesses of the outline are sides of windows
+_LINTELS = (0.1, 0.25)  # metres below the ceiling
 _ROUNDING = 1e-6  # metres, by which comparisons of bounds are wider
 _PARTS = 8  # of the directions of a view
 _FAN_SAMPLE = 64  # open cells that show which directions lead outdoors most often
@@ -563,8 +567,15 @@ def _visible_space(
         return None
     box = buffered(shapely.box(low[0], low[1], high[0], high[1]), 0.01)
     far = float(np.linalg.norm(high - low))
-    ring = eye[:2] + np.minimum(distance, far)[:, None] * directions[:, :2]
-    seen = simplified(intersection(buffered(Polygon(ring), 0), box), 0.05)
+    roofed = distance
+    if np.isfinite(vertical[1]):
+        roofed = _roofed(rays, eye, float(ceiling), directions, distance)
+    ring = eye[:2] + np.minimum(roofed, far)[:, None] * directions[:, :2]
+    seen = intersection(buffered(Polygon(ring), 0), box)
+    if (roofed < distance).any():  # what rays saw of the sides of windows is no part of the room
+        inner = buffered(seen, -_JAMB, join_style="mitre")
+        seen = intersection(seen, buffered(inner, _JAMB, join_style="mitre"))
+    seen = simplified(seen, 0.05)
     parts = [part for part in polygon_parts(seen) if part.distance(Point(eye[:2])) < 0.05]
     if not parts or parts[0].area < MIN_AREA:
         return None
@@ -576,6 +587,38 @@ def _visible_space(
     if np.isfinite(down).any():
         floor = min(floor, _floor_height(eye[2] - down[np.isfinite(down)]))
     return FoundRoom(outline, float(floor), float(ceiling), guessed=True)
+
+
+def _roofed(
+    rays: RayCaster,
+    eye: Float64Array,
+    ceiling: float,
+    directions: Float64Array,
+    distances: Float64Array,
+) -> Float64Array:
+    """Distances (N,) from a camera along level `directions` (N, 3), but no farther than the roof.
+
+    Rays that leave through a window end at the wall around it: where nothing is overhead for
+    `_OUTDOORS` metres they are outdoors, and the wall is what stands below the ceiling before that.
+    """
+    steps = np.arange(_ROOF_STEP, min(_FARTHEST_WALL, float(distances.max())), _ROOF_STEP)
+    if not len(steps):
+        return distances
+    places = eye + steps[:, None, None] * directions  # (M, N, 3)
+    overhead, _ = rays.cast(places.reshape(-1, 3), np.array([0.0, 0.0, 1.0]))
+    is_open = overhead.reshape(places.shape[:2]) > 2 * (ceiling - eye[2]) + 0.5
+    size = round(_OUTDOORS / _ROOF_STEP)
+    origin = -(size // 2)  # a window of the filter begins at its step
+    outdoors = ndimage.minimum_filter1d(is_open, size, axis=0, mode="nearest", origin=origin)
+    outdoors &= steps[:, None] < distances
+    first = steps[np.argmax(outdoors, axis=0)]
+    ends = np.where(outdoors.any(axis=0), first, distances)
+    below = [
+        rays.cast(np.array([eye[0], eye[1], ceiling - drop]), directions)[0] for drop in _LINTELS
+    ]
+    wall = np.max(below, axis=0)
+    is_lintel = (ends < distances) & (wall < ends) & (wall > ends - _OUTDOORS)
+    return np.where(is_lintel, wall, ends)
 
 
 def _overlap(first: FoundRoom, second: FoundRoom) -> bool:

@@ -9,6 +9,8 @@ import pytest
 from shapely.geometry import Polygon
 
 from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.rooms import with_visible_space
 from pbrnet.scenes.registry import import_scene
 from tests.fixtures.buildings import Building, Part, block, part, slab, walls
 from tests.fixtures.rooms import Block, write_obj
@@ -132,3 +134,21 @@ def test_beams_below_a_ceiling_part_no_room(tmp_path: Path, name: str) -> None:
     scene = imported(hall(*beams), tmp_path, suffix=".glb")
     assert areas(scene) == [pytest.approx(40.0, rel=0.03)]
     assert [portal.kind for portal in scene.portals] == ["window"]
+
+
+@pytest.mark.parametrize("has_backdrop", [False, True])
+def test_a_room_ends_at_its_windows_though_no_pane_is_in_them(has_backdrop: bool) -> None:
+    """A ceiling of tilted panels is no level one, so that the room is what a camera sees."""
+    edges = np.arange(-0.2, 8.2, 0.5).tolist()
+    panels = [sheet((x, -0.2, 3), (x + 0.5, -0.2, 3.1), (x + 0.5, 6.2, 3.1), (x, 6.2, 3))
+              for x in edges]  # fmt: skip
+    windows = walls(
+        8, 6, 3.0, south=[(0.5, 2.5, 0.9, 2.4), (3, 5, 0.9, 2.4)], west=[(2, 4, 0, 2.4)]
+    )
+    parts = [slab("Floor", 8, 6, -0.2, 0), *windows, Part("Panels", np.concatenate(panels))]
+    parts += [Part("Backdrop", block((-40, -40, -0.5), (40, 40, 20)))] if has_backdrop else []
+    quads = np.concatenate([each.quads for each in parts])
+    corners = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    (room,) = with_visible_space(RayCaster(corners), corners, [], np.array([4.0, 3.0, 1.5]))
+    assert room.floor.area == pytest.approx(48.0, rel=0.02)
+    assert room.guessed and room.ceiling_z == pytest.approx(3.05, abs=0.06)
