@@ -229,7 +229,7 @@ OLD_WORDS = {
     "bright squares": (bsdf("lambertian", texture("checkerboard", SQUARES, name="reflectance")),
                        'name="color0" value="0.875 0.875 0.875"'),
     "bump": (bsdf("bump", bsdf("diffuse"), texture("checkerboard")), 'type="bumpmap"'),
-    "diffuse reflectance": (bsdf("diffuse", '<rgb name="diffuseReflectance" value="0.125 0.25 0.5"/>'),
+    "diffuse reflectance": (bsdf("diffuse", diffuseReflectance=(0.125, 0.25, 0.5)),
                             'name="reflectance" value="0.125 0.25 0.5"'),
 }  # fmt: skip
 
