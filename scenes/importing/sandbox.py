@@ -76,13 +76,13 @@ class Sandbox:
         if path.is_dir():
             self._folders.append(path)
 
-    def find(self, name: str, place: str) -> Path | None:
+    def find(self, name: str, place: str, is_image: bool = False) -> Path | None:
         """Return the path of the file called `name`, or None if it is missing.
 
-        An absolute path, one in another case, or one out of `root` to a file that is not there is
-        looked up by its last part, below the scene's folder and then in folders of textures beside
-        it, as far as `root` has them. Raises `InputError`, with `place` in its message, for a path
-        to a file outside `root`.
+        An absolute path, or one in another case, is looked up by its last part, below the scene's
+        folder and then in folders of textures beside it, as far as `root` has them. Raises
+        `InputError`, with `place` in its message, for a path that leads out of `root`; but that of
+        an image which is not there is looked up by its last part, too.
         """
         if not name or "\0" in name or len(name) > 4096:
             raise InputError(f"{place}: the file name is empty, too long or has a NUL character")
@@ -92,7 +92,8 @@ class Sandbox:
         foreign = PurePosixPath(written).is_absolute() or PureWindowsPath(name).drive != ""
         if not foreign:
             for folder in self._folders:
-                if not self._is_inside(folder / written) and not (folder / written).exists():
+                path = folder / written
+                if is_image and not self._is_inside(path) and not path.exists():
                     continue
                 path = self._inside(written, place, folder)
                 if self.opened.is_file(folder / written):

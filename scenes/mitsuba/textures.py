@@ -77,7 +77,7 @@ class Textures:
         if not name or unresolved(name):
             self.note("a texture without an image was replaced by grey: {}", node.place)
             return None
-        path = self.scope.sandbox.find(name, node.place)
+        path = self.scope.sandbox.find(name, node.place, is_image=True)
         if path is None:
             self.note("missing texture, replaced by grey: {}", f"{name!r} ({node.place})")
         return path

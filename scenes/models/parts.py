@@ -52,7 +52,7 @@ class PartImages:
 
     def find(self, name: str) -> str | None:
         """Return the path of an image; None, with a note, if it is missing."""
-        found = self.sandbox.find(name, str(self.path)) if name else None
+        found = self.sandbox.find(name, str(self.path), is_image=True) if name else None
         if found is None:
             self.changes.note("missing texture, replaced by the plain colour: {}", repr(name)[:120])
         return None if found is None else str(found)

@@ -51,7 +51,7 @@ class Textures:
     def image(self, entity: Entity, name: str = "filename") -> Path | None:
         """Find the image that a parameter names; None, with a note, if it is missing."""
         given = entity.text(name)
-        path = self.context.sandbox.find(given, entity.place) if given else None
+        path = self.context.sandbox.find(given, entity.place, True) if given else None
         if path is None:
             self.context.changes.note(
                 "missing texture, replaced by grey: {}", f"{given!r:.120} ({entity.place})"

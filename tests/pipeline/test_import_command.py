@@ -75,8 +75,8 @@ def test_a_scale_is_a_positive_number(tmp_path: Path, name: str, value: str) -> 
 
 
 def test_a_scene_without_a_room_warns_and_ends_with_exit_code_1(tmp_path: Path) -> None:
-    blocks = [Block("slab", (0, 0, -0.1), (9, 8, 0)), Block("post", (1, 1, 0), (1.2, 1.2, 2.5))]
-    path = write_obj(tmp_path / "yard.obj", blocks)
+    posts = [Block(f"post{x}", (x, x, 0), (x + 0.2, x + 0.2, 2.5)) for x in (1, 7)]
+    path = write_obj(tmp_path / "yard.obj", [Block("slab", (0, 0, -0.1), (9, 8, 0)), *posts])
     made = run(path, "--out", tmp_path / "yard", "--up", "z", "--scale", 1)
     assert made.exit_code == 1
     assert "Warning" in made.stderr and "NO ROOM WAS FOUND" in made.stderr

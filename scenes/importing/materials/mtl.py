@@ -103,7 +103,7 @@ class MtlLibrary:
         if written is None:
             return None
         place = f"{self.path}: material {mtl.name!r}"
-        found = self.sandbox.find(written.name, place) if written.name else None
+        found = self.sandbox.find(written.name, place, True) if written.name else None
         if found is None:
             self.changes.note(
                 "missing texture, replaced by the plain colour: {}", repr(written.name)[:120]

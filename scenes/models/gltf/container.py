@@ -180,7 +180,7 @@ class Asset:
             raise InputError(f"{label}: {path} is larger than the limit of {MAX_BYTES >> 20} MiB")
         return path.read_bytes()
 
-    def find(self, uri: Any, label: str) -> Path | None:
+    def find(self, uri: Any, label: str, is_image: bool = False) -> Path | None:
         """Return the path of the file that a relative URI names, or None if it is missing."""
         if not isinstance(uri, str):
             raise InputError(f"{label}: a URI must be a string, got {uri!r:.60}")
@@ -189,7 +189,7 @@ class Asset:
                 f"{label}: {uri[:120]!r} is not downloaded; put that file into the folder of "
                 f"{self.path} and name it by a relative path"
             )
-        return self.sandbox.find(unquote(uri), label)
+        return self.sandbox.find(unquote(uri), label, is_image)
 
 
 def open_asset(path: Path, sandbox: Sandbox) -> Asset:

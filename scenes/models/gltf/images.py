@@ -85,7 +85,7 @@ class Images:
         uri = image.get("uri")
         if isinstance(uri, str) and not uri.startswith("data:"):
             try:
-                path = self.asset.find(uri, label)
+                path = self.asset.find(uri, label, is_image=True)
             except InputError:
                 if "://" not in uri:
                     raise

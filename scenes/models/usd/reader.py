@@ -148,7 +148,7 @@ class _Images:
         elif absolute.is_absolute() and absolute.is_relative_to(sandbox.root):
             sandbox.opened.is_file(absolute)
             return absolute.resolve() if absolute.resolve().is_relative_to(sandbox.root) else None
-        found = sandbox.find(name, str(self.path))
+        found = sandbox.find(name, str(self.path), is_image=True)
         if found is None:
             self.changes.note(
                 "missing texture, replaced by the plain colour: {}", repr(Path(name).name)[:120]

@@ -52,13 +52,14 @@ def test_a_gazebo_model_may_read_its_whole_package_and_no_more(tmp_path: Path) -
     assert sandbox.find("secret.png", "x.dae") is None
 
 
-def test_a_path_out_of_the_folder_to_a_missing_file_counts_by_its_name(tmp_path: Path) -> None:
+def test_a_path_out_of_the_folder_to_a_missing_image_counts_by_its_name(tmp_path: Path) -> None:
     folder = tmp_path / "scene"
     (folder / "maps").mkdir(parents=True)
     (folder / "maps" / "oak.png").write_bytes(b"")
     (tmp_path / "secret.png").write_bytes(b"")
     sandbox = Sandbox(OpenedFiles(folder))
-    assert sandbox.find("../../Wood/oak.png", "a.mtl") == folder / "maps" / "oak.png"
-    assert sandbox.find("../../Wood/pine.png", "a.mtl") is None
-    with pytest.raises(InputError, match="outside the scene's folder"):
-        sandbox.find("../secret.png", "a.mtl")
+    assert sandbox.find("../../Wood/oak.png", "a.mtl", is_image=True) == folder / "maps" / "oak.png"
+    assert sandbox.find("../../Wood/pine.png", "a.mtl", is_image=True) is None
+    for name, is_image in (("../secret.png", True), ("../gone.obj", False)):
+        with pytest.raises(InputError, match="outside the scene's folder"):
+            sandbox.find(name, "a.mtl", is_image=is_image)
