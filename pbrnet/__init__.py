@@ -1,6 +1,6 @@
 """Training data by physically based rendering, and networks that imitate the renderer.
 
-What other programs may use, imported when it is first asked for; `docs/api.md` shows it.
+The public interface; names are imported on first use. `docs/api.md` documents them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Parameters of the pipeline: frozen, checked dataclasses, read from `params.yaml`.
 
-Each section stands beside the code that it steers, and is imported when parameters are read.
+Each section is defined beside the code that it controls, and imported when parameters are read.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _PASSES, _NETWORKS = "pbrnet.pipeline.passes.settings", "pbrnet.model.settings"
 
 @dataclass(frozen=True)
 class Params:
-    """Everything in `params.yaml`."""
+    """Content of `params.yaml`."""
 
     seed: int = param(0, "root seed of all random choices", within(0, MAX_SEED))
     channels: tuple[ChannelSet, ...] = param(

@@ -1,23 +1,23 @@
-"""Pictures for people: linear radiance as an automatic camera would photograph it.
+"""Display images: linear radiance as an automatic camera would photograph it.
 
-Metering, white balance and curve follow what cameras do, so that pictures have the contrast,
-the clipped windows and the dark nights of photographs. Networks are trained on and measured by
-another operator, Reinhard's in `pbrnet.pipeline.tonemap`; nothing here changes a stored channel.
+Metering, white balance and tone curve follow cameras, so that images have the contrast, the clipped
+windows and the dark nights of photographs. Networks are trained and evaluated with Reinhard's
+operator in `pbrnet.pipeline.tonemap` instead; nothing here changes a stored channel.
 
-* **Exposure**: the log-average luminance becomes middle grey, but for a part of the difference to
-  a room by day (`_ADAPTATION`), so that nights stay darker, as they do for the exposure program
-  of a camera. Where much would clip, exposure is lowered by at most `_PROTECTION` stops.
+* **Exposure**: the log-average luminance becomes middle grey, except for a part of the difference
+  from a room by day (`_ADAPTATION`), so that nights stay darker, as with the exposure program of a
+  camera. Where much would clip, exposure is lowered by at most `_PROTECTION` stops.
 * **White balance**: gains of the bands towards a grey illuminant, which is estimated as a
-  Minkowski mean ("shades of grey", Finlayson and Trezzi 2004) and corrected for the most part: a
-  picture by lamplight stays a little warm.
+  Minkowski mean ("shades of grey", Finlayson and Trezzi 2004) and mostly corrected: an image
+  by lamplight stays a little warm.
 * **Sharpening**: an unsharp mask of the luminance with a radius of `SHARPENING_RADIUS` pixels, in
-  display tones, as cameras make up for their lenses and colour filters. Renders have neither, but
-  the box filter of a pixel. Halos are limited to `_HALO`.
-* **Curve**: a sigmoid of each band by itself (Naka and Rushton 1966) that keeps middle grey and
-  reaches white, where a sensor clips, `WHITE_STOPS` above it. So bright colours turn pale.
+  display tones, with which cameras compensate for lenses and colour filters, and which here
+  compensates for the box filter of a pixel. Halos are limited to `_HALO`.
+* **Curve**: a separate sigmoid of each band (Naka and Rushton 1966) that keeps middle grey and
+  reaches white, where a sensor clips, `WHITE_STOPS` above it, so bright colours turn pale.
 
-`varied_photograph` adds what differs from camera to camera and from shot to shot, at random, for
-training on rendered views that is to hold on photographs: to be called when rows are read.
+`varied_photograph` adds random differences between cameras and shots, for networks that are trained
+on rendered views and used on photographs. Call it when rows are read.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def sharpened(image: FloatingArray, settings: PhotoSettings) -> Float32Array:
 
 @dataclass(frozen=True)
 class PhotoVariation:
-    """Ranges of variation between photographs, each drawn evenly; (0, 0) switches one off."""
+    """Ranges of variation between photographs, drawn uniformly; (0, 0) switches one off."""
 
     exposure: tuple[float, float] = (-0.7, 0.5)  # stops beside the meter
     warmth: tuple[float, float] = (-0.2, 0.2)  # logarithm of red over blue beside the balance

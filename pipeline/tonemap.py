@@ -1,7 +1,6 @@
 """Reinhard's photographic tone mapping with the parameters key and burn of PBRS.
 
-It is what networks are trained on and measured by; `pbrnet.pipeline.photograph` makes pictures for
-people.
+Networks are trained and evaluated with it; `pbrnet.pipeline.photograph` makes display images.
 
 Reinhard et al., *Photographic Tone Reproduction for Digital Images* (2002), equations 1, 2 and 4,
 with `burn` as in the renderer of PBRS: 0 compresses all luminance, 1 clips all luminance above the
@@ -87,7 +86,7 @@ def tonemap(image: ArrayOrTensor, exposure: Exposure) -> ArrayOrTensor:
 
 
 def untonemap(display: Image, exposure: Exposure) -> Float32Array:
-    """Invert `tonemap`, but for its clipping: display values (..., 3) to linear HDR, float32."""
+    """Invert `tonemap`, except for its clipping: display values (..., 3) to linear HDR, float32."""
     compressed = decode_srgb(np.clip(np.asarray(display, dtype=np.float32), 0, 1))
     lum = luminance(compressed)[..., None].astype(np.float64)
     # mapped = L (1 + L / w^2) / (1 + L)  <=>  L^2 / w^2 + L (1 - mapped) - mapped = 0

@@ -1,4 +1,4 @@
-"""Views, which are cameras in a scene in the OpenCV convention, and camera files."""
+"""Views (cameras in a scene, OpenCV convention) and camera files."""
 
 from __future__ import annotations
 
