@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.fixtures import mitsuba_files as mitsuba
 from tests.fixtures.encoded import exr
-from tests.hostile.family import Arguments, Family, Made, Victim
+from tests.hostile.family import Family, Made, Victim
 from tests.hostile.made import entities, with_file
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_text
 from tests.hostile.scene_files.models import write_obj
@@ -53,18 +53,12 @@ def ply_bytes(count: str = "uchar", points: int = 3) -> bytes:
 
 
 def _serialized_bytes() -> bytes:
-    points = np.array([[1, 1, -1], [2, 1, -1], [1, 1, -2]], dtype="<f4").tobytes()
-    body = struct.pack("<I", 0x1000) + b"m\0" + struct.pack("<QQ", 3, 1) + points
-    body += struct.pack("<III", 0, 1, 2)
-    return struct.pack("<HH", 0x041C, 4) + zlib.compress(body) + struct.pack("<QI", 0, 1)
+    points = np.array([[1, 1, -1], [2, 1, -1], [1, 1, -2]])
+    return mitsuba.serialized([(points, np.array([[0, 1, 2]]))])
 
 
 def _xml_made(body: str, version: str = "3.0.0", head: str = "") -> Made:
-    def write(folder: Path) -> Arguments:
-        mitsuba.write(folder, body, version, head)
-        return XML.split()
-
-    return write
+    return with_file("scene.xml", mitsuba.scene_text(body, version, head), XML)
 
 
 def _usual(extra: str) -> Made:

@@ -34,6 +34,7 @@ from tests.fixtures.mitsuba_files import (
     ply,
     room,
     scene_text,
+    serialized,
     usual,
     wall_with_hole,
     write,
@@ -262,18 +263,6 @@ def test_binary_ply_of_both_byte_orders_with_polygons(tmp_path: Path, order: str
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
     assert np.allclose(mesh.vertices[:, 2], 0.5)
     assert np.allclose(mesh.uvs, mesh.vertices[:, :2])
-
-
-def serialized(meshes: list[tuple[np.ndarray, np.ndarray]], flags: int = 0x1000) -> bytes:
-    """A version 4 file of bare meshes."""
-    data, offsets = b"", []
-    for number, (vertices, faces) in enumerate(meshes):
-        offsets.append(len(data))
-        body = struct.pack("<I", flags) + f"mesh{number}".encode() + b"\0"
-        body += struct.pack("<QQ", len(vertices), len(faces))
-        body += vertices.astype("<f4").tobytes() + faces.astype("<u4").tobytes()
-        data += struct.pack("<HH", 0x041C, 4) + zlib.compress(body)
-    return data + struct.pack(f"<{len(offsets)}QI", *offsets, len(offsets))
 
 
 def test_the_right_mesh_of_a_serialized_file_is_read(tmp_path: Path) -> None:

@@ -2,8 +2,6 @@
 
 import math
 import shutil
-import struct
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +20,7 @@ from pbrnet.scenes.geometry.directions import pixel_directions
 from pbrnet.scenes.mitsuba.pbrs import read_cameras, read_lamps
 from pbrnet.scenes.registry import import_scene
 from tests.fixtures.encoded import picture
+from tests.fixtures.mitsuba_files import serialized
 
 HOUSE = "pbrs/0004d52d1aeeb8ae6de39d6bd993e992"
 CAMERA = "2 1.5 -1  0 -0.196116 0.980581  0 0.980581 0.196116  0.5534 0.433896  7.25"
@@ -34,22 +33,6 @@ def box(low: tuple[float, ...], high: tuple[float, ...]) -> Float64Array:
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     points = np.array(low) + corners * (np.array(high) - np.array(low))
     return np.concatenate([points[[[q[0], q[1], q[2]], [q[0], q[2], q[3]]]] for q in quads])
-
-
-def serialized(meshes: list[Float64Array]) -> bytes:
-    """A `.serialized` file, version 4, of triangle soups (F, 3, 3), single precision."""
-    data, offsets = b"", []
-    for corners in meshes:
-        offsets.append(len(data))
-        body = (
-            struct.pack("<I", 0x1000)
-            + b"mesh\0"
-            + struct.pack("<QQ", *[3 * len(corners)], len(corners))
-        )
-        body += corners.astype("<f4").tobytes()
-        body += np.arange(3 * len(corners), dtype="<u4").tobytes()
-        data += b"\x1c\x04\x04\x00" + zlib.compress(body)
-    return data + struct.pack(f"<{len(offsets)}QI", *offsets, len(offsets))
 
 
 def house(folder: Path, tables: bool = True) -> Path:
@@ -66,7 +49,9 @@ def house(folder: Path, tables: bool = True) -> Path:
         "Model#67_6_mesh": box((2, 0, -2.5), (2.6, 0.8, -1.9)),
         "Model#67_7_mesh": box((2, 0, -2.5), (2.6, 0.8, -1.9)),
     }
-    (folder / "main.serialized").write_bytes(serialized(list(parts.values())))
+    soups = [(corners.reshape(-1, 3), np.arange(3 * len(corners))) for corners in parts.values()]
+    meshes = [(points, order.reshape(-1, 3)) for points, order in soups]
+    (folder / "main.serialized").write_bytes(serialized(meshes))
     shapes = "".join(
         f'<shape id="{name}" type="serialized"><string name="filename" value="main.serialized"/>'
         f'<integer name="shapeIndex" value="{number}"/>'
