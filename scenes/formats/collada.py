@@ -166,6 +166,7 @@ def _parts(
     scenes = [document.scene] if document.scene is not None else document.scenes
     roots = [node for scene in scenes for node in scene.nodes]
     materials: dict[str, tuple[str, ModelMaterial]] = {}
+    made: dict[tuple[int, str, str], ModelPart | None] = {}
     triangles = 0
     for path, matrix, node in _instances(roots, base, most_nodes):
         group = path[-1].partition(":")[2]
@@ -181,7 +182,10 @@ def _parts(
                         _material(target.effect, document, find),
                     )
                 name, material = materials[target.id]
-            part = _part(group or node.geometry.name or "default", name, material, primitive)
+            key = (id(primitive), group or node.geometry.name or "default", name)
+            if key not in made:  # nodes may share geometries, and each other, thousands of times
+                made[key] = _part(key[1], name, material, primitive)
+            part = made[key]
             if part is not None and abs(np.linalg.det(matrix[:3, :3])) > 1e-15:
                 triangles += len(part.mesh.faces)
                 if triangles > most_triangles:

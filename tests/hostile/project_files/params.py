@@ -26,6 +26,13 @@ _ALIASES = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
 )
 
+
+def _doubling(inside: str) -> str:
+    """Mappings that hold the one before twice or more."""
+    lines = [f"k{n}: &k{n} {{{inside.format(f'k{n - 1}')}}}\n" for n in range(1, 28)]
+    return "k0: &k0 {x: 1}\n" + "".join(lines)
+
+
 PARAMS_MADE = (
     _yaml(_ALIASES + "seed: *i\n"),
     _yaml(_ALIASES + "train: *i\n"),
@@ -57,6 +64,27 @@ PARAMS_MADE = (
     _yaml("scenes: {imports: [{file: /dev/zero}, {file: x.sh3d, id: ../../x}]}\n"),
     _yaml("assets: {enabled: true, debian: ['--option=x']}\n"),
     _yaml("".join(f"k{n}: {n}\n" for n in range(20_000))),
+    _yaml(_doubling("<<: [*{0}, *{0}]")),
+    _yaml(_doubling("<<: *{0}, x: *{0}, y: *{0}")),
+    _yaml(_doubling("x: *{0}, y: *{0}") + "scenes: *k27\n"),
+    _yaml("seed: " + "1:" * 300_000 + "1\n"),
+    _yaml("seed: " + "1:" * 400 + "1.5\n"),
+    *(
+        _yaml(f"seed: {value}\n")
+        for value in (
+            *("!!int ''", "!!int '+'", "!!int 0x", "!!float ''", "!!float x", "!!bool x"),
+            *("!!timestamp x", "!!timestamp ''", "!!binary \u00e9", "!!omap [1]", "!!pairs [1]"),
+            *(
+                "!!set [1]",
+                "!!null x",
+                "!!merge x",
+                "!!value x",
+                "!!yaml x",
+                "!x y",
+                "!!python/tuple [1]",
+            ),
+        )
+    ),
     with_link("params.yaml", "params.yaml", PARAMS[0]),
     with_link("params.yaml", "/dev/zero", PARAMS[0]),
 )
@@ -65,7 +93,7 @@ PARAMS_MADE = (
 FAMILIES = (
     Family(
         "params",
-        200,
+        220,
         write_ledger,
         (
             Victim("params.yaml", damaged_text, PARAMS[:2]),

@@ -80,6 +80,10 @@ HOMES_MADE = (
     _zip_made(draw.usual(draw.piece(model="box", x=100, y=100)), box="v 1\nf 1 1 1\n"),
     _zip_made(draw.usual(), **{"../../../evil": "x"}),
     _zip_made(draw.usual(), **{"/tmp/evil": "x"}),
+    _zip_made(draw.usual(), **{"": "x"}),
+    _zip_made(
+        draw.usual(), **{" ": "x", ".": "x", "a//b": "x", "\x1b[2J": "x", "a\nError: b": "x"}
+    ),
     _zip_made(b"\xff\xfe" + draw.usual().encode("utf-16-le")),
     _zip_made(b"\0" * 1000),
     _zip_made(draw.usual(version=LONG)),
