@@ -155,8 +155,10 @@ class _Packer:
     def origin(self) -> str:
         """Return a digest of all that determines the dataset; of files it takes size and time."""
         params = self.params
-        sections = ("image", "illumination", "groundtruth", "light", "noisy", "environment")
-        sections += ("shading", "dataset", "tone", "transport", "channels", "seed")
+        sections = (
+            *("image", "illumination", "groundtruth", "light", "noisy", "environment"),
+            *("shading", "dataset", "tone", "transport", "channels", "seed"),
+        )
         patterns = ["scenes/*/scene.json", "cameras/*.json", "failures/*.json"]
         patterns += [f"{kind}/*/*.exr" for kind in params.kinds]
         files = [path for pattern in patterns for path in sorted(self.data.glob(pattern))]

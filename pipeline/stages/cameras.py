@@ -107,10 +107,8 @@ def plan_cameras(
             plan.returning.append(path)
         else:
             place, own = data / "scenes" / scene_id, first[scene_id] == scene_id
-            given = _trajectories(scene_id, params.cameras) if own else ()
-            job = CameraJob(
-                path, place, digests[scene_id], views, params.seed, marks, trajectories=given
-            )
+            walks = _trajectories(scene_id, params.cameras) if own else ()
+            job = CameraJob(path, place, digests[scene_id], views, params.seed, marks, walks)
             plan.add(job, Target(path, "cameras", scene_id))
     return plan, scenes, renderers
 

@@ -86,10 +86,7 @@ def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = N
             target = expected[path].target(path)
             error = f"{path} was overwritten by another run; run the same command again"
             plan.failures.append(Failure(target.stage, target.scene_id, target.view_id, error))
-        left = [
-            f"left out: {view.scene_id}/{view.view_id}: {why}"
-            for view, why in plan.left_out.items()
-        ]
+        left = [f"left out: {scene}/{view}: {why}" for (scene, view), why in plan.left_out.items()]
         return finish(data, params.farm, plan, made, started, lambda: left)
 
 
@@ -203,8 +200,9 @@ def _rejected(
     def fault(view: View) -> str:
         others = by_scene[view.scene_id]
         found = surfaces_of(data, view, others, {}, kinds, (image.width, image.height), checks)
-        known = isinstance(found, Rejection) and found.reason not in _MADE_AGAIN
-        return f"{found.reason}, {found.detail}" if known else ""
+        if isinstance(found, Rejection) and found.reason not in _MADE_AGAIN:
+            return f"{found.reason}, {found.detail}"
+        return ""
 
     faults = dict(zip([view.name for view in asked], threaded(fault, asked), strict=True))
     if checks.whole_walks:
