@@ -30,7 +30,8 @@ Kind = Literal[
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 ChannelSet = Literal[
-    "paper", "materials", "light", "labels", "environment", "video", "transport", "all"
+    *("paper", "materials", "light", "labels", "environment", "video", "transport", "all"),
+    *("depth", "normal", "reflectance", "illumination", "shading", "color"),
 ]
 # Kinds of frames of each set of the parameter `channels`; `all` stands for every set.
 SETS: dict[ChannelSet, tuple[Kind, ...]] = {
@@ -41,6 +42,15 @@ SETS: dict[ChannelSet, tuple[Kind, ...]] = {
     "environment": ("environment",),
     "light": ("light",),
     "transport": ("transport",),
+}
+# Parts of `paper` that may be named in its place, and the kinds of frames that hold them.
+PARTS: dict[ChannelSet, Kind] = {
+    "depth": "inputs",
+    "normal": "inputs",
+    "reflectance": "inputs",
+    "illumination": "illumination",
+    "shading": "shading",
+    "color": "color",
 }
 RADIANCE = "W/(m^2 sr), relative"
 
@@ -172,16 +182,39 @@ def remedy(column: str) -> str:
     elif kind == "visibility":
         setting = "set illumination.shadow_rays"
     elif kind is None or kind in SETS["paper"]:
-        return "pack the dataset again with: pbrnet dataset"
+        return "with 'paper' in channels, pack the dataset again with: pbrnet dataset"
     else:
         setting = f"add {kind!r} to channels"
     return f"{setting} in params.yaml, then run: dvc repro dataset"
 
 
 def kinds_of_sets(sets: Sequence[ChannelSet]) -> tuple[Kind, ...]:
-    """Return the kinds of frames of these sets and of `paper`, in the order of `SETS`."""
+    """Return the kinds of frames of these sets and of `paper`, in the order of `SETS`.
+
+    Of `paper` only inputs and the kinds of its `parts`, if the sets name any.
+    """
     chosen = [name for name in SETS if name == "paper" or name in sets or "all" in sets]
-    return tuple(dict.fromkeys(kind for name in chosen for kind in SETS[name]))
+    kinds = dict.fromkeys(kind for name in chosen for kind in SETS[name])
+    named = {PARTS[name] for name in parts(sets)}
+    left_out = {*SETS["paper"]} - {"inputs"} - named if named else set()
+    return tuple(kind for kind in kinds if kind not in left_out)
+
+
+def parts(sets: Sequence[ChannelSet]) -> tuple[ChannelSet, ...]:
+    """Return the parts of `paper` that sets name in its place; () stands for all of it."""
+    return () if {"paper", "all"} & {*sets} else tuple(name for name in PARTS if name in sets)
+
+
+def paper_columns(sets: Sequence[ChannelSet]) -> tuple[str, ...]:
+    """Return the image columns of `paper` that a dataset of these sets has."""
+    named = parts(sets)
+    return tuple(
+        channel.name
+        for channel in dataset_channels(SETS["paper"])
+        if not named
+        or channel.name in ("valid", *named)
+        or (channel.kind != "inputs" and channel.kind in named)
+    )
 
 
 def layout(kind: str, lights: int = 0) -> dict[str, type]:

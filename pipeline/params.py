@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from pbrnet.pipeline.channels import SETS, ChannelSet, Kind, kinds_of_sets
+from pbrnet.pipeline.channels import PARTS, SETS, ChannelSet, Kind, kinds_of_sets
 from pbrnet.scenes.checked import build, param, section, shown, within
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import exists, read_text
@@ -97,23 +97,26 @@ class Params:
     @property
     def kinds(self) -> tuple[Kind, ...]:
         """Kinds of frames that the dataset needs of each view, in rendering order."""
+        kinds = kinds_of_sets(self.channels)
         more: tuple[tuple[Kind, int], ...] = (
-            ("visibility", self.illumination.shadow_rays),
+            ("visibility", self.illumination.shadow_rays if "illumination" in kinds else 0),
             ("noisy", self.noisy.spp),
         )
-        return (*kinds_of_sets(self.channels), *(kind for kind, wanted in more if wanted))
+        return (*kinds, *(kind for kind, wanted in more if wanted))
 
     def verify(self, where: str) -> None:
         """Raise ValueError unless `channels` names sets that can be rendered, each once."""
         for index, name in enumerate(self.channels):
-            if name != "all" and name not in SETS:
-                allowed = ", ".join((*SETS, "all"))
+            if name != "all" and name not in (*SETS, *PARTS):
+                allowed = ", ".join((*SETS, "all", *PARTS))
                 raise ValueError(f"channels[{index}]: {name!r} cannot be rendered yet; {allowed}")
         if not self.channels or len(set(self.channels)) < len(self.channels):
             names = list(self.channels)
             raise ValueError(f"channels: {names}; one or more sets are needed, each once")
         if {"light", "all"} & set(self.channels) and not self.groundtruth.joint:
             raise ValueError("channels: light needs groundtruth.joint: true")
+        if "light" in self.channels and "color" not in self.kinds:
+            raise ValueError("channels: light needs color, or paper")
         if self.image.is_panorama and self.cameras.framing != "paper":
             raise ValueError("cameras.framing: photograph is for perspective images")
         if self.image.is_panorama:

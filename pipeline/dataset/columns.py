@@ -28,6 +28,7 @@ from pbrnet.pipeline.channels import (
     Kind,
     dataset_channels,
     kinds_of_sets,
+    paper_columns,
 )
 from pbrnet.pipeline.dataset.label_tables import CLASSES, json_text
 from pbrnet.pipeline.views import Projection
@@ -155,12 +156,13 @@ def dataset_columns(
     """Return all columns, in order, for images and panoramas of these (width, height).
 
     `shadows` adds the column of visibility frames, `noisy` those of noisy frames, `channels` those
-    of further sets, and `links` those that say which rows belong together, at the end.
+    of further sets or of parts of `paper`, and `links` those that say which rows belong together.
     `environment` is the size of that set's panoramas, `lights` the number of light groups. Images
     of an equirectangular `projection` have a column that says so, and distances as depth.
     """
-    paper = SETS["paper"]
-    further = tuple(kind for kind in kinds_of_sets(channels) if kind not in paper)
+    paper, kinds = SETS["paper"], kinds_of_sets(channels)
+    kept = paper_columns(channels)
+    further = tuple(kind for kind in kinds if kind not in paper)
     groups = {
         "light": "light" in further,
         "materials": {"materials", "labels"} & set(further),
@@ -177,8 +179,8 @@ def dataset_columns(
 
     columns = [
         *facts("row"),
-        *_image_columns(paper, size, panorama),
-        *facts("camera"),
+        *(one for one in _image_columns(paper, size, panorama) if one.name in kept),
+        *(one for one in facts("camera") if _origin(one.name) in (*kinds, "")),
         *_image_columns(("visibility",) if shadows else (), size, panorama),
         *_image_columns(("noisy",) if noisy else (), size, panorama),
         *(facts("noisy") if noisy else ()),
@@ -191,6 +193,14 @@ def dataset_columns(
             replace(one, description=other.get(one.name, one.description)) for one in columns
         ]
     return (*_preview_columns({column.name for column in columns}), *columns)
+
+
+def _origin(name: str) -> str:
+    """Return the kind of frames that a column of the group `camera` tells of; "" for any."""
+    entry = _TABLE["camera"][name]
+    first, *rest = entry.get("value", name).split(".")
+    of_frames = first in ("facts", "exposures", "noises")
+    return rest[0] if of_frames else str(entry.get("of", ""))
 
 
 def _fact(name: str, entry: Mapping[str, Any], sizes: Mapping[str | int, int]) -> Column:

@@ -33,9 +33,11 @@ _DARK = 0.01  # of colour's mean: a darker pixel is compared with that
 def in_row_unit(frames: Mapping[Kind, Frame]) -> tuple[dict[Kind, Frame], float]:
     """Return a view's frames with all radiance divided by the row's unit, and that unit.
 
-    It is that of the colour frame; larger, if half floats of other frames would overflow.
+    It is that of the colour frame (else of shading, else 1); larger, if half floats of other frames
+    would overflow.
     """
-    scale = frames["color"].radiance_scale
+    main = frames.get("color") or frames.get("shading")
+    scale = main.radiance_scale if main else 1.0
     for kind, frame in frames.items():
         for band in radiance_halves(kind, _groups(frame)):
             scale = fitting_scale(scale, float(frame.channels[band].max()))

@@ -143,8 +143,8 @@ class _Packer:
         return dataset_columns(
             size,
             panorama,
-            shadows=params.illumination.shadow_rays > 0,
-            noisy=params.noisy.spp > 0,
+            shadows="visibility" in kinds,
+            noisy="noisy" in kinds,
             channels=params.channels,
             links="video" in kinds or params.cameras.has_links,
             environment=environment,

@@ -47,7 +47,8 @@ def _draw(row: Cells, preview: Preview) -> Picture:
 def _photo(row: Cells, preview: Preview) -> Picture:
     """Photograph an image of radiance."""
     unit = np.float32(row["radiance_scale"])
-    settings = meter(row[preview.metered or preview.shows].astype(np.float32) * unit)
+    metered = preview.metered if preview.metered in row else preview.shows
+    settings = meter(row[metered].astype(np.float32) * unit)
     settings = replace(settings, gain=settings.gain * 2**preview.stops)
     return photograph(row[preview.shows].astype(np.float32) * unit, settings)
 

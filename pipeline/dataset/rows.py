@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pbrnet.pipeline.channels import Channel, dataset_channels
-from pbrnet.pipeline.dataset.checks import Frames, noise_of
+from pbrnet.pipeline.dataset.checks import TRUTHS, Frames, noise_of
 from pbrnet.pipeline.dataset.columns import Column
 from pbrnet.pipeline.dataset.description.citation import attribution_of, licence_of
 from pbrnet.pipeline.dataset.label_tables import room_layout
@@ -36,7 +36,9 @@ class RowSource:
 
     def __post_init__(self) -> None:
         self.exposures = {
-            kind: exposure_of(self.frames[kind].rgb, self.tone) for kind in ("shading", "color")
+            kind: exposure_of(self.frames[kind].rgb, self.tone)
+            for kind in TRUTHS
+            if kind in self.frames
         }
         self.frames, self.radiance_scale = in_row_unit(self.frames)
         self.images = image_cells(self.frames)
@@ -68,7 +70,8 @@ class RowSource:
     @property
     def renderer(self) -> str:
         """Renderer and instruction set: light frames depend on both."""
-        about = (self.facts["color"].get(name) for name in ("renderer", "instruction_set"))
+        facts = self.facts.get("color", self.facts["inputs"])
+        about = (facts.get(name) for name in ("renderer", "instruction_set"))
         return ", ".join(str(text) for text in about if text) or "unknown"
 
     @property

@@ -32,7 +32,7 @@ PRESETS = sorted((ROOT / "params").glob("*.yaml"))
         ("seed: -1", ["seed", "-1", "from 0 to"]),
         ("seed: true", ["seed", "True", "whole number"]),
         ("seed: 1.5", ["seed", "1.5"]),
-        ("channels: [depth]", ["channels[0]", "'depth'", "'materials'"]),
+        ("channels: [depths]", ["channels[0]", "'depths'", "'materials'"]),
         ("channels: []", ["channels", "one or more"]),
         ("channels: [paper, paper]", ["channels", "each once"]),
         ("channels: paper", ["channels", "'paper'", "list"]),

@@ -71,6 +71,7 @@ def dataset_card(
         shapes={column.name: " x ".join(map(str, column.shape)) for column in columns},
         types={column.name: _type_name(column) for column in columns},
         reasons=REASONS,
+        is_whole={"color", "shading", "intensity", "depth"} <= {one.name for one in columns},
         credits=_credits(scenes),
         sources=sources,
         lighting=Counter(scene.lighting for scene in scenes),

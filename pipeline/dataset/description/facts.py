@@ -47,12 +47,12 @@ def view_facts(row: Mapping[str, Any], albedo: float) -> ViewFacts:
         row["split"],
         row["lighting"],
         row["room_type"],
-        row["denoiser"],
-        row["noise_color"],
-        row["residual_noise_color"],
+        row.get("denoiser"),
+        row.get("noise_color"),
+        row.get("residual_noise_color"),
         there.size,
         int(there.size - there.sum()),
-        bool(row["intensity"].any()),
+        bool(row["intensity"].any()) if "intensity" in row else True,
         row["objects"],
         tuple(int((each & there).sum()) for each in near),
         int(matt.sum()),
@@ -61,7 +61,12 @@ def view_facts(row: Mapping[str, Any], albedo: float) -> ViewFacts:
 
 
 def _near(row: Mapping[str, Any], albedo: float) -> list[BoolArray]:
-    """Return where the luminance of the product is within each of `NEAR` of colour's."""
+    """Return where the luminance of the product is within each of `NEAR` of colour's.
+
+    Nowhere in a row without these images.
+    """
+    if not {"color", "shading", "reflectance"} <= row.keys():
+        return [np.zeros(row["valid"].shape, dtype=bool) for _ in NEAR]
     images = {
         name: luminance(row[name].astype(np.float64))
         for name in ("color", "shading", "reflectance")

@@ -20,7 +20,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from pbrnet.pipeline.channels import TINT
+from pbrnet.pipeline.channels import TINT, kinds_of_sets
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.commands.data import require_whole_walks, summary_lines
 from pbrnet.pipeline.dataset.checks import (
@@ -459,6 +459,37 @@ def test_a_walk_with_a_rejected_frame_is_named_or_rejected_whole(
         with pytest.raises(StageError, match=r"home-0000/walk-00 \(1 frames\)"):
             require_whole_walks(summary)
     assert summary.total == 6 - len(reasons)
+
+
+def test_parts_of_the_paper_are_packed_without_the_rest(tmp_path: Path) -> None:
+    params = replace(small_params(), channels=("depth", "normal"))
+    assert params.kinds == ("inputs",)
+    data = make_data(tmp_path, small_params(), scenes=3, views=2)
+    for kind in ("color", "shading", "illumination", "visibility"):
+        shutil.rmtree(data / kind, ignore_errors=True)
+    assert pack_dataset(data, params).total == 6
+    row = rows_of(data)[0]
+    assert {"depth", "normal", "valid", "preview_depth", "K", "renderer"} <= row.keys()
+    assert not {"reflectance", "color", "shading", "intensity", "exposure_color"} & row.keys()
+    assert not {"preview", "spp", "seed", "noise_color", "visibility"} & row.keys()
+    card = (data / "dataset" / "README.md").read_text()
+    assert "path traced" not in card and "`depth`" in card
+    with pytest.raises(ValueError, match="light needs color"):
+        replace(params, channels=("depth", "light")).verify("")
+
+
+@pytest.mark.parametrize(
+    ("sets", "kinds"),
+    [
+        (("paper",), ("inputs", "illumination", "shading", "color")),
+        (("video",), ("inputs", "illumination", "shading", "color", "video")),
+        (("video", "depth"), ("inputs", "video")),
+        (("color", "light"), ("inputs", "color", "light")),
+        (("depth", "all"), kinds_of_sets(("all",))),
+    ],
+)
+def test_kinds_of_parts(sets: tuple[Any, ...], kinds: tuple[str, ...]) -> None:
+    assert {*kinds_of_sets(sets)} == {*kinds}
 
 
 def test_what_is_packed_is_kept_until_something_changes(tmp_path: Path) -> None:
