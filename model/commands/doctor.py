@@ -183,7 +183,7 @@ def _llvm() -> Finding:
 
 
 def _cuda() -> Finding:
-    """Whether cards render and train; a card that traces no ray is a warning with its remedy."""
+    """Finding on GPUs for rendering and training; one that traces no ray is a warning."""
     cards, train = variants.cards(), torch.cuda.is_available()
     uses = [use for use, works in (("rendering", cards.usable), ("training", train)) if works]
     if not (uses or cards.memory or cards.problem):

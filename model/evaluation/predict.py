@@ -108,7 +108,7 @@ class ViewRenderer:
         return truths["shading"][0], truths["color"][0]
 
     def inputs(self, view: View, cards: Sequence[ModelCard], samples: int = 0) -> Rendered:
-        """What the networks of these cards take of a view.
+        """Inputs of a view that the networks of these cards require.
 
         A network that takes noisy samples gets `samples` per pixel; 0: the median of its training.
         """

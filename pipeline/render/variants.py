@@ -57,7 +57,7 @@ class Cards:
 
     @property
     def usable(self) -> bool:
-        """Whether a card can render."""
+        """Test of a GPU for rendering."""
         return bool(self.memory) and not self.problem
 
 

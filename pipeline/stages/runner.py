@@ -92,7 +92,7 @@ NOTHING_PENDING = Pending()
 
 @dataclass
 class StagePlan:
-    """What a stage makes, keeps and removes, and failures known beforehand.
+    """Outputs that a stage makes, keeps and removes, and failures known beforehand.
 
     `orphans` are files or folders that are no longer asked for; `returning` are out of date, and
     lie up to date in the trash.
