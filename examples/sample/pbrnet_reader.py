@@ -194,7 +194,7 @@ def image(cell: bytes) -> np.ndarray[Any, Any]:
     np.lib.format.read_magic(stream)
     shape, _, about = np.lib.format.read_array_header_1_0(stream)
     planes = np.frombuffer(cell, np.uint8, offset=stream.tell()).reshape(shape)
-    (name,) = about.names
+    (name,) = about.names or ()
     whole = np.empty(planes.shape[1:], name)
     if len(planes) != whole.itemsize:
         raise ValueError(f"{len(planes)} bytes for a value of {name}")
