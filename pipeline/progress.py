@@ -36,6 +36,7 @@ class Progress:
         self.total, self.label, self.unit, self.every = total, label, unit, every
         self.kept, self.expected = kept, expected
         self.done = kept
+        self._note = ""  # the latest
         self._ahead: dict[str, int] = {}  # finished on workers, in batches that are not back yet
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._started = time.monotonic()
@@ -70,6 +71,7 @@ class Progress:
         `of` is the name under which `announce` has counted them before.
         """
         with self._lock:
+            self._note = note
             self.done += count
             counted = self._ahead.pop(of, 0)
         if self._bar is not None:
@@ -77,7 +79,7 @@ class Progress:
                 self._bar.set_postfix_str(visible(note), refresh=False)
             self._bar.update(count - counted)
         else:
-            self._print_if_due(note)
+            self._print_if_due()
 
     def announce(self, of: str, count: int) -> None:
         """Count items that are finished on a worker; `advance` follows. Any thread may call it."""
@@ -114,9 +116,9 @@ class Progress:
             else:
                 self._bar.refresh()
 
-    def _print_if_due(self, note: str = "") -> None:
+    def _print_if_due(self) -> None:
         if time.monotonic() - self._printed >= self.every:
-            self._print(note)
+            self._print(self._note)
 
     def _print(self, note: str = "") -> None:
         self._printed = time.monotonic()

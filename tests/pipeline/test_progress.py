@@ -26,6 +26,16 @@ def test_a_line_comes_before_the_first_item(
     assert first.startswith("color: 6/30 views, 0.00/s, 10 minutes left")
 
 
+def test_lines_between_items_have_the_latest_note(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(progress, "FIRST", 0.5)
+    with Progress(9, "train", "steps") as bar:
+        bar.advance(1, "loss 0.5")
+        time.sleep(1.3)
+    assert "steps" in (first := capsys.readouterr().err.splitlines()[0]) and "loss 0.5" in first
+
+
 def test_the_forecast_gives_way_to_what_is_measured(clock: list[float]) -> None:
     """100 items of 1 s, forecast at 10 s each: after a fifth the forecast counts no more."""
     bar = Progress(100, "color", expected=1000.0)
