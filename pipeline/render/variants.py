@@ -57,7 +57,7 @@ class Cards:
 
     @property
     def usable(self) -> bool:
-        """Test of a GPU for rendering."""
+        """True if a GPU can render."""
         return bool(self.memory) and not self.problem
 
 
