@@ -173,7 +173,7 @@ def _child(root: Path, family: Family, number: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         import tempfile
 
-        from pbrnet.pipeline import limits
+        from pbrnet.pipeline.stages import limits
         from pbrnet.pipeline.cli import main
 
         # Imports fork this process, as the command does: the hook watches forks alone.
