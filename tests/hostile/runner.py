@@ -173,8 +173,8 @@ def _child(root: Path, family: Family, number: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         import tempfile
 
-        from pbrnet.pipeline.stages import limits
         from pbrnet.pipeline.cli import main
+        from pbrnet.pipeline.stages import limits
 
         # Imports fork this process, as the command does: the hook watches forks alone.
         limits._can_fork = lambda: True
