@@ -96,8 +96,9 @@ def camera_of(view: View, kind: Kind) -> View:
 
     The neighbours in a trajectory determine frames of `video` alone.
     """
-    camera = replace(view, score=0.0, seen={}, stereo_partner="", stereo_offset=0.0)
-    camera = replace(camera, view_set="", set_overlap=0.0)
+    camera = replace(
+        view, score=0.0, seen={}, stereo_partner="", stereo_offset=0.0, view_set="", set_overlap=0.0
+    )
     if kind == "video":
         return camera
     return replace(camera, trajectory="", frame=-1, pose_before=(), pose_after=())

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ RADIANCE_SCALE = "radiance_scale"
 RADIANCES = frozenset(c.name for c in dataset_channels() if c.unit == RADIANCE)
 
 
+@cache
 def radiance_halves(kind: str, lights: int = 0) -> tuple[str, ...]:
     """Return the bands of a kind of frame that hold radiance as half floats.
 
