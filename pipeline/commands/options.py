@@ -150,7 +150,7 @@ def farm_options(command: Command) -> Command:
         "--workers",
         type=click.IntRange(0),
         default=None,
-        help="Number of local workers; 0 means one per allowed CPU.",
+        help="Number of local workers; 0 means one per graphics card, otherwise per allowed CPU.",
     )(command)
 
 

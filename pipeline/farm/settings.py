@@ -15,7 +15,7 @@ Variant = Literal["auto", "llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb"]
 class FarmParams:
     """Distribution of the work over dask workers; never changes a pixel."""
 
-    workers: int = param(0, "0: one per allowed CPU", within(0, 4096))
+    workers: int = param(0, "0: one per card or allowed CPU", within(0, 4096))
     batch: int = param(8, "views of one scene per task", within(1, 1024))
     window: int = param(2, "tasks in flight per worker", within(1, 64))
     retries: int = param(2, "additional attempts for a failed view", within(0, 10))
