@@ -24,7 +24,7 @@ import click
 import numpy as np
 
 from benchmarks.bench import ROOT
-from benchmarks.memory import Course, measure
+from benchmarks.memory import courses
 from benchmarks.results import CARD, measured_on, write_card
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.run import show
@@ -224,11 +224,13 @@ def memory_rows(trial: Trial) -> Iterator[Row]:
     shutil.rmtree(folder, ignore_errors=True)
     watched = CardMemory()
     with watched:
-        (course,) = measure(folder, homes, trial.sizes.scenes, variant=trial.variant)
+        what = f"Path({str(folder)!r}), {homes}, {trial.sizes.scenes}, variant={trial.variant!r}"
+        code = f"from pathlib import Path; from benchmarks.memory import measure; measure({what})"
+        trial.python("-c", code)
+    (course,) = courses(folder, homes, ("truth",))
     about = f"highest after the first round of {homes} homes, {trial.sizes.scenes} scenes opened"
     name, meaning = "growth of a worker's memory", f"resident memory of its process, {about}"
-    growth = Course("truth", course.memory, course.warm_up).growth
-    yield Row(name, meaning, _one(growth), goal=at_most(0.1))
+    yield Row(name, meaning, _one(course.growth), goal=at_most(0.1))
     name, meaning = "growth of the card's memory", f"memory in use on the card, {about}"
     if len(watched.used) < 4:
         yield missing(name, meaning, "nvidia-smi does not answer", at_most(0.1))
