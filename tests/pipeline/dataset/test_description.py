@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import tomllib
+import venv
 from pathlib import Path
 from typing import Any
 
@@ -60,13 +61,34 @@ PROGRAMS = {
 FOREIGN = ("polars", "duckdb")  # that this project does not install
 
 
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Python of an environment with NumPy, pyarrow and the foreign libraries alone."""
+    folder = tmp_path_factory.mktemp("bare")
+    venv.create(folder, with_pip=True)
+    command = [
+        folder / "bin" / "python",
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "numpy",
+        "pyarrow",
+        *FOREIGN,
+    ]
+    if subprocess.run(command).returncode:
+        pytest.skip("no package index")
+    return folder / "bin" / "python"
+
+
 @pytest.mark.parametrize(
     "program", [pytest.param(p, marks=pytest.mark.check if p in FOREIGN else ()) for p in PROGRAMS]
 )
-def test_a_program_of_the_card_runs(program: str, folder: Path, tmp_path: Path) -> None:
+def test_a_program_of_the_card_runs(
+    program: str, folder: Path, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     """Elsewhere, without this package, with what lies in the dataset's folder."""
-    if program in FOREIGN:
-        pytest.importorskip(program)
+    python = request.getfixturevalue("bare") if program in FOREIGN else sys.executable
     codes = re.findall(r"```python\n(.*?)```", (folder / "README.md").read_text(), re.S)
     assert len(codes) == len(PROGRAMS)
     (code,) = (code for code in codes if program in code)
@@ -78,7 +100,7 @@ def test_a_program_of_the_card_runs(program: str, folder: Path, tmp_path: Path) 
         "HF_HOME": str(tmp_path / "cache"),
     }
     ran = subprocess.run(
-        [sys.executable, "-c", code],
+        [python, "-c", code],
         cwd=tmp_path,
         env=environment,
         capture_output=True,
