@@ -73,7 +73,7 @@ TRACES: tuple[Trace[Any], ...] = (
         lambda params: truth.truth_settings(params.groundtruth, params.shading, params.light),
         truth.render_truths,
         seed="truth",
-        together=lambda settings: settings.joint,
+        together=lambda settings: settings.trace.joint,
     ),
     # Of other samples: a network that sees the ground truth's own would learn its noise.
     Trace(
