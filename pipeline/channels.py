@@ -30,8 +30,20 @@ Kind = Literal[
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 ChannelSet = Literal[
-    *("paper", "materials", "light", "labels", "environment", "video", "transport", "all"),
-    *("depth", "normal", "reflectance", "illumination", "shading", "color"),
+    "paper",
+    "materials",
+    "light",
+    "labels",
+    "environment",
+    "video",
+    "transport",
+    "all",
+    "depth",
+    "normal",
+    "reflectance",
+    "illumination",
+    "shading",
+    "color",
 ]
 # Kinds of frames of each set of the parameter `channels`; `all` stands for every set.
 SETS: dict[ChannelSet, tuple[Kind, ...]] = {
