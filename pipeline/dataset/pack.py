@@ -155,9 +155,9 @@ class _Packer:
     def origin(self) -> str:
         """Return a digest of all that determines the dataset; of files it takes size and time."""
         params = self.params
-        sections = (
-            *("image", "illumination", "groundtruth", "light", "noisy", "environment"),
-            *("shading", "dataset", "tone", "transport", "channels", "seed"),
+        sections: tuple[str, ...] = (
+            *("seed", "channels", "image", "illumination", "groundtruth", "light", "noisy"),
+            *("environment", "shading", "transport", "dataset", "tone"),
         )
         patterns = ["scenes/*/scene.json", "cameras/*.json", "failures/*.json"]
         patterns += [f"{kind}/*/*.exr" for kind in params.kinds]
