@@ -12,8 +12,9 @@ from pbrnet.pipeline.channels import DIFFUSE, DIRECT, light_bands
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, read_frame
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import TRACED
+from pbrnet.pipeline.passes.registry import TRACE_OF, TRACED
 from pbrnet.pipeline.passes.settings import LightParams
+from pbrnet.pipeline.passes.truth import truth_settings
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
@@ -86,3 +87,11 @@ def test_light_needs_a_joint_trace(monkeypatch: pytest.MonkeyPatch) -> None:
     nothing: Any = None
     with pytest.raises(InputError, match="scalar_rgb"):
         render(TRACED, nothing, nothing, LIGHT, 0)
+
+
+def test_what_one_trace_gives_is_planned_before_a_variant_is_chosen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(integrator, "available", lambda: pytest.fail("asks for the variant"))
+    settings = truth_settings(PAPER.groundtruth, PAPER.shading, PAPER.light)
+    assert TRACE_OF["color"].together(settings["color"])

@@ -116,6 +116,7 @@ BODIES = {
     "<level id='a' name='a' elevation='x' floorThickness='1' height='1'/>": "elevation",
     "<room><point x='0'/></room>": "y=None",
     "<room>" + "<point x='0' y='0'/>" * 5001 + "</room>": "points",
+    draw.room(0, 0, 400, 300) + draw.piece(model="m"): "drawn rooms but no walls",
     "<furnitureGroup name='g'>" * 40 + "</furnitureGroup>" * 40: "groups",
 }
 

@@ -66,7 +66,6 @@ HOMES: dict[str, tuple[str | bytes, int, int]] = {
     "without a version": (draw.usual(BOX).replace("version='7200'", ""), 1, 1),
     "walls alone": (draw.home(WALLS + BOX), 1, 1),
     "walls that are open": (draw.home(draw.wall("a", (0, 0), (400, 0)) + BOX), 0, 1),
-    "a terrace": (draw.home(draw.room(0, 0, 400, 300) + BOX), 1, 1),
     "walls as lines": (draw.home(LINES + BOX), 1, 1),
     "a wall without length": (draw.usual(draw.wall("z", (200, 100), (200, 100)) + BOX), 1, 1),
     "a wall without height": (draw.usual(draw.wall("z", (200, 0), (200, 320), height=0)), 1, 0),
