@@ -42,7 +42,7 @@ def category_of_part(label: str, material: str) -> str:
     """Return the category of a part from its name, else from that of its material.
 
     A material tells nothing of a part whose name says that it is one of the building, and words
-    for finishes tell nothing in its name: what is of `light_glass` is neither a lamp nor a glass.
+    for finishes tell nothing in its name: what is of `light_wood` is no lamp.
     `label` may be, or end with, the material's name, as in files without other names.
     """
     borrowed = _FINISHES & words_of(material) if label.endswith(material) else frozenset[str]()

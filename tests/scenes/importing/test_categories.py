@@ -64,7 +64,7 @@ PARTS = {
     ("Ceiling", "Lit"): "other",
     ("Cube.001", "Mat.1"): "other",
     ("Cube.001", "mat_grey"): "other",
-    ("Plane", "Glass"): "other",
+    ("Wall_West", "Glass"): "other",
     ("Plane", "Curtain fabric"): "curtain",
     ("Chair", "Lit"): "chair",
     ("wall_lamp", "Wood"): "lamp",

@@ -822,7 +822,7 @@ BAD: dict[str, tuple[bytes | str, str]] = {  # the scene file, and what is said 
     "empty scene": (scene_text(""), "no shapes"),
     "missing mesh": (mesh_of("gone.obj"), "'gone.obj' is missing"),
     "mesh climbs out": (mesh_of("../../../etc/passwd", kind="obj"), "outside the scene's folder"),
-    "texture climbs out": (scene_text(usual(bsdf=TEXTURED.format("../secret.png"))),
+    "texture climbs out": (scene_text(usual(bsdf=TEXTURED.format("../" * 20 + "etc/passwd"))),
                            "outside the scene's folder"),
     "link climbs out": (mesh_of("link.ply"), "outside the scene's folder"),
     "include cycle": (in_room('<include filename="a.xml"/>'), "includes itself"),

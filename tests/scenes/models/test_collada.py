@@ -139,8 +139,11 @@ def test_a_missing_image_is_named(tmp_path: Path) -> None:
 
 
 def test_an_image_outside_of_the_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "secret.png").write_bytes(b"")
     with pytest.raises(InputError, match=r"lies outside .* --root"):
-        imported(tmp_path, ground("../../secret.png"))
+        imported(tmp_path, ground("../secret.png"))
+    scene = imported(tmp_path, ground("../../gone.png"))
+    assert any("missing texture" in change for change in scene.changes)
 
 
 def test_nodes_give_objects_and_what_is_left_out_is_said(tmp_path: Path) -> None:
