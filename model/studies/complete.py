@@ -106,7 +106,7 @@ docs/results.md.""",
 @click.option("--dry-run", is_flag=True, help="Only list the parts.")
 @click.option("--docs", type=FOLDER, help="Copy figures to FOLDER/data and plots to FOLDER/images.")
 @common_options
-def command(request: Request, only: tuple[str, ...], dry_run: bool, docs: Path | None) -> int:
+def command(request: Request, only: tuple[str, ...], docs: Path | None) -> int:
     """Make every figure and plot of the results from one dataset."""
     parts = _chosen((*PARTS, *flicker_parts(request.params.evaluate.split, request.data)), only)
     known = _recorded()
@@ -116,7 +116,7 @@ def command(request: Request, only: tuple[str, ...], dry_run: bool, docs: Path |
         digest = digest_bytes(*map(str.encode, (*part.arguments, *state[part.takes_models])))
         if known.get(part.name) == digest:
             say(f"{part.name}: up to date")
-        elif dry_run:
+        elif request.dry_run:
             say(f"{part.name}: {part.command}")
             continue
         else:
@@ -126,7 +126,7 @@ def command(request: Request, only: tuple[str, ...], dry_run: bool, docs: Path |
                 continue
             # Read anew: another process may have made other parts meanwhile.
             write_json(RECORD, {**_recorded(), part.name: digest})
-        if docs is not None and not dry_run:
+        if docs is not None and not request.dry_run:
             record(part, docs)
     if failed:
         say(f"failed: {', '.join(failed)}; run the same command again", err=True)

@@ -76,12 +76,11 @@ def trial_command(
         def command(
             request: Request,
             folders: Folders,
-            dry_run: bool,
             views: tuple[int, ...] = (),
             **given: Any,
         ) -> None:
             config = TrialConfig(given.pop("seeds"), given.pop("steps"), views)
-            function(TrialRequest(request.params, folders, config, dry_run), **given)
+            function(TrialRequest(request.params, folders, config, request.dry_run), **given)
 
         command.__doc__ = function.__doc__
         where = (
