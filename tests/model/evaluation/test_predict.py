@@ -160,7 +160,7 @@ def test_pictures_without_a_network_take_any_number_of_samples(room: Path) -> No
             made.append(read_picture(Path(f"{quality}.png").read_bytes()).astype(float))
         assert 0 < np.abs(made[0] - made[1]).mean() < 40, "the same picture, otherwise denoised"
     done = predict(*view, "--method", "plus", "--denoiser", "fast")
-    assert done.exit_code == 2 and "for --method radiosity and denoised" in done.output
+    assert done.exit_code == 2 and "only to --method radiosity and denoised" in done.output
 
 
 @pytest.mark.usefixtures("wavefront")
