@@ -43,14 +43,18 @@ from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLight
 from pbrnet.pipeline.pathtrace.panes import Panes
 from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering, mis_weight
 from pbrnet.pipeline.render.bsdf_tables import partner
+from pbrnet.pipeline.render.variants import best_variant
 
 # Squared distance up to which two unit directions are the same one, computed twice.
 _SAME_DIRECTION = 1e-7
 
 
 def available() -> bool:
-    """Test whether the variant in use can trace both images at once (all but the scalar ones)."""
-    return bool(dr.is_jit_v(mi.Float))
+    """Test whether the variant in use can trace both images at once (all but the scalar ones).
+
+    In a process that has not set one, as a command that plans, it is the best on this machine.
+    """
+    return not (mi.variant() or best_variant()).startswith("scalar")
 
 
 @dataclass(eq=False)
