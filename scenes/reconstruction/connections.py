@@ -138,7 +138,7 @@ def _below_beam(first: FoundRoom, second: FoundRoom, rays: RayCaster) -> BaseGeo
             free &= rays.cast(eyes, np.append(outward, 0.0))[0] > width + 2 * _WITHIN
         ends = places + (width + _SLACK)[:, None] * outward
         lines = shapely.linestrings(np.stack([places - _SLACK * outward, ends], axis=1)[free])
-        strips += list(shapely.buffer(lines, 0.51 * _STEP, cap_style="flat"))
+        strips += [buffered(line, 0.51 * _STEP, cap_style="flat") for line in lines]
     if facing * _STEP < _LEAST_BORDER or len(strips) < _OPEN_BORDER * facing:
         return None
     return union(strips)

@@ -81,7 +81,7 @@ def test_the_page_has_a_place_that_says_not_measured() -> None:
     assert "| card / LLVM | 9 |" in _card_section(measured) and "H200" in _card_section(measured)
 
 
-@pytest.mark.slow
+@pytest.mark.check
 @pytest.mark.timeout(900)
 def test_the_whole_comparison_runs_with_llvm_in_the_place_of_a_card(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wavefront: None, variant: str

@@ -39,7 +39,8 @@ def test_the_group_lists_its_studies_without_torch() -> None:
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert ran.returncode == 0, ran.stderr
-    assert all(line in ran.stdout for line in STUDIES.values())
+    words = " ".join(ran.stdout.split())  # of lines that are broken
+    assert all(line in words for line in STUDIES.values())
 
 
 def test_one_line_adds_a_study_to_command_line_and_report(

@@ -170,7 +170,7 @@ def test_a_folder_that_must_be_shared_is_asked_for(
         dask_scheduler(tmp_path) as (address, _),
         dask_worker(address, tmp_path / "far", hidden=fresh),
     ):
-        with pytest.raises(MachineError, match=r"does not see .* farm\.transfer: auto"):
+        with pytest.raises(MachineError, match=r"cannot see .* farm\.transfer: auto"):
             _run(fresh, "cameras", address, transfer="shared")
         shutil.rmtree(fresh / "scenes")
         _run(fresh, "scenes", address)

@@ -234,7 +234,8 @@ def test_asking_for_them_or_not_leaves_the_truth_alone(data: Path) -> None:
     assert files_in(data, *MADE) == before
     assert list((data / "noisy").iterdir()) == []
     summary = run_frames("groundtruth", data, PARAMS)
-    assert (summary.made, summary.kept) == (4, 8)
+    assert (summary.made, summary.kept) == (0, 12), "they come back from the trash"
+    assert files_in(data, "shading", "color") == before
 
 
 def test_each_alone_where_the_variant_traces_them_apart(room: tuple[RenderScene, View]) -> None:

@@ -152,7 +152,7 @@ def test_what_panoramas_cannot_have_is_refused(changes: dict[str, object], messa
 def test_views_without_k_say_so() -> None:
     with pytest.raises(ValueError, match="twice as wide as high and has no K"):
         replace(VIEW, K=FLAT.K).verify("view")
-    with pytest.raises(ValueError, match="K must be 3x3"):
+    with pytest.raises(ValueError, match="K: must be 3x3"):
         replace(FLAT, K=()).verify("view")
     assert build(View, {**_plain(VIEW)}, "view") == VIEW
 

@@ -3,6 +3,7 @@
 Workers without LLVM stand for those with a graphics card: they, too, have another variant.
 """
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,6 +37,7 @@ def test_workers_of_two_kinds_render_surfaces_that_agree(
     for name in ("alpha", "beta"):
         write_room(data / "scenes" / name)
     run_cameras(data, PARAMS)
+    refused = Path(shutil.copytree(data, tmp_path / "refused"))
     with (
         dask_scheduler(tmp_path / "dask") as (address, _),
         Client(address) as client,
@@ -46,7 +48,7 @@ def test_workers_of_two_kinds_render_surfaces_that_agree(
         with dask_worker(address, tmp_path / "two"):
             client.wait_for_workers(2, timeout=60)
             with pytest.raises(MachineError, match=r"scalar_rgb, .*, this command accepts"):
-                run_frames("inputs", data, PARAMS, address)
+                run_frames("inputs", refused, PARAMS, address)
             # The command of a machine with neither LLVM nor a card drives both.
             patch.setattr(BEST, lambda: "scalar_rgb")
             summary = run_frames("inputs", data, PARAMS, address)
