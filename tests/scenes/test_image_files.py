@@ -1,6 +1,7 @@
 """Images from strangers: a list of formats, whatever a file is called, and nothing else."""
 
 import ast
+import io
 import os
 import shutil
 from pathlib import Path
@@ -49,6 +50,15 @@ def test_a_postscript_program_named_png_does_not_run(
     with pytest.raises(UnreadableImage, match="not an image of a known format"):
         open_image(path)
     assert not mark.exists()
+
+
+@pytest.mark.parametrize("name", ["PCX", "SGI", "ICO", "EPS"])
+def test_other_formats_of_pillow_are_refused(name: str) -> None:
+    assert name not in FORMATS
+    stream = io.BytesIO()
+    Image.new("RGB", (16, 16), "red").save(stream, name)
+    with pytest.raises(UnreadableImage, match="not an image of a known format"):
+        open_image(stream.getvalue())
 
 
 def test_a_bomb_is_refused_by_its_header() -> None:
