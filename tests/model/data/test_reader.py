@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pbrnet.model.data.direct_light import panorama_radiance
-from pbrnet.model.data.encoding import encode
+from pbrnet.model.data.encoding import encode, input_named
 from pbrnet.model.data.reader import Dataset, _convert, coin_flips, mirrored
 from pbrnet.scenes.color import encode_srgb
 from pbrnet.scenes.errors import InputError
@@ -274,3 +274,12 @@ def test_plans_come_from_the_list_of_scenes(folder: Path, tmp_path: Path) -> Non
     box_dataset(tmp_path, 4, 0, 0, **SIZE)
     (tmp_path / "dataset" / "scenes.csv").write_text("scene_id,plan\nday,house\nnight,house\n")
     assert Dataset(tmp_path / "dataset", "train").plans() == {"day": "house", "night": "house"}
+
+
+def test_depth_is_the_logarithm_relative_to_two_and_a_half_metres() -> None:
+    depth = np.array([[0.0, 0.05, 2.5, 25.0, 1000.0]], np.float32)
+    view = {"depth": depth, "valid": np.array([[0, 1, 1, 1, 1]])}
+    logarithm, valid = np.moveaxis(np.asarray(input_named("depth").of(view)), -1, 0)
+    expected = np.log([1.0, 0.02, 1.0, 10.0, 40.0])
+    np.testing.assert_allclose(logarithm[0], expected, rtol=1e-6, atol=1e-6)
+    assert valid[0].tolist() == [0, 1, 1, 1, 1]
