@@ -39,10 +39,10 @@ SHORT = ("pbrnet", "unet", "denoised", "radiosity", "plus", "hybrid")  # rows of
 
 
 def quick_start_time(found: dict[str, Any]) -> str:
-    """Sentence on the time that the two commands take."""
+    """Sentence on the time that the first command takes."""
     return (
         f"On two cores `make repro` takes about {_duration(found['repro_seconds'])} on a machine "
-        f"that has never run it, and `make test` about {_duration(found['test_seconds'])}."
+        "that has never run it."
     )
 
 
@@ -169,8 +169,8 @@ def filled(path: Path, parts: dict[str, str]) -> str:
     return text
 
 
-def record_quick_start(repro: float, test: float) -> None:
-    """Write `docs/data/quick-start.json` from the evaluation in `metrics/` and two durations."""
+def record_quick_start(repro: float) -> None:
+    """Write `docs/data/quick-start.json` from the evaluation in `metrics/` and the duration."""
     found = json.loads((ROOT / "metrics" / "evaluation.json").read_text())
     methods = {
         name: {metric: round(row[metric]["mean"], 4) for metric in METRICS}
@@ -179,7 +179,6 @@ def record_quick_start(repro: float, test: float) -> None:
     }
     record = {
         "repro_seconds": round(repro),
-        "test_seconds": round(test),
         "views": found["views"],
         "scenes": found["scenes"],
         "methods": methods,
@@ -192,12 +191,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Make the generated parts of the documentation.")
     parser.add_argument("--check", action="store_true", help="write nothing; exit 1 if outdated")
     parser.add_argument(
-        "--quick-start", nargs=2, type=float, metavar=("REPRO", "TEST"), help="seconds to record"
+        "--quick-start", type=float, metavar="SECONDS", help="duration of `make repro` to record"
     )
     options = parser.parse_args()
     check = options.check
     if options.quick_start:
-        record_quick_start(*options.quick_start)
+        record_quick_start(options.quick_start)
     quick = json.loads(QUICK_START.read_text())
     reference = json.loads((ROOT / "metrics" / "reference.json").read_text())
     tables = study_tables(ROOT / "docs" / "data")
