@@ -9,8 +9,8 @@ README.md and docs/results.md comes from
 docs/scenes.md from `docs/data/realism.json`, figures that `pbrnet inspect --realism` printed. With
 `--check` nothing is written, and the exit code is 1 if a file is not up to date.
 
-After a quick start, `--quick-start REPRO TEST` records its figures: the seconds that `make repro`
-and `make test` took on a quiet machine, and the evaluation in `metrics/`.
+After a quick start, `--quick-start SECONDS` records its figures: the seconds that `make repro`
+took, and the evaluation in `metrics/`.
 """
 
 from __future__ import annotations
