@@ -117,26 +117,33 @@ def exr_channels(path: Path, most: int = MAX_PIXELS) -> dict[str, AnyArray]:
 class _Listener:
     """Standard output while the library OpenEXR reads, which prints there what it cannot decode.
 
-    Threads share it; none of them prints anything else meanwhile.
+    Each thread that reads gets what it prints itself; what other threads print passes through.
     """
 
     def __init__(self) -> None:
         self._lock, self._readers = threading.Lock(), 0
-        self._said, self._own = io.StringIO(), sys.stdout
+        self._own, self._here = sys.stdout, threading.local()
 
     def __enter__(self) -> io.StringIO:
+        said = self._here.said = io.StringIO()
         with self._lock:
             if not self._readers:
-                self._said, self._own = io.StringIO(), sys.stdout
-                sys.stdout = self._said
+                self._own, sys.stdout = sys.stdout, self  # type: ignore[assignment]
             self._readers += 1
-            return self._said
+        return said
 
     def __exit__(self, *_: object) -> None:
+        del self._here.said
         with self._lock:
             self._readers -= 1
             if not self._readers:
                 sys.stdout = self._own
+
+    def write(self, text: str) -> int:
+        return getattr(self._here, "said", self._own).write(text)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._own, name)
 
 
 _LISTENER = _Listener()

@@ -4,6 +4,7 @@ import ast
 import io
 import os
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -142,6 +143,31 @@ def test_pixels_that_cannot_be_decoded_are_an_error_and_not_a_line_of_output(
     with pytest.raises(UnreadableImage):
         exr_channels(path)
     assert capfd.readouterr().out == ""
+
+
+def test_damage_is_no_fault_of_files_read_at_the_same_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    smooth = np.zeros((64, 64, 3), np.float16)
+    for name in "abcdefgh":
+        exr(tmp_path / name, smooth, compression=OpenEXR.ZIP_COMPRESSION)
+    data = bytearray((tmp_path / "a").read_bytes())
+    data[-20:] = bytes(20)
+    (tmp_path / "a").write_bytes(data)
+
+    def damaged(name: str) -> bool:
+        print(name)
+        try:
+            exr_channels(tmp_path / name)
+        except UnreadableImage:
+            return True
+        return False
+
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(damaged, "abcdefgh" * 40))
+    assert found == [name == "a" for name in "abcdefgh"] * 40
+    said = capsys.readouterr().out
+    assert "".join(sorted(said.replace("\n", ""))) == "".join(sorted("abcdefgh" * 40))
 
 
 def test_deep_images_are_refused(tmp_path: Path) -> None:
