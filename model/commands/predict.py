@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,13 @@ from pbrnet.model.data.encoding import MAX_SAMPLES
 from pbrnet.model.evaluation import predict as prediction
 from pbrnet.model.evaluation.budget import choose, efforts_for, stopwatch
 from pbrnet.model.evaluation.inference import PREDICTABLE, Networks, load_networks
-from pbrnet.model.evaluation.predict import ViewRenderer, ViewSource
+from pbrnet.model.evaluation.predict import Renderers, ViewRenderer, ViewSource
 from pbrnet.model.evaluation.previews import (
     DENOISED,
     MOST_DENOISED,
     PREVIEWS,
     Preview,
+    check_samples,
     write_rendering,
 )
 from pbrnet.model.networks.tiles import MIN_TILE
@@ -28,7 +29,6 @@ from pbrnet.model.options import found_models_option
 from pbrnet.model.release.pretrained import find_models
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.commands.options import (
-    FILE,
     FOLDER,
     PATH,
     NumberRange,
@@ -37,7 +37,6 @@ from pbrnet.pipeline.commands.options import (
     size_option,
 )
 from pbrnet.pipeline.images import Picture, png_bytes
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.photograph import photograph
@@ -45,9 +44,9 @@ from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import View, intrinsics_of
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import atomic_file
+from pbrnet.scenes.files import atomic_file, exists
 
 HYBRID = "hybrid"
 
@@ -63,10 +62,15 @@ Examples:
   pbrnet predict data/scenes/home-0000 --all-views --seconds 2 --size 480x360
   pbrnet predict data/scenes/my-home --eye 1,2,1.6 --towards 1,0.3,-0.2 --size 800x600
   pbrnet predict data/scenes/my-home --view VIEW --size 3840x2880 --tile 512 --exr
+  pbrnet predict data/scenes --all-views --method radiosity --out pictures
+  pbrnet predict home-1 home-2 --view home-1/A --view home-2/B --cameras FOLDER --out pictures
   pbrnet predict --inputs in.exr --illumination panorama.exr --out picture.png
   pbrnet predict --inputs data/inputs/home-0000 --illumination data/illumination/home-0000
 
-VIEW is a view_id in the camera file, by default data/cameras/SCENE.json.
+VIEW is a view_id in the camera file, by default data/cameras/SCENE.json. With several scenes, or a
+folder of scenes, --view VIEW selects it in each of them, --view SCENE/VIEW in one. The scenes are
+rendered one after another in this process, each opened once; one that fails is named at the end,
+with exit code 1, and the images of the others are kept.
 Networks are read from models/, or the pretrained networks are used if it has none.
 --method radiosity needs no network: a preview by light transport, for any scene and size. Nor does
 --method denoised: samples of our path tracer and Open Image Denoise, for comparison.
@@ -75,10 +79,22 @@ settings for all views.
 --compare reads the ground truth from the data folder, or renders it.
 docs/use.md describes the values of --exr. `pbrnet report` shows all images in predictions/."""
 )
-@click.argument("scene", type=FOLDER, required=False)
-@click.option("--view", "views", multiple=True, help="View in the camera file (repeatable).")
-@click.option("--all-views", is_flag=True, help="All views of the camera file.")
-@click.option("--camera", type=FILE, help="Camera file of the scene.")
+@click.argument("scenes", type=FOLDER, nargs=-1, metavar="[SCENE]...")
+@click.option(
+    "--view",
+    "views",
+    multiple=True,
+    metavar="[SCENE/]VIEW",
+    help="View in the camera file (repeatable).",
+)
+@click.option("--all-views", is_flag=True, help="All views of the camera files.")
+@click.option(
+    "--camera",
+    "--cameras",
+    "cameras",
+    type=PATH,
+    help="Camera file of the scene, or a folder of files SCENE.json.",
+)
 @click.option("--eye", metavar="X,Y,Z", help="Position of a new camera, in metres, Z up.")
 @click.option("--towards", metavar="X,Y,Z", help="Viewing direction of the new camera.")
 @click.option("--inputs", type=PATH, help="Frame of depth, normal, reflectance, or a folder.")
@@ -128,23 +144,28 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 @found_models_option()
 @common_options
 def predict(request: Request, **options: Any) -> int:
-    """Predict images with the trained networks, from SCENE or from frames."""
-    wanted = PictureRequest(request.params, request.data, **options)
+    """Predict images with the trained networks, from scenes or from frames."""
+    wanted = PictureRequest(Renderers(request.params, request.data), **options)
     if wanted.seconds is not None:
         wanted = _within_seconds(wanted)
     pictures = _previews(wanted) if wanted.method in PREVIEWS else _predictions(wanted)
-    _check_out(wanted.out, len(pictures))
-    failed = 0
+    total = len(pictures) + len(wanted.selected.failed)
+    _check_out(wanted.out, total)
+    failed = list(wanted.selected.failed)
+    for name, message in wanted.selected.failed.items():
+        say(f"Error: {name}: {message}", err=True)
     with Progress(len(pictures), "predict") as progress:
         for view, draw in pictures:
             try:
-                say(*_write(wanted, view, draw(), len(pictures)))
+                say(*_write(wanted, view, draw(), total))
             except InputError as error:
-                if len(pictures) == 1:
+                if total == 1:
                     raise
-                failed += 1
-                say(f"Error: {view.scene_id}/{view.view_id}: {error}", err=True)
+                failed.append(f"{view.scene_id}/{view.view_id}")
+                say(f"Error: {failed[-1]}: {error}", err=True)
             progress.advance()
+    if failed:
+        say(f"Error: {len(failed)} of {total} failed: {_listed(failed)}", err=True)
     return 1 if failed else 0
 
 
@@ -152,13 +173,12 @@ def predict(request: Request, **options: Any) -> int:
 class PictureRequest:
     """The options of `pbrnet predict`; None or empty: not given."""
 
-    params: Params
-    data: Path
+    renderers: Renderers
     models: Path | None
-    scene: Path | None
+    scenes: tuple[Path, ...]
     views: tuple[str, ...]
     all_views: bool
-    camera: Path | None
+    cameras: Path | None
     eye: str | None
     towards: str | None
     size: tuple[int, int] | None
@@ -181,13 +201,28 @@ class PictureRequest:
         """True if frames are given, which replace a scene."""
         return any((self.inputs, self.illumination, self.transport, self.materials, self.noisy))
 
-    def renderer(self, scene: Path) -> ViewRenderer:
-        """Renderer of a scene's views."""
-        return ViewRenderer(scene, self.params, self.data)
+    @cached_property
+    def selected(self) -> Selected:
+        """The views of scenes that the options select; raises `UsageError` or `InputError`."""
+        return _select(self) if self.scenes else Selected((), {}, {})
+
+    def renderer(self, view: View) -> ViewRenderer:
+        """Renderer of a view's scene."""
+        return self.renderers.of(self.selected.folders[view.scene_id])
 
     def scene_of(self, view: View) -> Path:
         """Folder of a view's scene, which may be absent."""
-        return self.scene or self.data / "scenes" / view.scene_id
+        usual = self.renderers.data / "scenes" / view.scene_id
+        return self.selected.folders.get(view.scene_id, usual)
+
+
+@dataclass(frozen=True)
+class Selected:
+    """Views of scenes, and the scenes' folders by id."""
+
+    views: tuple[View, ...]
+    folders: Mapping[str, Path]
+    failed: Mapping[str, str]  # messages by view or scene that cannot be used
 
 
 @dataclass(frozen=True)
@@ -232,7 +267,7 @@ def _within_seconds(request: PictureRequest) -> PictureRequest:
     assert seconds is not None
     if request.method or request.spp or request.quality:
         raise click.UsageError("--seconds chooses --method and --spp; do not combine them")
-    scene, views = _preview_views(request, "--seconds")
+    first = _preview_views(request, "--seconds")[0]
     networks: Networks | None = None
     methods = PREVIEWS if integrator.available() else (DENOISED,)
     if integrator.available():
@@ -242,8 +277,8 @@ def _within_seconds(request: PictureRequest) -> PictureRequest:
             say(f"without {HYBRID}: {error}", err=True)
         else:
             networks, methods = load_networks(found.folder, [HYBRID]), (*methods, HYBRID)
-    efforts = efforts_for(views[0].width * views[0].height, methods)
-    choice = choose(seconds, efforts, stopwatch(request.renderer(scene), views[0], networks))
+    efforts = efforts_for(first.width * first.height, methods)
+    choice = choose(seconds, efforts, stopwatch(request.renderer(first), first, networks))
     say(f"{choice.effort}: {choice.seconds:.2f} s per view, chosen from {choice.tried} settings")
     if choice.seconds > seconds:
         say(f"no setting takes {seconds:g} s or less; this is the fastest", err=True)
@@ -253,14 +288,14 @@ def _within_seconds(request: PictureRequest) -> PictureRequest:
 
 
 def _previews(request: PictureRequest) -> Pictures:
-    """Pictures of a scene's views without a network."""
-    method = request.method
+    """Pictures of scenes' views without a network."""
+    method, spp, quality = request.method, request.spp or 0, request.quality or "high"
     assert method is not None
-    scene, views = _preview_views(request, f"--method {method}")
-    renderer, quality = request.renderer(scene), request.quality or "high"
-    preview = Preview(renderer, method, request.spp or 0, quality)
+    views = _preview_views(request, f"--method {method}")
+    check_samples(method, spp)
 
     def draw(view: View) -> Drawn:
+        preview = Preview(request.renderer(view), method, spp, quality)
         found = preview.render(view)
         picture, metrics = photograph(found.color), ""
         if request.with_truth:
@@ -271,11 +306,11 @@ def _previews(request: PictureRequest) -> Pictures:
     return [(view, partial(draw, view)) for view in views]
 
 
-def _preview_views(request: PictureRequest, what: str) -> tuple[Path, list[View]]:
-    """Scene and views of the request; raises `UsageError` for frames."""
-    if request.scene is None or request.gives_frames:
+def _preview_views(request: PictureRequest, what: str) -> tuple[View, ...]:
+    """Views of the request's scenes; raises `UsageError` for frames."""
+    if not request.scenes or request.gives_frames:
         raise click.UsageError(f"{what} requires a SCENE, not frames")
-    return request.scene, _scene_views(request, request.scene)
+    return request.selected.views
 
 
 def _predictions(request: PictureRequest) -> Pictures:
@@ -311,16 +346,15 @@ def _predictions(request: PictureRequest) -> Pictures:
 
 def _view_sources(request: PictureRequest) -> list[ViewSource]:
     """The views that the options select, for networks."""
-    if request.scene is not None:
+    if request.scenes:
         if request.gives_frames:
             raise click.UsageError("give a SCENE, or --inputs and --illumination, not both")
-        views = _scene_views(request, request.scene)
-        renderer = request.renderer(request.scene)
-        return prediction.from_scene(renderer, views, request.with_truth, request.spp or 0)
+        views, spp = request.selected.views, request.spp or 0
+        return prediction.from_scenes(request.renderer, views, request.with_truth, spp)
     inputs, illumination = request.inputs, request.illumination
     if inputs is None or illumination is None:
         raise click.UsageError("give a SCENE and a --view, or --inputs and --illumination")
-    of_scene = (request.size, request.views, request.all_views, request.camera, request.eye)
+    of_scene = (request.size, request.views, request.all_views, request.cameras, request.eye)
     if any(of_scene) or request.towards or request.spp:
         raise click.UsageError(
             "--size, --view, --all-views, --camera, --eye, --towards and --spp require a SCENE"
@@ -333,31 +367,89 @@ def _view_sources(request: PictureRequest) -> list[ViewSource]:
         "noisy": request.noisy,
     }
     paths = {kind: path for kind, path in given.items() if path}
-    truth = request.data if request.with_truth else None
+    truth = request.renderers.data if request.with_truth else None
     return [
         prediction.from_frames(dict(zip(paths, files, strict=True)), truth)
         for files in prediction.frame_sets(*paths.values())
     ]
 
 
-def _scene_views(request: PictureRequest, scene: Path) -> list[View]:
-    """The views of a scene that the options select."""
-    eye, towards, size = request.eye, request.towards, request.size
-    ways = (bool(request.views), request.all_views, eye is not None)
-    if sum(ways) != 1 or (eye is None) != (towards is None):
+def _select(request: PictureRequest) -> Selected:
+    """Views that the options select; of several scenes, those without are named and left out."""
+    ways = (bool(request.views), request.all_views, request.eye is not None)
+    if sum(ways) != 1 or (request.eye is None) != (request.towards is None):
         raise click.UsageError(
             "with SCENE, give --view (repeatable), or --all-views, or --eye and --towards"
         )
+    scenes = list(dict.fromkeys(folder for path in request.scenes for folder in _scenes_at(path)))
+    _check_scenes(request, scenes)
+    wanted: list[tuple[Path, str | None]]
+    wanted = [(scene, name) for scene in scenes for name in _names_in(scene, request.views)]
+    views: list[View] = []
+    folders: dict[str, Path] = {}
+    failed: dict[str, str] = {}
+    for scene, name in wanted or [(scene, None) for scene in scenes]:
+        try:
+            found = _scene_views(request, scene, name)
+        except InputError as error:
+            if len(scenes) == 1:
+                raise
+            failed[f"{scene.name}/{name}" if name else scene.name] = str(error)
+            continue
+        if folders.setdefault(found[0].scene_id, scene) != scene:
+            raise InputError(f"{folders[found[0].scene_id]} and {scene} have the same scene id")
+        views += found
+    if not views:
+        raise InputError(*(f"{what}: {message}" for what, message in failed.items()))
+    return Selected(tuple(views), folders, failed)
+
+
+def _scenes_at(path: Path) -> list[Path]:
+    """Scene folders at a path: the folder itself, or those in it."""
+    return [path] if exists(path / "scene.json") else scene_folders(path) or [path]
+
+
+def _check_scenes(request: PictureRequest, scenes: Sequence[Path]) -> None:
+    """Raise `UsageError` for options that apply to one scene only, or name one not given."""
+    several = len(scenes) > 1
+    if several and request.eye is not None:
+        raise click.UsageError("--eye and --towards require a single SCENE")
+    if several and request.cameras is not None and not request.cameras.is_dir():
+        raise click.UsageError("--cameras: several scenes require a folder of files SCENE.json")
+    names = {scene.name for scene in scenes}
+    for view in request.views:
+        scene, slash, _ = view.rpartition("/")
+        if slash and scene not in names:
+            raise click.UsageError(f"--view {view}: no SCENE of this name is given")
+
+
+def _names_in(scene: Path, views: Sequence[str]) -> list[str]:
+    """Those of `views`, VIEW or SCENE/VIEW, that select a view of this scene."""
+    pairs = [view.rpartition("/") for view in views]
+    return list(dict.fromkeys(view for of, _, view in pairs if of in ("", scene.name)))
+
+
+def _scene_views(request: PictureRequest, scene: Path, name: str | None) -> list[View]:
+    """The view of this name, all views, or the new camera of a scene."""
+    eye, towards, size = request.eye, request.towards, request.size
     if eye is not None and towards is not None:
-        image = request.params.image
+        image = request.renderers.params.image
         if size:
             image = replace(image, width=size[0], height=size[1])
         placed = prediction.placed_view(
             scene, _triple(eye, "--eye"), _triple(towards, "--towards"), intrinsics_of(image)
         )
         return [placed]
-    camera = request.camera or request.data / "cameras" / f"{scene.name}.json"
-    return prediction.find_views(scene, camera, request.views, size)
+    cameras = request.cameras or request.renderers.data / "cameras"
+    if request.cameras is None or cameras.is_dir():
+        cameras /= f"{scene.name}.json"
+    return prediction.find_views(scene, cameras, [name] if name else [], size)
+
+
+def _listed(names: Sequence[str], most: int = 8) -> str:
+    """Names for a message, at most so many."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def _beside(illumination: Path, kind: str) -> Path | None:
@@ -383,7 +475,7 @@ def _target(out: Path | None, view: View, count: int) -> Path:
     name = f"{view.scene_id}--{view.view_id}.png"
     if out is None:
         return Path("predictions") / name
-    if count > 1 or out.is_dir():
+    if count > 1 or out.is_dir() or not out.suffix:
         return out / name
     if out.suffix.lower() != ".png":
         raise click.BadParameter(f"{out}: the file name must end in .png", param_hint="--out")

@@ -7,7 +7,7 @@ take noisy samples. Light transport is computed for the methods that take it.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import render_transport
 from pbrnet.pipeline.passes.truth import Preparation, noisy_trace, prepare, render_samples
 from pbrnet.pipeline.photograph import meter, photograph
-from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene, set_variant
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
 from pbrnet.pipeline.transport.settings import TransportParams
 from pbrnet.pipeline.views import View, as_matrix, load_cameras, look
@@ -131,12 +131,34 @@ class ViewRenderer:
         return rendered
 
 
-def from_scene(
-    renderer: ViewRenderer, views: Sequence[View], with_truth: bool, samples: int = 0
+@dataclass
+class Renderers:
+    """Renderers of scenes; only the scene that was used last stays open."""
+
+    params: Params
+    data: Path
+    _last: ViewRenderer | None = field(default=None, init=False)
+
+    def of(self, scene: Path) -> ViewRenderer:
+        """Renderer of the scene in this folder."""
+        if self._last is None or self._last.source != scene:
+            if self._last is not None:
+                self._last = None
+                free_memory()
+            self._last = ViewRenderer(scene, self.params, self.data)
+        return self._last
+
+
+def from_scenes(
+    renderer_of: Callable[[View], ViewRenderer],
+    views: Sequence[View],
+    with_truth: bool,
+    samples: int = 0,
 ) -> list[ViewSource]:
-    """Views of a scene; what the network takes is rendered, see `ViewRenderer`."""
+    """Views of scenes; what the network takes is rendered, see `ViewRenderer`."""
 
     def load(view: View, card: ModelCard) -> Example:
+        renderer = renderer_of(view)
         truth = renderer.truth(view) if with_truth else None
         return example_of(view, renderer.inputs(view, [card], samples), card, truth)
 

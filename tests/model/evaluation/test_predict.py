@@ -120,6 +120,61 @@ def test_all_views_of_a_scene_and_a_camera_of_ones_own(room: Path) -> None:
     assert np.abs(same[0].astype(int) - same[1]).max() <= 1  # the very same camera
 
 
+@pytest.fixture()
+def rooms(room: Path) -> Path:
+    """A folder of scenes: `box` and `den` with two views each, `bare` without cameras."""
+    for name in ("den", "bare"):
+        shutil.copytree(room, room.with_name(name))
+        for path in (room.with_name(name) / "scene.json", Path("data/cameras/box.json")):
+            content = path.read_text().replace('"scene_id": "box"', f'"scene_id": "{name}"')
+            written = path if path.name == "scene.json" else path.with_name("den.json")
+            if name == "den" or written == path:
+                written.write_text(content)
+    return room.parent
+
+
+def names_in(folder: str) -> list[str]:
+    return sorted(path.stem for path in Path(folder).iterdir())
+
+
+def test_scenes_are_opened_once_each_and_one_that_fails_is_named(
+    rooms: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened, open_scene = [], prediction.open_scene
+    monkeypatch.setattr(
+        prediction,
+        "open_scene",
+        lambda scene: (opened.append(scene.scene_id), open_scene(scene))[1],
+    )
+    words = ["predict", str(rooms), "--all-views", "--method", "unet", "--out", "out"]
+    done = CliRunner().invoke(cli, words, standalone_mode=False)
+    assert done.return_value == 1
+    assert names_in("out") == ["box--east", "box--north", "den--east", "den--north"]
+    assert opened == ["box", "den"]
+    assert "Error: bare: data/cameras/bare.json" in done.output
+    assert done.output.splitlines()[-1] == "Error: 1 of 5 failed: bare"
+    single = ("--view", "north", "--method", "unet", "--out", "one.png")
+    predicted(rooms / "den", *single)
+    assert Path("one.png").read_bytes() == Path("out/den--north.png").read_bytes()
+
+
+def test_views_of_one_scene_and_of_every_scene(rooms: Path) -> None:
+    both, other = (rooms / "box", rooms / "den"), ("--cameras", "data/cameras", "--method", "unet")
+    predicted(*both, "--view", "north", "--view", "den/east", *other, "--out", "out")
+    assert names_in("out") == ["box--north", "den--east", "den--north"]
+    predicted(*both, "--view", "box/east", *other, "--out", "single")
+    assert names_in("single") == ["box--east"]
+    for words, said in (
+        (("--eye", "1,1,1", "--towards", "1,0,0"), "single SCENE"),
+        (("--all-views", "--cameras", "data/cameras/box.json"), "a folder of files SCENE.json"),
+        (("--view", "hall/east"), "no SCENE of this name"),
+    ):
+        done = predict(*both, *words)
+        assert done.exit_code == 2 and said in done.output
+    shutil.copytree(rooms / "box", "other/box")
+    assert "the same scene id" in refused(*both, "other/box", "--all-views", *other)
+
+
 @pytest.mark.usefixtures("wavefront")
 def test_radiosity_needs_no_network(room: Path) -> None:
     words = ("--view", "east", "--size", "36x20", "--method", "radiosity", "--exr")
