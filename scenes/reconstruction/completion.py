@@ -43,6 +43,7 @@ from pbrnet.scenes.reconstruction.rooms import MAX_HEIGHT, MIN_HEIGHT, FoundRoom
 
 LEAST_WALLS = 0.4  # share of a floor's outline along which walls must stand
 _LEAST_WALLS_OUTDOORS = 0.75  # the same where the ground is the floor, or beside closed rooms
+_LEAST_OUTER_WALLS = 0.2  # the same along the convex hull; a terrace has the house's walls inside
 _MAX_CELLS = 40_000  # of the grid of vertical rays
 _MANY_TRIANGLES = 300_000  # above which there are fewer rays: among slivers each takes longer
 _CELL = 0.1  # metres, at least
@@ -110,7 +111,9 @@ def complete(
     for piece in _pieces(storey):
         if intersection(piece, taken).area > 0.5 * piece.area:
             continue
-        share = _walled_share(piece, storey)
+        share, outer = _walled_shares(piece, storey)
+        if outer < _LEAST_OUTER_WALLS:
+            share = min(share, outer)
         best = max(best, share)
         on_ground = intersection(piece, built).area < 0.5 * piece.area
         if share >= (_LEAST_WALLS_OUTDOORS if on_ground else LEAST_WALLS):
@@ -250,13 +253,18 @@ def _pieces(storey: _Storey) -> list[Polygon]:
     return pieces
 
 
-def _walled_share(piece: Polygon, storey: _Storey) -> float:
-    """Share of an outline along which a wall stands, at the top or at half its height."""
+def _walled_shares(piece: Polygon, storey: _Storey) -> tuple[float, float]:
+    """Shares of an outline, and of its part on the convex hull, along which a wall stands.
+
+    At the top or at half its height.
+    """
     ring = piece.exterior
     places = shapely.line_interpolate_point(ring, np.arange(0, ring.length, 2 * _STEP))
     near = [shapely.distance(walls, places) < _NEAR_WALL
             for walls in (storey.walls, storey.lower_walls)]  # fmt: skip
-    return float((near[0] | near[1]).mean())
+    walled = near[0] | near[1]
+    is_outer = shapely.distance(piece.convex_hull.exterior, places) < _NEAR_WALL
+    return float(walled.mean()), float(walled[is_outer].mean())
 
 
 def _missing_walls(spaces: list[Polygon], storey: _Storey) -> tuple[BaseGeometry, BaseGeometry]:

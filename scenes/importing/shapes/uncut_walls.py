@@ -77,12 +77,13 @@ def with_cut_walls(shapes: list[Shape], changes: Changes) -> list[Shape]:
             made.append(replace(shape, mesh=_pane(slabs[id_], *bounds), surface=clear_glass()))
     if holes:
         changes.note(f"walls were cut where windows, doors or openings lie in them: {len(holes)}")
-    return [
+    cut = [
         replace(shape, mesh=slabs[shape.id].without(holes[shape.id]))
         if shape.id in holes
         else shape
         for shape in made
     ]
+    return [shape for shape in cut if len(shape.mesh.faces)]  # a door can fill its whole wall
 
 
 def _kind(name: str) -> str:

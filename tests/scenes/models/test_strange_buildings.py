@@ -96,6 +96,29 @@ def test_boxes_of_windows_and_doors_are_cut_out_of_boxes_of_walls(tmp_path: Path
     assert any("walls were cut" in change for change in scene.changes)
 
 
+def test_a_wall_that_its_door_fills_is_no_shape(tmp_path: Path) -> None:
+    parts = sheets()
+    fills = block((1, -0.1, 0), (2, 0, 2.1))
+    made = [*(Part(*each) for each in parts.items()), Part("Wall9", fills), Part("Door9", fills)]
+    scene = imported(made, tmp_path, suffix=".glb")
+    assert areas(scene) == [pytest.approx(12.0, rel=0.03)]
+    names = {item.name for item in scene.objects}
+    assert "Door9" in names and "Wall9" not in names
+
+
+def test_the_terrace_around_an_open_house_is_no_room(tmp_path: Path) -> None:
+    t = 0.2
+    boxes = {
+        "base": ((-0.9, 0, -0.2), (6.9, 5.1, 0)),
+        "south": ((0, 0, 0), (6, t, 2.5)),
+        "north": ((0, 4, 0), (6, 4 + t, 2.5)),
+        "west": ((0, 0, 0), (t, 4, 2.5)),
+        "east": ((6 - t, 0, 0), (6, 4, 2.5)),
+    }
+    scene = imported([Part(n, block(*ends)) for n, ends in boxes.items()], tmp_path, suffix=".glb")
+    assert areas(scene) == [pytest.approx(5.6 * 3.8, rel=0.03)]
+
+
 @pytest.mark.slow
 def test_lights_around_a_diorama_are_not_its_size(tmp_path: Path) -> None:
     diorama = [
