@@ -124,7 +124,10 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
     objects = (*objects, *(structure_object(shape) for shape in sealing_shapes))
     frosted = frosted_openings(shapes, openings)
     portals = _portals(openings, frosted, rooms, room_ids)
-    rooms, room_ids, is_closed = _with_some_room(rooms, room_ids, bounding_room, changes)
+    has_camera = bool(draft.cameras)
+    rooms, room_ids, is_closed = _with_some_room(
+        rooms, room_ids, bounding_room, has_camera, changes
+    )
     positions = [each.position for each in emitters if each.position is not None]
     lighting = RoomLighting(shapes, rooms, room_ids, lights, portals, positions, dim)
     described = _described_rooms(draft, objects, rooms, room_ids, lighting.lit)
@@ -178,13 +181,22 @@ def _visible_in_rooms(
 
 
 def _with_some_room(
-    rooms: list[FoundRoom], room_ids: list[str], bounding_room: FoundRoom, changes: Changes
+    rooms: list[FoundRoom],
+    room_ids: list[str],
+    bounding_room: FoundRoom,
+    has_camera: bool,
+    changes: Changes,
 ) -> tuple[list[FoundRoom], list[str], list[bool]]:
-    """The rooms, or the bounding box as one; their ids; and whether each is closed."""
+    """The rooms, or the bounding box as one; their ids; and whether each is closed.
+
+    What a camera of the file sees is taken for a room; what the middle of the scene sees is a guess
+    that ends with exit code 1.
+    """
     if any(room.guessed for room in rooms):
         changes.note(
-            "no closed room was found; the space around the camera, or around the middle of the "
-            "scene, is used as a room"
+            "no closed room was found; the space around the camera is used as a room"
+            if has_camera
+            else f"{NO_ROOM}: the space around the middle of the scene is used as a room"
         )
     if not rooms:
         changes.note(f"{NO_ROOM}: the bounding box of the scene is used as a room")

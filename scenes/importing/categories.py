@@ -99,10 +99,10 @@ def room_type(name: str, categories: Iterable[str]) -> str:
         if kind in squeezed:
             return kind
     inside = set(categories)
-    for kind, tells in _TABLE["room_furniture"].items():
-        if inside & set(tells):
-            return kind
-    return "other"
+    kinds = [kind for kind, tells in _TABLE["room_furniture"].items() if inside & set(tells)]
+    if "bathroom" in kinds and "kitchen" in kinds:
+        return "living"  # a whole flat without closed doors
+    return kinds[0] if kinds else "other"
 
 
 def words_of(text: str) -> set[str]:

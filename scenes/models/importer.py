@@ -33,7 +33,11 @@ from pbrnet.scenes.importing.categories import category_of, has_structural_name
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.credits import find_credit
 from pbrnet.scenes.importing.light.daylight import daylight
-from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
+from pbrnet.scenes.importing.materials.textures import (
+    TextureStore,
+    UnreadableImage,
+    read_radiance,
+)
 from pbrnet.scenes.importing.objects import room_of, shape_category, structure_category
 from pbrnet.scenes.importing.sandbox import Sandbox, model_root
 from pbrnet.scenes.importing.shape import (
@@ -49,6 +53,7 @@ from pbrnet.scenes.importing.shapes.panes import with_named_glass
 from pbrnet.scenes.importing.shapes.sealing_shapes import completing_shapes
 from pbrnet.scenes.importing.shapes.uncut_walls import with_cut_walls
 from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.models.floors import missing_floor
 from pbrnet.scenes.models.model import Emission, Model, PunctualLight
 from pbrnet.scenes.models.options import READERS, ModelOptions
 from pbrnet.scenes.models.pieces import UNKNOWN, Pieces, split_unnamed, without_misleading_names
@@ -83,6 +88,7 @@ _MERGED_CATEGORIES = (
 _MAX_RELATIVE = 50.0  # a file whose brightest surface stays below this does so
 _RELATIVE_UNIT = 1000.0  # candela per square metre
 
+_BLACK = 0.001  # of white, linear: the brightest of an image that is black
 _FARTHEST = 1e30  # units; what lies farther out is no number of single precision
 
 
@@ -122,6 +128,10 @@ def import_model(
                 raise InputError(
                     f"{path}: {shape.name!r:.80} lies too far out for any unit; repair it"
                 )
+        if model.up and model.unit:
+            axis = np.eye(3)["xyz".index(model.up)]
+            model.shapes += missing_floor(model.shapes, axis, model.unit, changes)
+        model.emissions = _without_black(model.emissions)
         area = _area_lights(model, textures, changes)
         draft = _draft(model, area, path, scene_id, options, opened, changes)
         sandbox.note_relocated(changes)
@@ -227,6 +237,19 @@ def _note_frame(
     if options.scale is None and not math.isclose(scale, model.unit or 1):
         stated = f", though the file states {model.unit:g} m" if model.unit else ""
         changes.note(f"lengths were read as {unit_name(scale)}{stated} (change it with --scale)")
+
+
+def _without_black(emissions: dict[str, Emission]) -> dict[str, Emission]:
+    """The emissions whose image is not black, as exporters write it for what emits nothing."""
+    images = {emission.image for emission in emissions.values() if emission.image is not None}
+    black = set()
+    for image in images:
+        try:
+            if read_radiance(image).max(initial=0.0) <= _BLACK:
+                black.add(image)
+        except UnreadableImage:
+            continue  # reported where it is stored
+    return {id_: each for id_, each in emissions.items() if each.image not in black}
 
 
 def _area_lights(model: Model, textures: TextureStore, changes: Changes) -> dict[str, Element]:

@@ -112,6 +112,8 @@ def test_rooms_by_name_else_by_what_stands_in_them() -> None:
     assert room_type("my-living-room", []) == "living"
     assert room_type("Grey_White_Room", ["bed", "desk"]) == "bedroom"
     assert room_type("", ["table"]) == "dining"
+    assert room_type("", ["toilet", "sink"]) == "bathroom"
+    assert room_type("", ["bed", "toilet", "stove", "sofa"]) == "living"  # a flat without doors
     assert room_type("Flur", ["plant"]) == "other"
 
 

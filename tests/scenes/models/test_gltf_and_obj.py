@@ -308,6 +308,14 @@ def test_emissive_strength_is_luminance(tmp_path: Path) -> None:
     assert [light.kind for light in scene.lights] == ["area"]
 
 
+@pytest.mark.parametrize("level", [0, 200])
+def test_a_black_emission_image_makes_no_lamp(tmp_path: Path, level: int) -> None:
+    made = square(emissiveFactor=[1, 1, 1], emissiveTexture={"index": 0})
+    made.texture(np.full((2, 2, 3), level, np.uint8))
+    lights = imported(made, tmp_path, lamps="home").lights
+    assert any(light.kind == "area" for light in lights) == (level > 0)
+
+
 def test_emission_in_display_units_is_raised_and_said(tmp_path: Path) -> None:
     scene = imported(square(emissiveFactor=[1, 1, 1]), tmp_path)
     assert np.allclose(values(scene, "area", "radiance"), 1000 * LUMEN)

@@ -106,6 +106,23 @@ def test_a_wall_that_its_door_fills_is_no_shape(tmp_path: Path) -> None:
     assert "Door9" in names and "Wall9" not in names
 
 
+def test_walls_without_a_floor_get_one(tmp_path: Path) -> None:
+    """As RoomPlan's first version wrote a room, with an opening that is a gap."""
+    t = 0.16
+    boxes = {
+        "Wall0": ((-t, -t, 0), (5 + t, 0, 2.5)),
+        "Wall1": ((-t, 4, 0), (5 + t, 4 + t, 2.5)),
+        "Wall2": ((-t, 0, 0), (0, 4, 2.5)),
+        "Wall3": ((5, 0, 0), (5 + t, 3, 2.5)),
+        "Table0": ((1, 1, 0), (2.2, 1.8, 0.75)),
+    }
+    parts = [Part(name, block(*ends)) for name, ends in boxes.items()]
+    scene = imported(parts, tmp_path, suffix=".glb")
+    assert areas(scene) == [pytest.approx(20.0, rel=0.03)]
+    assert scene.rooms[0].floor_z == pytest.approx(0, abs=0.01)
+    assert any("walls without a floor" in change for change in scene.changes)
+
+
 def test_the_terrace_around_an_open_house_is_no_room(tmp_path: Path) -> None:
     t = 0.2
     boxes = {

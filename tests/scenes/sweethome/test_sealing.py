@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pbrnet.pipeline.render.leaks import find_leaks
@@ -83,8 +84,11 @@ def test_a_floor_ends_at_the_walls(tmp_path: Path) -> None:
     assert (min(xs), max(xs), min(ys), max(ys)) == pytest.approx((0, 5, -4, 0), abs=1e-4)
 
 
-def test_gaps_between_walls_of_a_sketch_are_openings(tmp_path: Path) -> None:
-    """A window drawn as a low wall, doors as gaps, ceilings hidden."""
+@pytest.mark.parametrize("inset", [0, 6])
+def test_gaps_between_walls_of_a_sketch_are_openings(tmp_path: Path, inset: int) -> None:
+    """A window drawn as a low wall, doors as gaps, ceilings hidden; rooms drawn up to the walls,
+    or `inset` cm beside them.
+    """
     hidden = {"ceilingVisible": "false"}
     body = (
         draw.wall("n1", (-10, -10), (150, -10))
@@ -96,8 +100,8 @@ def test_gaps_between_walls_of_a_sketch_are_openings(tmp_path: Path) -> None:
         + draw.wall("w2", (-10, 150), (-10, -10))
         + draw.wall("m1", (510, 0), (510, 150))
         + draw.wall("m2", (510, 240), (510, 400))
-        + draw.room(0, 0, 500, 400, **hidden)
-        + draw.room(520, 0, 500, 400, **hidden)
+        + draw.room(inset, inset, 500 - inset, 400 - 2 * inset, **hidden)
+        + draw.room(520, inset, 500 - inset, 400 - 2 * inset, **hidden)
         + draw.room(-300, 0, 280, 400, **hidden)
     )
     scene = bring(tmp_path, body)
@@ -105,7 +109,9 @@ def test_gaps_between_walls_of_a_sketch_are_openings(tmp_path: Path) -> None:
     assert any("walls leave gaps" in note for note in scene.changes)
     assert {portal.kind for portal in scene.portals} == {"opening"}
     assert {portal.room for portal in scene.portals} == {"room_0"}
+    sizes = [float(np.ptp(portal.polygon, axis=0).max()) for portal in scene.portals]
+    assert max(sizes) < 2.7  # the height, not a side of the room
     sides = sorted(tuple(round(value) for value in portal.normal) for portal in scene.portals)
     assert sides == [(-1, 0, 0), (0, 1, 0)]
     assert scene.rooms[0].has_light
-    assert leaks(scene) == []
+    assert inset or leaks(scene) == []
