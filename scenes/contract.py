@@ -103,7 +103,7 @@ class Scene:
     lights: tuple[Light, ...]
     portals: tuple[Portal, ...]
     credits: tuple[Credit, ...]
-    lighting: str = "unknown"  # light setting: "day", "evening", "night", "mixed", "unknown"
+    lighting: str = "unknown"  # "day", "evening", "night", "mixed", "pbrs" or "unknown"
     plan: str = ""  # scenes with the same plan never fall into different splits
     changes: tuple[str, ...] = ()  # what an importer changed or lost, a sentence each
     schema: int = SCHEMA

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 from pbrnet.scenes.checked import AUTO, param, within
 from pbrnet.scenes.registry import ImportEntry
 
-LightSetting = Literal["day", "evening", "night", "mixed"]
+LightSetting = Literal["day", "evening", "night", "mixed", "pbrs"]
 Aspect = Literal["finishes", "furniture", "light", "outdoors"]
 StyleName = Literal[
     "scandinavian", "mid-century", "industrial", "farmhouse", "classic", "minimal", "bohemian",
@@ -59,7 +59,10 @@ class SceneParams:
     rooms_min: int = param(1, "minimum rooms per home", within(1, 6))
     rooms_max: int = param(6, "maximum rooms per home", within(1, 6))
     lighting: tuple[LightSetting, ...] = param(
-        ("day", "evening", "night", "mixed"), "assigned in rotation, so that every split has each"
+        ("day", "evening", "night", "mixed"), "in rotation, so that every split has each; also pbrs"
+    )
+    outdoors: Literal["surroundings", "none"] = param(
+        "surroundings", "street, garden or town outside the homes; or none, as always for pbrs"
     )
     styles: tuple[StyleName, ...] = param(STYLES, "interior styles, drawn per home")
     texture_size: int = param(
@@ -93,11 +96,17 @@ class SceneParams:
                 f"{where}.rooms_min: {self.rooms_min} is more than rooms_max {self.rooms_max}"
             )
         if not self.lighting:
-            raise ValueError(f"{where}.lighting: name at least one of day, evening, night, mixed")
+            allowed = ", ".join(get_args(LightSetting))
+            raise ValueError(f"{where}.lighting: name at least one of {allowed}")
         if not self.styles:
             raise ValueError(f"{where}.styles: name at least one of {', '.join(STYLES)}")
-        if self.variants > 1 and not self.vary:
+        fixed: set[Aspect] = set()  # aspects of homes that cannot vary
+        if self.homes or self.furnished_homes:
+            fixed |= {"light", "outdoors"} if set(self.lighting) == {"pbrs"} else set()
+            fixed |= {"outdoors"} if self.outdoors == "none" else set()
+        if self.variants > 1 and fixed.issuperset(self.vary):
+            possible = ", ".join(name for name in get_args(Aspect) if name not in fixed)
             raise ValueError(
                 f"{where}.vary: {self.variants} variants that differ in nothing; name at least "
-                "one of finishes, furniture, light, outdoors"
+                f"one of {possible}"
             )

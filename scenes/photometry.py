@@ -3,6 +3,11 @@
 Daylight scenes take `sunsky`'s own radiance units. Outdoors at turbidity 3.5 with the sun 30
 degrees up its horizontal irradiance is about 0.78 of them; taking that for about 50 klx, one
 lumen per square metre is 1.6e-5 of them, so a lamp of so many lumens looks right beside daylight.
+
+PBRS (Zhang et al., *Physically-Based Rendering for Indoor Scene Understanding Using Convolutional
+Neural Networks*, CVPR 2017) has units of its own. Its release scales an environment map by 75 when
+it renders (`mitsuba_render.py`) and gives bulbs the radiance 400 (`modifyLightSource.m`). With a
+map of mean 1, a thousandth of both is a sky of 15 klx in `sunsky`'s units: that of a dull day.
 """
 
 from __future__ import annotations
@@ -15,14 +20,19 @@ from pbrnet.scenes.arrays import as_triple
 from pbrnet.scenes.color import REC709, XYZ_TO_RGB, Color
 
 LUMEN = 1.6e-5  # radiometric power, in `sunsky`'s units x m^2, of one lumen of white light
+PBRS_ENVIRONMENT, PBRS_BULB = 75.0, 400.0  # radiance, in PBRS' units
+PBRS_UNIT = 1e-3  # of radiance, in `sunsky`'s units
 
 
-def lamp_radiance(lumens: float, area: float, kelvin: float) -> Color:
-    """RGB radiance of a Lambertian emitter of `lumens` over `area` square metres (one side)."""
+def lamp_radiance(lumens: float, area: float, kelvin: float | None) -> Color:
+    """RGB radiance of a Lambertian emitter of `lumens` over `area` square metres (one side).
+
+    Without a colour temperature the light is white: R = G = B.
+    """
     if area <= 0:
         raise ValueError(f"a lamp needs an area, got {area}")
     luminance = lumens * LUMEN / (math.pi * area)
-    red, green, blue = blackbody(kelvin)
+    red, green, blue = (1.0, 1.0, 1.0) if kelvin is None else blackbody(kelvin)
     return (luminance * red, luminance * green, luminance * blue)
 
 

@@ -45,7 +45,7 @@ def _homes(
     """Yield homes `name`-0000 and so on."""
     share = wanted.catalogue_share
     assets = root.parent / "assets"
-    catalogue: dict[str, Any] = {}
+    further: dict[str, Any] = {}  # what the fingerprint has only where it is not the default
     if share > 0 and count:
         if not load_index(assets).pieces:
             option, asked = (
@@ -55,11 +55,13 @@ def _homes(
                 f"scenes.{option}: {asked:g}, but {assets} holds no "
                 "furniture; set assets.enabled to true and run first: pbrnet assets"
             )
-        catalogue = {
+        further = {
             "share": share,
             "triangles": wanted.catalogue_triangles,
             "catalogue": digest_file(assets / INDEX),
         }
+    if wanted.outdoors != "surroundings":
+        further["outdoors"] = wanted.outdoors
     for index, variant in product(range(count), range(wanted.variants)):
         scene_id = f"{name}-{index:04d}" + (f"-v{variant}" if variant else "")
         setting = index + (variant if "light" in wanted.vary else 0)
@@ -75,7 +77,7 @@ def _homes(
             styles=wanted.styles,
             texture_size=wanted.texture_size,
             varied=(variant, *sorted(wanted.vary)) if variant else (),
-            **catalogue,
+            **further,
         )
         yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, expected, assets)
 

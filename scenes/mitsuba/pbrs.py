@@ -29,11 +29,11 @@ from pbrnet.scenes.importing.objects import room_of
 from pbrnet.scenes.importing.shape import Shape, bounds_of, make_object
 from pbrnet.scenes.mitsuba.reader import Node
 from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.photometry import PBRS_BULB, PBRS_ENVIRONMENT
 from pbrnet.scenes.reconstruction.room_index import RoomIndex
 from pbrnet.scenes.reconstruction.rooms import FoundRoom
 
-EMITTER_SCALE = "75"  # of the environment map, in the release's render script
-BULB_RADIANCE, SHADE_RADIANCE = 400.0, 0.5
+SHADE_RADIANCE = 0.5
 MAX_CAMERAS = 2000
 _MAX_BYTES = 4 * 2**20
 _LIGHTS = "light_geometry_compact.txt"
@@ -123,7 +123,7 @@ def find_release(path: Path, opened: OpenedFiles, changes: Changes) -> Release |
     cameras = next((one for one in places if opened.is_file(one / _CAMERAS)), None)
     if cameras is None and not lamps and not classes:
         return None
-    parameters = {"emitter_scale": EMITTER_SCALE}
+    parameters = {"emitter_scale": f"{PBRS_ENVIRONMENT:g}"}
     if wallpaper:
         parameters["default_texture_path"] = str(wallpaper)
     return Release(
@@ -213,7 +213,7 @@ def with_lamp_emitters(
 ) -> list[Shape]:
     """Add the emitters of the lamp table to shapes without emitters from the template.
 
-    Radiance is in the release's units, see `BULB_RADIANCE`.
+    Radiance is in the release's units, see `pbrnet.scenes.photometry`.
     """
     radiance: dict[str, float] = {}
     by_id = {shape.id: shape for shape in shapes}
@@ -223,7 +223,7 @@ def with_lamp_emitters(
             continue
         for number, name in enumerate(release_node.shapes):
             if number in lamp.bulbs:
-                radiance[name] = BULB_RADIANCE
+                radiance[name] = PBRS_BULB
             elif number in lamp.shades and not by_id[name].surface.transmissive:
                 radiance[name] = SHADE_RADIANCE
     if radiance:

@@ -30,6 +30,7 @@ from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler, load
 from pbrnet.scenes.procedural.furnishing.placement import furnish
 from pbrnet.scenes.procedural.furniture.style import Style, make_style
 from pbrnet.scenes.procedural.lighting import (
+    PBRS_LAMP,
     LampState,
     Sky,
     area_emitter,
@@ -75,8 +76,9 @@ def make_home(
     """Write a procedural home as the scene folder `folder` and return its `Scene`.
 
     Equal arguments give equal bytes. Everything but the light depends on `seed` and `params`
-    alone: homes that differ only in `lighting` ("day", "evening", "night", "mixed") have the same
-    plan and furniture. A `variant` above 0 keeps the plan and redraws the aspects in
+    alone: homes that differ only in `lighting` ("day", "evening", "night", "mixed", "pbrs") have
+    the same plan and furniture. With `params.outdoors` "none" and in PBRS' light, nothing is
+    outside. A `variant` above 0 keeps the plan and redraws the aspects in
     `params.vary`: finishes (materials and colours), furniture (pieces and positions), light
     (hour, weather, lamps), outdoors. `assets` is the folder of converted catalogues, used if
     `params.catalogue_share` is above 0.
@@ -93,7 +95,9 @@ def make_home(
         catalogue = load_kind_index(assets)
         sampler = AssetSampler(seeds.draw("furniture", "catalogue"), catalogue, params)
     furniture = furnish(seeds.draw("furniture", "furniture"), plan, style, sampler)
-    outdoors = build_outdoors(seeds.draw("outdoors", "outdoors"), plan)
+    outdoors: list[SceneItem] = []
+    if params.outdoors != "none" and lighting != "pbrs":
+        outdoors = build_outdoors(seeds.draw("outdoors", "outdoors"), plan)
     looks = seeds.draw("finishes", "textures")
     texture_seed, wear = looks.whole(1 << 62), looks.random()
     used = [*building, *furniture]
@@ -178,6 +182,8 @@ def _draw_light(
     outdoors: Sequence[SceneItem],
 ) -> _HomeLight:
     """Draw the light of a home for a setting."""
+    if lighting == "pbrs":
+        return _pbrs_light(seeds, furniture)
 
     def draw(name: str) -> Draw:
         return seeds.draw("light", name, lighting)
@@ -194,6 +200,14 @@ def _draw_light(
     if sky.is_dark:
         states |= {item.id: LampState(1.0, 0.0) for item in lamp_items(outdoors)}
     return _HomeLight(sky, _clouds(draw("clouds"), plan, sky), states, kelvin_offset)
+
+
+def _pbrs_light(seeds: _Seeds, furniture: Sequence[SceneItem]) -> _HomeLight:
+    """A white sky and every lamp, as PBRS lit its houses; the same for all variants."""
+    lamps = lamp_items(furniture)
+    parts = [in_state(part, PBRS_LAMP) for lamp in lamps for part in lamp.parts if part.lumens > 0]
+    sky = draw_sky(seeds.draw("light", "sky"), "pbrs", sum(map(sampling_weight, parts)))
+    return _HomeLight(sky, [], {lamp.id: PBRS_LAMP for lamp in lamps}, 0.0)
 
 
 def _shape_of(plan: Plan) -> dict[str, list]:

@@ -11,7 +11,7 @@ import numpy as np
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.contract import Light
 from pbrnet.scenes.geometry.mesh import face_areas
-from pbrnet.scenes.photometry import LUMEN, lamp_radiance
+from pbrnet.scenes.photometry import LUMEN, PBRS_BULB, PBRS_ENVIRONMENT, PBRS_UNIT, lamp_radiance
 from pbrnet.scenes.procedural.piece import PiecePart
 from pbrnet.scenes.procedural.scene_item import SceneItem
 from pbrnet.scenes.seeds import Draw
@@ -31,7 +31,7 @@ class Sky:
     @property
     def is_dark(self) -> bool:
         """True at night and at dusk, when streets and windows outside are lit."""
-        return "sky_lux" in self.choices or self.choices["sky_scale"] < _DUSK
+        return "sky_lux" in self.choices or self.choices.get("sky_scale", 1.0) < _DUSK
 
 
 @dataclass(frozen=True)
@@ -49,18 +49,19 @@ def draw_sky(rng: Draw, setting: str, lamp_weight: float) -> Sky:
     Day and mixed: the sun where it stands at some hour of the year in the temperate zones, at
     least 8 degrees up, in clear or hazy air or behind clouds. Evening: sun elevation 2-12 degrees,
     or dusk, in clear air. Night: a faint uniform sky, between that of a village and of a town.
+    PBRS: white and uniform, as bright below the horizon as above; nothing is drawn.
     """
     # Give sky and lamps about the same share of the emitter samples, to lower the variance.
     weight = max(1.0, lamp_weight)
     if setting == "night":
         lux = float(np.exp(rng.uniform(np.log(0.05), np.log(2.0))))
         radiance = lux * LUMEN / math.pi
-        rgb = " ".join(f"{radiance * band:.6g}" for band in (0.88, 0.98, 1.35))
-        xml = (
-            f'<emitter type="constant" id="sky"><rgb name="radiance" value="{rgb}"/>'
-            f'<float name="sampling_weight" value="{0.15 * weight:.4g}"/></emitter>'
-        )
-        return Sky(xml, (Light("sky", "environment"),), {"sky_lux": round(lux, 4)})
+        night = (0.88 * radiance, 0.98 * radiance, 1.35 * radiance)
+        return _uniform_sky(night, 0.15 * weight, {"sky_lux": round(lux, 4)})
+    if setting == "pbrs":
+        white = PBRS_ENVIRONMENT * PBRS_UNIT
+        choices = {"environment": white, "bulbs": PBRS_BULB * PBRS_UNIT}
+        return _uniform_sky((white, white, white), weight, choices)
     turbidity = rng.between(2.5, 6.0)
     azimuth = rng.between(0, 360)  # homes face anywhere
     if setting == "evening":
@@ -104,6 +105,15 @@ def draw_sky(rng: Draw, setting: str, lamp_weight: float) -> Sky:
     return Sky(xml, tuple(lights), choices, direction if sun_scale else None)
 
 
+def _uniform_sky(radiance: Color, weight: float, choices: dict[str, float]) -> Sky:
+    rgb = " ".join(f"{band:.6g}" for band in radiance)
+    xml = (
+        f'<emitter type="constant" id="sky"><rgb name="radiance" value="{rgb}"/>'
+        f'<float name="sampling_weight" value="{weight:.4g}"/></emitter>'
+    )
+    return Sky(xml, (Light("sky", "environment"),), choices)
+
+
 def draw_elevation(rng: Draw, least: float, most: float) -> float:
     """Draw an elevation of the sun in degrees, within bounds, as it occurs over days and hours.
 
@@ -132,8 +142,8 @@ def lamp_items(items: Sequence[SceneItem]) -> list[SceneItem]:
 
 
 def draw_screen_states(rng: Draw, setting: str, items: Sequence[SceneItem]) -> dict[str, LampState]:
-    """Draw which screens are on, but by day, and how bright they are."""
-    share = {"day": 0.0, "evening": 0.35, "night": 0.4, "mixed": 0.25}[setting]
+    """Draw which screens are on, but by day and in PBRS' light, and how bright they are."""
+    share = {"day": 0.0, "evening": 0.35, "night": 0.4, "mixed": 0.25, "pbrs": 0.0}[setting]
     states = {}
     for item in items:
         on, bright = rng.random(2)
@@ -156,9 +166,9 @@ def choose_lit_lamps(
     """Choose the lamps that are on; returns their ids.
 
     At night and in the evening at least one lamp is on in every room that has lamps; by day
-    only rooms without a window have one on.
+    only rooms without a window have one on; in PBRS' light all are.
     """
-    share = {"day": 0.0, "evening": 0.5, "night": 0.55, "mixed": 0.45}[setting]
+    share = {"day": 0.0, "evening": 0.5, "night": 0.55, "mixed": 0.45, "pbrs": 1.0}[setting]
     lit: set[str] = set()
     by_room: dict[str | None, list[Lamp]] = {}
     for lamp in lamps:
@@ -183,10 +193,17 @@ def draw_kelvin_offset(rng: Draw) -> float:
 
 @dataclass(frozen=True)
 class LampState:
-    """A lit lamp: the share of its full light, and kelvins added to its colour temperature."""
+    """A lit lamp: the share of its full light, and kelvins added to its colour temperature.
+
+    A `radiance` replaces both: white, equal on all that shines.
+    """
 
     dimmed: float
     kelvin_offset: float
+    radiance: float | None = None
+
+
+PBRS_LAMP = LampState(1.0, 0.0, PBRS_BULB * PBRS_UNIT)
 
 
 def draw_lamp_states(rng: Draw, lit: Collection[str], kelvin_offset: float) -> dict[str, LampState]:
@@ -210,7 +227,10 @@ def in_state(part: PiecePart, state: LampState | None) -> PiecePart:
         return part
     if state is None:
         return replace(part, lumens=0.0)
-    kelvin = part.kelvin + state.kelvin_offset
+    if state.radiance is not None:
+        lumens = math.pi * _area(part) * state.radiance / LUMEN
+        return replace(part, lumens=lumens, kelvin=None)
+    kelvin = None if part.kelvin is None else part.kelvin + state.kelvin_offset
     return replace(part, lumens=part.lumens * state.dimmed, kelvin=kelvin)
 
 
@@ -221,8 +241,11 @@ def sampling_weight(part: PiecePart) -> float:
 
 def mean_radiance(part: PiecePart) -> Color:
     """Return the mean RGB radiance of a lit part's surface."""
-    area = float(face_areas(part.vertices[part.faces])[0].sum())
-    return lamp_radiance(part.lumens, area, part.kelvin)
+    return lamp_radiance(part.lumens, _area(part), part.kelvin)
+
+
+def _area(part: PiecePart) -> float:
+    return float(face_areas(part.vertices[part.faces])[0].sum())
 
 
 def area_emitter(part: PiecePart, weight: float = 1.0, image: str = "") -> str:

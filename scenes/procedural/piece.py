@@ -145,7 +145,7 @@ class PiecePart:
     material: Material | CatalogueMaterial
     smooth: bool = False
     lumens: float = 0.0  # above 0: the part emits while its lamp is on
-    kelvin: float = 2800.0  # colour temperature of the emission
+    kelvin: float | None = 2800.0  # colour temperature of the emission; None: R = G = B
     given_normals: Float64Array | None = None  # (V, 3) unit vertex normals of a catalogue mesh
     # Of a screen: seed of what it shows while on, over uv [0, 1]; even: a scene, odd: text.
     picture: int | None = None

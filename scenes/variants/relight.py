@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -12,13 +13,14 @@ import numpy as np
 from pbrnet.scenes.color import REC709
 from pbrnet.scenes.contract import Light, Scene
 from pbrnet.scenes.params import LightSetting
-from pbrnet.scenes.photometry import blackbody
+from pbrnet.scenes.photometry import PBRS_BULB, PBRS_UNIT, blackbody
 from pbrnet.scenes.procedural.lighting import Lamp, choose_lit_lamps, draw_kelvin_offset, draw_sky
 from pbrnet.scenes.seeds import Draw, generator
 
 _OUTSIDE = ("sunsky", "sky", "sun", "constant", "envmap")
 _OUTDOORS = ("sun", "sky", "environment")
 _POINT_KINDS = ("point", "spot")  # lamps without a surface: top-level emitters
+_BULB_DISC = math.pi * 0.03**2  # square metres of a bulb of 60 mm, for points and spots
 _KELVIN = (2700.0, 2800.0, 3000.0, 3300.0)  # colour temperatures of household lamps
 
 
@@ -38,8 +40,9 @@ def relight(
     """Change sky and lamps in `root` (of `scene.xml`) to the variant's setting.
 
     Variants cycle through the settings that the scene supports: night needs lamps, day needs a
-    sky. If none is supported, the light does not change. Lamps keep their power; only lamps that
-    are on in `scene` can be on. Directional lights do not change.
+    sky. If none is supported, the light does not change. Only lamps that are on in `scene` can be
+    on. They keep their power, but in PBRS' light, where all have the same radiance. Directional
+    lights do not change.
     """
     point_emitters = _point_emitters(root, scene)
     lamps = [light for light in scene.lights if light.kind == "area" or light.id in point_emitters]
@@ -61,21 +64,23 @@ def relight(
         [Lamp(light.id, light.room, light.lumens or 1.0) for light in lamps],
         windowless,
     )
-    kelvin = rng("colour").pick(_KELVIN) + draw_kelvin_offset(rng("cooler"))
+    kelvin: float | None = None
+    if setting != "pbrs":
+        kelvin = rng("colour").pick(_KELVIN) + draw_kelvin_offset(rng("cooler"))
     lit_lights = tuple(light for light in lamps if light.id in lit)
     weight = _switch_lamps(
         root, lamps, {name for light in lit_lights for name in light.shapes}, kelvin
     )
     for name, emitter in point_emitters.items():
         if name in lit:
-            weight += _set_color_temperature(emitter, "intensity", kelvin)
+            weight += _set_color(emitter, "intensity", kelvin)
         else:
             root.remove(emitter)
-    choices: dict[str, Any] = {
-        "setting": setting,
-        "lamps_lit": sorted(lit),
-        "lamps_kelvin": kelvin,
-    }
+    choices: dict[str, Any] = {"setting": setting, "lamps_lit": sorted(lit)}
+    if kelvin is not None:
+        choices["lamps_kelvin"] = kelvin
+    else:
+        lit_lights = tuple(replace(light, lumens=None) for light in lit_lights)
     lights = lit_lights + others
     if outside:
         sky = draw_sky(rng("sky"), setting, weight)
@@ -93,12 +98,13 @@ def relight(
 def _setting(
     settings: tuple[LightSetting, ...], lamps: bool, outside: bool, variant: int
 ) -> LightSetting | None:
-    needs = {"day": outside, "evening": outside, "night": lamps, "mixed": lamps and outside}
+    needs: dict[LightSetting, bool] = dict.fromkeys(("day", "evening", "pbrs"), outside)
+    needs |= {"night": lamps, "mixed": lamps and outside}
     possible = [setting for setting in settings if needs[setting]]
     return possible[variant % len(possible)] if possible else None
 
 
-def _switch_lamps(root: Element, lamps: list[Light], lit: set[str], kelvin: float) -> float:
+def _switch_lamps(root: Element, lamps: list[Light], lit: set[str], kelvin: float | None) -> float:
     """Switch off all lamps except the shapes `lit`, and set the colour of these.
 
     Returns the sum of their sampling weights.
@@ -112,21 +118,26 @@ def _switch_lamps(root: Element, lamps: list[Light], lit: set[str], kelvin: floa
         if shape.get("id") not in lit:
             shape.remove(emitter)
             continue
-        weight += _set_color_temperature(emitter, "radiance", kelvin)
+        weight += _set_color(emitter, "radiance", kelvin)
     return weight
 
 
-def _set_color_temperature(emitter: Element, name: str, kelvin: float) -> float:
+def _set_color(emitter: Element, name: str, kelvin: float | None) -> float:
     """Set the colour of an emitter's `name` to `kelvin`, keeping its luminance.
 
-    Returns its sampling weight.
+    Without `kelvin` it becomes one of PBRS' bulbs. Returns its sampling weight.
     """
-    for item in emitter.findall("rgb"):
-        if item.get("name") == name:
+    for item in [item for item in emitter if item.get("name") == name]:
+        if kelvin is None:
+            emitter.remove(item)
+        elif item.tag == "rgb":
             old = np.array([float(word) for word in item.get("value", "").split()])
             luminance = float(old @ REC709) if old.size == 3 else float(old.mean())
             tint = luminance * np.array(blackbody(kelvin))
             item.set("value", " ".join(f"{value:.9g}" for value in tint))
+    if kelvin is None:
+        white = PBRS_BULB * PBRS_UNIT * (_BULB_DISC if name == "intensity" else 1.0)
+        emitter.append(Element("rgb", {"name": name, "value": " ".join([f"{white:.9g}"] * 3)}))
     weights = [item for item in emitter.findall("float") if item.get("name") == "sampling_weight"]
     return float(weights[0].get("value", 1)) if weights else 1.0
 

@@ -19,6 +19,8 @@ from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.variants.refinish import refinish
 from pbrnet.scenes.variants.relight import relight
 
+_VAST = 1000.0  # metres; the planes that importers add are wider
+
 
 def vary_scene(
     base: Path, out: Path, scene_id: str, variant: int, params: SceneParams, seed: int
@@ -27,8 +29,8 @@ def vary_scene(
 
     Of `params.vary`, "finishes" (floors, walls, ceilings and fabrics) and "light" (hour, weather,
     lit lamps and their colour) apply to imports; "furniture" and "outdoors" do not. Plan,
-    cameras, objects and portals do not change; the split is that of `base`. Equal arguments give
-    equal bytes. Raises `InputError` if `base` is not a complete scene.
+    cameras, objects and portals do not change, except that PBRS' light removes the ground planes of
+    importers; the split is that of `base`. Equal arguments give equal bytes. Raises `InputError` if `base` is not a complete scene.
     """
     scene = load_scene(base)
     varied = [aspect for aspect in ("finishes", "light") if aspect in params.vary]
@@ -42,7 +44,9 @@ def vary_scene(
         if "light" in varied:
             relit = relight(root, scene, params.lighting, seed, variant)
             lights, lighting, record["light"] = relit.lights, relit.lighting, relit.choices
-            if relit.sky and not any(item.category == "ground" for item in objects):
+            if lighting == "pbrs":
+                objects = _without_ground(root, objects)
+            elif relit.sky and not any(item.category == "ground" for item in objects):
                 # An environment map shows the ground; a sky model does not.
                 objects = (*objects, _with_ground(folder, root, scene))
         _remove_unused(folder, root)
@@ -77,13 +81,27 @@ def _with_ground(folder: Path, root: Element, scene: Scene) -> SceneObject:
     return item
 
 
+def _without_ground(root: Element, objects: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
+    """Remove ground planes that importers added; returns the other objects."""
+    kept = tuple(
+        item
+        for item in objects
+        if item.category != "ground" or item.bbox_max[0] - item.bbox_min[0] < _VAST
+    )
+    removed = {shape for item in objects if item not in kept for shape in item.shapes}
+    for shape in root.findall("shape"):
+        if shape.get("id") in removed:
+            root.remove(shape)
+    return kept
+
+
 def _remove_unused(folder: Path, root: Element) -> None:
-    """Remove materials that no shape refers to, and textures that no material refers to."""
+    """Remove materials that no shape refers to, and files that no element refers to."""
     used = {ref.get("id") for ref in root.iter("ref")}
     for bsdf in root.findall("bsdf"):
         if bsdf.get("id") not in used:
             root.remove(bsdf)
     named = {item.get("value") for item in root.iter("string") if item.get("name") == "filename"}
-    for path in sorted((folder / "textures").rglob("*")):
+    for path in sorted([*(folder / "textures").rglob("*"), *(folder / "meshes").rglob("*")]):
         if path.is_file() and path.relative_to(folder).as_posix() not in named:
             path.unlink()

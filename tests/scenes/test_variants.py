@@ -142,6 +142,23 @@ def test_lamps_go_out_by_day_and_change_colour_at_night(base: Scene) -> None:
     assert "finishes" not in day.source and materials(day) == materials(base)
 
 
+def test_light_of_pbrs_is_white_and_shows_nothing_outside(base: Scene) -> None:
+    made = varied(base, params=SceneParams(lighting=("pbrs",), vary=("light",), texture_size=64))
+    assert made.lighting == "pbrs"
+    before, after = radiances(base), radiances(made)
+    assert len(after) == len(before) == 2  # every lamp of the file
+    sky = ElementTree.parse(made.xml).getroot().find("emitter[@type='constant']/rgb")
+    assert sky is not None
+    white = [float(word) for word in sky.get("value", "").split()]
+    assert white == [white[0]] * 3
+    for radiance in after.values():
+        assert radiance == pytest.approx(np.array(white) * 400 / 75)
+    gone = {item.id for item in base.objects} - {item.id for item in made.objects}
+    assert {item.category for item in base.objects if item.id in gone} == {"ground"}
+    kept = {shape for item in made.objects for shape in item.shapes}
+    assert {path.stem for path in (made.folder / "meshes").iterdir()} == kept
+
+
 def radiances(scene: Scene) -> dict[str, np.ndarray]:
     root = ElementTree.parse(scene.xml).getroot()
     return {

@@ -459,6 +459,41 @@ def test_lamps_emit_their_lumens(homes: list[Home]) -> None:
             assert lit == {room.id for room in home.scene.rooms}
 
 
+def test_light_of_pbrs_is_white_uniform_and_complete(homes: list[Home], tmp_path: Path) -> None:
+    home = min((one for one in homes if one.scene.lighting != "day"), key=_room_count)
+    made = make_home(tmp_path / "pbrs", "pbrs", SMALL, home.seed, "pbrs")
+    assert made.lighting == "pbrs" and not [one for one in _still(made) if _is_outside(one[0])]
+    assert _still(made) == [one for one in _still(home.scene) if not _is_outside(one[0])]
+    lit = {light.id for light in made.lights if light.kind == "area"}
+    lamps = {item.id for item in made.objects if item.category == "lamp"}
+    assert lamps and lamps <= lit, "every lamp is on"
+    root = defusedxml.ElementTree.parse(made.xml).getroot()
+    (sky,) = root.findall("emitter")
+    assert sky.get("type") == "constant" and not list(root.iter("texture[@name='radiance']"))
+    white = float(sky.find("rgb").get("value").split()[0])
+    assert _radiances(root, "emitter/rgb") == {(white,) * 3}
+    assert _radiances(root, "shape/emitter/rgb") == {(pytest.approx(white * 400 / 75),) * 3}
+    other = make_home(tmp_path / "v", "v", replace(SMALL, vary=("furniture",)), home.seed, "pbrs", 1)
+    assert other.source["light"] == made.source["light"] and _still(other) != _still(made)
+
+
+def test_homes_without_outdoors_keep_the_rest(homes: list[Home], tmp_path: Path) -> None:
+    home = min(homes, key=_room_count)
+    params = replace(SMALL, outdoors="none")
+    made = make_home(tmp_path / "bare", "bare", params, home.seed, home.scene.lighting)
+    assert _still(made) == [one for one in _still(home.scene) if not _is_outside(one[0])]
+    assert made.source["light"] == home.scene.source["light"]
+
+
+def _is_outside(name: str) -> bool:
+    return name.startswith("outside") and "cloud" not in name
+
+
+def _radiances(root: Any, path: str) -> set[tuple[float, ...]]:
+    texts = [item.get("value") for item in root.findall(path)]
+    return {tuple(float(word) for word in text.split()) for text in texts}
+
+
 def test_screens_show_pictures_of_their_flux(tmp_path: Path) -> None:
     set_variant("auto")
     television = FURNITURE_KINDS["television"].make(generator(0), make_style(generator(0)))
