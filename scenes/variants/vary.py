@@ -29,8 +29,9 @@ def vary_scene(
 
     Of `params.vary`, "finishes" (floors, walls, ceilings and fabrics) and "light" (hour, weather,
     lit lamps and their colour) apply to imports; "furniture" and "outdoors" do not. Plan,
-    cameras, objects and portals do not change, except that PBRS' light removes the ground planes of
-    importers; the split is that of `base`. Equal arguments give equal bytes. Raises `InputError` if `base` is not a complete scene.
+    cameras, objects and portals do not change, except that PBRS' light removes ground planes of
+    importers; the split is that of `base`. Equal arguments give equal bytes. Raises `InputError`
+    if `base` is not a complete scene.
     """
     scene = load_scene(base)
     varied = [aspect for aspect in ("finishes", "light") if aspect in params.vary]

@@ -473,7 +473,9 @@ def test_light_of_pbrs_is_white_uniform_and_complete(homes: list[Home], tmp_path
     (white,), (bulb,) = (_radiances(root, path) for path in ("emitter/rgb", "shape/emitter/rgb"))
     assert white == (white[0],) * 3
     assert bulb == pytest.approx((white[0] * 400 / 75,) * 3)
-    other = make_home(tmp_path / "v", "v", replace(SMALL, vary=("furniture",)), home.seed, "pbrs", 1)
+    other = make_home(
+        tmp_path / "v", "v", replace(SMALL, vary=("furniture",)), home.seed, "pbrs", 1
+    )
     assert other.source["light"] == made.source["light"] and _still(other) != _still(made)
 
 
