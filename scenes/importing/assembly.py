@@ -58,6 +58,8 @@ from pbrnet.scenes.reconstruction.interior import find_rooms
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import FoundOpening, FoundRoom, find_openings
 
+_LEAST_SEEN = 3.0  # square metres of floor around a camera in a room
+
 
 class Grouping(Protocol):
     """A source's rule to group shapes into objects, given the rooms and their ids."""
@@ -189,14 +191,16 @@ def _with_some_room(
 ) -> tuple[list[FoundRoom], list[str], list[bool]]:
     """The rooms, or the bounding box as one; their ids; and whether each is closed.
 
-    What a camera of the file sees is taken for a room; what the middle of the scene sees is a guess
-    that ends with exit code 1.
+    What a camera of the file sees is taken for a room. What the middle of the scene sees, or a
+    camera with hardly any space around it, is a guess that ends with exit code 1.
     """
-    if any(room.guessed for room in rooms):
+    guessed = [room.floor.area for room in rooms if room.guessed]
+    if guessed:
+        place = "camera" if has_camera else "middle of the scene"
+        is_seen = has_camera and max(guessed) >= _LEAST_SEEN
         changes.note(
-            "no closed room was found; the space around the camera is used as a room"
-            if has_camera
-            else f"{NO_ROOM}: the space around the middle of the scene is used as a room"
+            f"{'no closed room was found; the' if is_seen else f'{NO_ROOM}: the'} space around "
+            f"the {place} is used as a room"
         )
     if not rooms:
         changes.note(f"{NO_ROOM}: the bounding box of the scene is used as a room")
