@@ -98,6 +98,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "pbrnet.model.commands.predict:predict",
             "Render images with the trained networks.",
         ),
+        "serve": (
+            "pbrnet.model.commands.serve:serve",
+            "Show a scene in the browser, with a camera to move.",
+        ),
         "score": (
             "pbrnet.model.commands.score:score",
             "Score images of a list of views against the ground truth.",

@@ -436,10 +436,9 @@ def _scene_views(request: PictureRequest, scene: Path, name: str | None) -> list
         image = request.renderers.params.image
         if size:
             image = replace(image, width=size[0], height=size[1])
-        placed = prediction.placed_view(
-            scene, _triple(eye, "--eye"), _triple(towards, "--towards"), intrinsics_of(image)
-        )
-        return [placed]
+        place = _triple(eye, "--eye"), _triple(towards, "--towards")
+        scene_id = load_scene(scene).scene_id
+        return [prediction.placed_view(scene_id, *place, intrinsics_of(image))]
     cameras = request.cameras or request.renderers.data / "cameras"
     if request.cameras is None or cameras.is_dir():
         cameras /= f"{scene.name}.json"

@@ -273,7 +273,7 @@ def find_views(
     return found
 
 
-def placed_view(scene: Path, eye: AnyArray, towards: AnyArray, intrinsics: AnyArray) -> View:
+def placed_view(scene_id: str, eye: AnyArray, towards: AnyArray, intrinsics: AnyArray) -> View:
     """View with the name `camera` from a position and a direction, (3,) each, world, metres.
 
     The centre of the image is the principal point. Raises `InputError` for a camera that looks
@@ -283,8 +283,7 @@ def placed_view(scene: Path, eye: AnyArray, towards: AnyArray, intrinsics: AnyAr
         raise InputError("a camera that looks straight up or down has no up vector; tilt it a bit")
     width, height = (round(float(2 * side)) for side in intrinsics[:2, 2])
     pose = look(eye, towards)
-    name = load_scene(scene).scene_id
-    return View(name, "camera", width, height, as_matrix(intrinsics), as_matrix(pose))
+    return View(scene_id, "camera", width, height, as_matrix(intrinsics), as_matrix(pose))
 
 
 def resized(view: View, size: tuple[int, int]) -> View:
