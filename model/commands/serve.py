@@ -78,7 +78,6 @@ def serve(
         queue.run()
     server.shutdown()
     server.server_close()
-    say("", "Ended.", err=True)
     return 0
 
 
@@ -91,6 +90,7 @@ def _ended_by_signal(queue: NewestFirst) -> Iterator[None]:
 
     def end(number: int, frame: FrameType | None) -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
+        say("", "Ending after the picture in progress; Ctrl-C again ends at once.", err=True)
         queue.end()
 
     before = signal.signal(signal.SIGINT, end)

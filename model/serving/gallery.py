@@ -134,7 +134,7 @@ def _in_room(room: Room) -> dict[str, Any]:
     eye = np.array([inside.x, inside.y, room.floor_z + height])
     corners = np.array(room.floor) - eye[:2]
     corner = corners[np.argmax(np.linalg.norm(corners, axis=1))]
-    return _camera(room.id, eye, np.append(corner / np.linalg.norm(corner), -0.2))
+    return _camera(room.name or room.id, eye, np.append(corner / np.linalg.norm(corner), -0.2))
 
 
 def _camera(name: str, eye: Float64Array, towards: Float64Array) -> dict[str, Any]:
