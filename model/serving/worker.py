@@ -8,8 +8,8 @@ from concurrent.futures import Future
 
 from pbrnet.model.serving.gallery import Shot, Shown
 
-# Seconds after which a waiting main thread looks for signals: native code may leave handlers so that
-# a signal does not interrupt a wait.
+# Seconds after which a waiting main thread looks for signals: native code may leave handlers in a
+# state in which a signal does not interrupt a wait.
 _WAKE = 0.5
 Waiting = tuple[Shot, "Future[Shown]"]
 
