@@ -48,10 +48,10 @@ from benchmarks.cycles import (
 from benchmarks.results import OtherLoad, measured_on
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Clock, Spent, spend, spread
-from pbrnet.model.data.encoding import MAX_SAMPLES
 from pbrnet.model.evaluation.inference import Networks, available, load_networks
 from pbrnet.model.evaluation.metrics import flip_map, ssim
 from pbrnet.model.evaluation.predict import ViewRenderer, example_of
+from pbrnet.model.methods import MAX_SAMPLES
 from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.commands.release import processor
 from pbrnet.pipeline.frames import Channels

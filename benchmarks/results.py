@@ -33,6 +33,7 @@ TITLES = {
     "variant": "LLVM against scalar",
     "strategies": "Equal-time error, by scene and strategy",
     "farm": "The ground truth stage",
+    "startup": "The first picture of a process",
     "shards": "Shards",
     "formats": "Formats of the dataset's images",
     "cycles": "Against Blender Cycles",

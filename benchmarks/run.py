@@ -29,6 +29,7 @@ from benchmarks.results import TITLES, OtherLoad, Results, figure
 from benchmarks.rows import Row, missing
 from benchmarks.sets import set_rows
 from benchmarks.shards import shard_rows
+from benchmarks.startup import startup_rows
 from benchmarks.strategies import strategy_rows
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.render.scene import set_variant
@@ -52,6 +53,7 @@ TOPICS = {
     "variant": Topic(variant_rows, joint=False),
     "strategies": Topic(strategy_rows),
     "farm": Topic(farm_rows, joint=False),
+    "startup": Topic(startup_rows),
     "shards": Topic(shard_rows, joint=False),
     "formats": Topic(format_rows, joint=False),
     "cycles": Topic(cycles_rows),

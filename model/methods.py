@@ -14,6 +14,8 @@ from typing import Any, Literal
 from pbrnet.scenes.checked import imported
 
 Target = Literal["shading", "color"]
+MAX_SAMPLES = 8  # per pixel, of noisy samples
+MIN_TILE = 16  # least side of a tile in pixels
 PAPER_INPUTS = ("depth", "normal", "reflectance", "intensity", "distance")
 GEOMETRY = ("depth", "normal", "materials")  # inputs that all bands of plus and hybrid share
 _ENCODING = "pbrnet.model.data.encoding"
@@ -192,6 +194,8 @@ METHODS: dict[str, Method] = {
     ),
 }
 BASELINES = tuple(name for name in METHODS if name not in ("shading", "composition"))
+PRODUCTS = ("product", "product_linear")  # of reflectance and predicted shading
+PREDICTABLE = ("pbrnet", *PRODUCTS, *BASELINES)
 
 
 def columns_of(methods: Iterable[str]) -> tuple[str, ...]:

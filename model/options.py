@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import FOLDER, Decorator, Request, common_options
 
 
@@ -21,6 +20,8 @@ def folders_options(help_text: str = "Folder of trained networks.") -> Decorator
         @common_options
         @wraps(command)
         def wrapped(request: Request, models: Path, **others: Any) -> Any:
+            from pbrnet.model.training.train import Folders
+
             folders = Folders.beside(request.data, models)
             return command(request=request, folders=folders, **others)
 

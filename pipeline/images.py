@@ -10,8 +10,6 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import matplotlib
-import matplotlib.colors
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
@@ -30,6 +28,8 @@ NOTHING = np.array([38, 38, 42], dtype=np.uint8)  # colour of pixels without sur
 
 def color_map(values: FloatingArray, low: float, high: float, name: str = "viridis") -> Picture:
     """Map scalars (H, W) from `low` to `high` through one of matplotlib's colour maps."""
+    import matplotlib  # here: most commands that write pictures do without
+
     span = high - low if high > low else 1.0
     unit = np.clip((np.asarray(values, dtype=np.float64) - low) / span, 0, 1)
     return to_bytes(matplotlib.colormaps[name](unit)[..., :3])
@@ -108,7 +108,9 @@ def flow_picture(flow: FloatingArray, longest: float | None = None) -> Picture:
     full = max(longest or float(np.quantile(length, 0.99)), 1e-9)
     hue = np.arctan2(flow[..., 1], flow[..., 0]) / (2 * np.pi) % 1
     wheel = np.stack([hue, np.clip(length / full, 0, 1), np.ones_like(hue)], axis=-1)
-    return to_bytes(matplotlib.colors.hsv_to_rgb(wheel))
+    from matplotlib.colors import hsv_to_rgb
+
+    return to_bytes(hsv_to_rgb(wheel))
 
 
 def label_picture(labels: AnyArray) -> Picture:

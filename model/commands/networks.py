@@ -9,9 +9,9 @@ import click
 
 from pbrnet.model.evaluation import evaluate as evaluation
 from pbrnet.model.evaluation import reference as kept
-from pbrnet.model.evaluation.inference import PREDICTABLE, load_networks, needed
+from pbrnet.model.evaluation.inference import load_networks, needed
 from pbrnet.model.evaluation.metrics import NAMES
-from pbrnet.model.methods import BASELINES
+from pbrnet.model.methods import BASELINES, PREDICTABLE
 from pbrnet.model.options import (
     folders_options,
     found_models_option,

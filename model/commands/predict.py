@@ -6,15 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
-from pbrnet.model.data.encoding import MAX_SAMPLES
 from pbrnet.model.evaluation import predict as prediction
 from pbrnet.model.evaluation.budget import choose, efforts_for, stopwatch
-from pbrnet.model.evaluation.inference import PREDICTABLE, Networks, load_networks
 from pbrnet.model.evaluation.predict import Renderers, ViewRenderer, ViewSource
 from pbrnet.model.evaluation.previews import (
     DENOISED,
@@ -24,9 +22,9 @@ from pbrnet.model.evaluation.previews import (
     check_samples,
     write_rendering,
 )
-from pbrnet.model.networks.tiles import MIN_TILE
+from pbrnet.model.evaluation.speeds import keep_seconds, known_seconds, place_of, speeds_file
+from pbrnet.model.methods import MAX_SAMPLES, MIN_TILE, PREDICTABLE
 from pbrnet.model.options import found_models_option
-from pbrnet.model.release.pretrained import find_models
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.commands.options import (
     FOLDER,
@@ -47,6 +45,9 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_file, exists
+
+if TYPE_CHECKING:
+    from pbrnet.model.evaluation.inference import Networks
 
 HYBRID = "hybrid"
 
@@ -74,8 +75,8 @@ with exit code 1, and the images of the others are kept.
 Networks are read from models/, or the pretrained networks are used if it has none.
 --method radiosity needs no network: a preview by light transport, for any scene and size. Nor does
 --method denoised: samples of our path tracer and Open Image Denoise, for comparison.
---seconds benchmarks the first view, which takes longer than rendering it, then reuses the chosen
-settings for all views.
+--seconds chooses by what this machine took before for such scenes at this size; the first time it
+renders the first view twice to measure it.
 --compare reads the ground truth from the data folder, or renders it.
 docs/use.md describes the values of --exr. `pbrnet report` shows all images in predictions/."""
 )
@@ -271,15 +272,25 @@ def _within_seconds(request: PictureRequest) -> PictureRequest:
     networks: Networks | None = None
     methods = PREVIEWS if integrator.available() else (DENOISED,)
     if integrator.available():
+        from pbrnet.model.evaluation.inference import load_networks
+        from pbrnet.model.release.pretrained import find_models
+
         try:
             found = find_models(request.models, HYBRID)
         except InputError as error:
             say(f"without {HYBRID}: {error}", err=True)
         else:
             networks, methods = load_networks(found.folder, [HYBRID]), (*methods, HYBRID)
-    efforts = efforts_for(first.width * first.height, methods)
-    choice = choose(seconds, efforts, stopwatch(request.renderer(first), first, networks))
-    say(f"{choice.effort}: {choice.seconds:.2f} s per view, chosen from {choice.tried} settings")
+    pixels = first.width * first.height
+    renderer = request.renderer(first)
+    file, place = speeds_file(), place_of(renderer.scene, first)
+    known = known_seconds(file, place)
+    measure = stopwatch(renderer, first, networks)
+    choice = choose(seconds, efforts_for(pixels, methods), measure, pixels, known)
+    if choice.measured:
+        keep_seconds(file, place, {**known, **choice.measured})
+    how = "measured" if choice.is_measured else "expected"
+    say(f"{choice.effort}: {choice.seconds:.2f} s per view, {how}")
     if choice.seconds > seconds:
         say(f"no setting takes {seconds:g} s or less; this is the fastest", err=True)
     effort = choice.effort
@@ -315,6 +326,10 @@ def _preview_views(request: PictureRequest, what: str) -> tuple[View, ...]:
 
 def _predictions(request: PictureRequest) -> Pictures:
     """Pictures by networks."""
+    # Imported here: torch takes longer than a picture without a network.
+    from pbrnet.model.evaluation.inference import load_networks
+    from pbrnet.model.release.pretrained import find_models
+
     if request.quality:
         raise click.UsageError(f"--denoiser applies only to --method {' and '.join(PREVIEWS)}")
     if (request.spp or 0) > MAX_SAMPLES:

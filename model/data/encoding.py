@@ -23,7 +23,7 @@ import torch
 
 from pbrnet.model.data.display import log_average
 from pbrnet.model.data.reader import PAPER, Example
-from pbrnet.model.methods import PAPER_INPUTS
+from pbrnet.model.methods import MAX_SAMPLES, PAPER_INPUTS
 from pbrnet.pipeline.channels import column_channel
 from pbrnet.pipeline.tonemap import Exposure, tonemap
 from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
@@ -33,7 +33,6 @@ Value = TypeVar("Value", AnyArray, torch.Tensor)
 Policy = Literal["own", "shared"]
 Tensors = dict[str, torch.Tensor]
 
-MAX_SAMPLES = 8  # per pixel, of noisy samples
 NEUTRAL = 0.5  # reflectance input where there is no surface; albedo of the shading frames
 DEFAULT_WHITE = 20.0  # exposed luminance that maps to white if it is unknown; typical indoors
 # Metres: depths and distances are clamped to [MIN, MAX], and depth is relative to REFERENCE.

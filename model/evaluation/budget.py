@@ -1,21 +1,26 @@
 """Time budgets: which method, with how many samples, gives the best picture in so many seconds.
 
-Seconds are measured on this machine, with a view of the scene; a view's picture counts whole, from
-its inputs on, but not loading and compiling. Which picture errs less was measured beforehand: mean
+Seconds are expected from those of the reference run, and measured on this machine for what is
+chosen (`pbrnet.model.evaluation.speeds`); a view's picture counts whole, from its inputs on, but
+not loading and compiling. Which picture errs less was measured beforehand: mean
 FLIP over some test views of the reference run (docs/results.md, Equal time).
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.evaluation.predict import ViewRenderer, example_of
 from pbrnet.model.evaluation.previews import DENOISED, RADIOSITY, denoised, radiosity
+from pbrnet.model.evaluation.speeds import expected_seconds, scaled
 from pbrnet.pipeline.passes.denoise import Quality
 from pbrnet.pipeline.views import View
+
+if TYPE_CHECKING:
+    from pbrnet.model.evaluation.inference import Networks
 
 # Methods and samples per pixel, each with less error than the one before, at 160x120 and 480x360;
 # from 64 and 32 denoised samples on taken for granted.
@@ -32,7 +37,8 @@ LARGE = (
 )
 # With the denoiser's quality `fast`, for what takes less time than any of these.
 FAST = (("denoised", 1), ("radiosity", 1))
-_TURNS = 3  # of a measurement; kernels are compiled and launches recorded in the first two
+_TURNS = 2  # of a measurement; kernels are compiled and launches recorded in the first
+_PATIENCE = 5  # budgets: until then another effort may be measured
 _LARGE_PIXELS = 57_600  # half-way between the two sizes, in logarithms
 
 
@@ -51,11 +57,12 @@ class Effort:
 
 @dataclass(frozen=True)
 class Choice:
-    """Effort chosen for a budget, and the seconds that it took when it was measured."""
+    """Effort chosen for a budget, its seconds, measured or expected, and what was measured now."""
 
     effort: Effort
     seconds: float
-    tried: int
+    is_measured: bool
+    measured: Mapping[str, float]
 
 
 def efforts_for(pixels: int, methods: Sequence[str]) -> list[Effort]:
@@ -65,30 +72,37 @@ def efforts_for(pixels: int, methods: Sequence[str]) -> list[Effort]:
     return fast + [Effort(method, spp) for method, spp in ladder if method in methods]
 
 
-def choose(budget: float, efforts: Sequence[Effort], seconds: Callable[[Effort], float]) -> Choice:
+def choose(
+    budget: float,
+    efforts: Sequence[Effort],
+    seconds: Callable[[Effort], float],
+    pixels: int,
+    known: Mapping[str, float],
+    clock: Callable[[], float] = time.perf_counter,
+) -> Choice:
     """Return the last of `efforts` that takes at most `budget` seconds, else the fastest.
 
-    `efforts` by falling error. `seconds` measures one. Of each method the efforts are measured by
-    rising samples, until one is too long, or the next would be by the last two; those with less
-    than the denoiser's best only if no other fits.
+    `efforts` by falling error. `seconds` measures one, `known` are those measured before, by name.
+    The best by expectation is measured, which compiles what its picture needs; another one, by
+    the expectation that follows, only while all measurements end within `_PATIENCE` budgets.
     """
-    found: dict[Effort, float] = {}
-    groups = dict.fromkeys((effort.quality, effort.method) for effort in efforts)
-    for group in sorted(groups, key=lambda group: group[0] != "high"):
-        if group[0] != "high" and min(found.values(), default=budget + 1) <= budget:
-            break
-        spent: list[tuple[int, float]] = []
-        own = [effort for effort in efforts if (effort.quality, effort.method) == group]
-        for effort in sorted(own, key=lambda effort: effort.spp):
-            if _expected(spent, effort.spp) > budget:
-                break
-            found[effort] = seconds(effort)
-            spent.append((effort.spp, found[effort]))
-            if found[effort] > budget:
-                break
-    fitting = [effort for effort in efforts if found.get(effort, budget + 1) <= budget]
-    best = fitting[-1] if fitting else min(found, key=lambda effort: found[effort])
-    return Choice(best, found[best], len(found))
+    expected = {
+        str(effort): expected_seconds(effort.method, effort.spp, effort.quality, pixels)
+        for effort in efforts
+    }
+    found: dict[str, float] = {name: known[name] for name in expected if name in known}
+    measured: dict[str, float] = {}
+    began = ended = clock()
+    longest = 0.0
+    while True:
+        guess = scaled(expected, found)
+        fitting = [effort for effort in efforts if guess[str(effort)] <= budget]
+        best = fitting[-1] if fitting else min(efforts, key=lambda effort: guess[str(effort)])
+        name = str(best)
+        if name in found or (measured and ended - began + longest > _PATIENCE * budget):
+            return Choice(best, guess[name], name in found, measured)
+        found[name] = measured[name] = seconds(best)
+        longest, ended = max(longest, clock() - ended), clock()
 
 
 def stopwatch(
@@ -119,11 +133,3 @@ def stopwatch(
         return time.perf_counter() - began
 
     return seconds
-
-
-def _expected(spent: Sequence[tuple[int, float]], spp: int) -> float:
-    """Return the seconds of `spp` samples by a line through the last two, 0 without them."""
-    if len(spent) < 2:
-        return 0.0
-    (few, short), (many, long) = spent[-2:]
-    return long + max(0.0, (long - short) / (many - few)) * (spp - many)

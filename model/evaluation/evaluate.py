@@ -17,15 +17,9 @@ import torch
 
 from pbrnet.model.data.encoding import color_exposure, input_named
 from pbrnet.model.data.reader import NOISY_SPP, Dataset, Example, Split, image_columns
-from pbrnet.model.evaluation.inference import (
-    PREDICTABLE,
-    PRODUCTS,
-    Networks,
-    available,
-    load_networks,
-)
+from pbrnet.model.evaluation.inference import Networks, available, load_networks
 from pbrnet.model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
-from pbrnet.model.methods import BASELINES, METHODS, columns_of
+from pbrnet.model.methods import BASELINES, METHODS, PREDICTABLE, PRODUCTS, columns_of
 from pbrnet.model.training.store import ModelCard
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.channels import column_channel, remedy

@@ -25,15 +25,14 @@ from pbrnet.model.data.encoding import (
 )
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.product import linear_product, product, product_linear
-from pbrnet.model.methods import BASELINES, METHODS, Method
+from pbrnet.model.methods import BASELINES, METHODS, PREDICTABLE, PRODUCTS, Method
 from pbrnet.model.networks.tiles import margin, tiled
 from pbrnet.model.training.store import ModelCard, load_model
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap, untonemap
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.errors import InputError
 
-PRODUCTS = {"product": product, "product_linear": product_linear}
-PREDICTABLE = ("pbrnet", *PRODUCTS, *BASELINES)
+_PRODUCTS = dict(zip(PRODUCTS, (product, product_linear), strict=True))
 _WHITE = 1 - 1e-6  # in float32 the sRGB encoding of 1 is slightly less than 1
 _PREFERRED = ("pbrnet", "plus", *BASELINES, "product")  # default method: the first available one
 
@@ -99,7 +98,7 @@ class Networks:
             shading = self.shading(example)
         if method in PRODUCTS:
             reflectance = neutral_background(example, self.card.albedo)
-            color = PRODUCTS[method](reflectance, shading, example.exposure_shading, self.card)
+            color = _PRODUCTS[method](reflectance, shading, example.exposure_shading, self.card)
             return Prediction(method, shading, color)
         network = self.modules["composition"]
         composed = self._run(

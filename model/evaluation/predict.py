@@ -10,16 +10,11 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pbrnet.model.data.encoding import color_exposure, input_named
-from pbrnet.model.data.reader import NOISY_SPP, Example
-from pbrnet.model.evaluation.inference import Networks, Prediction
-from pbrnet.model.evaluation.metrics import flip_map, measure
 from pbrnet.model.methods import METHODS, Method
-from pbrnet.model.training.store import ModelCard
 from pbrnet.pipeline.channels import RGB, Kind, channels_of, column_channel
 from pbrnet.pipeline.frames import (
     Channels,
@@ -51,7 +46,12 @@ from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.seeds import derive
 
-Loader = Callable[[ModelCard], Example]  # takes the card of the network that gets the example
+if TYPE_CHECKING:  # with torch, which light transport does without
+    from pbrnet.model.data.reader import Example
+    from pbrnet.model.evaluation.inference import Networks, Prediction
+    from pbrnet.model.training.store import ModelCard
+
+Loader = Callable[["ModelCard"], "Example"]  # takes the card of the network that gets the example
 
 
 @dataclass(frozen=True)
@@ -211,6 +211,8 @@ def columns_taken(
 
     With `cards`, optional inputs only if one of the networks was trained with them.
     """
+    from pbrnet.model.data.encoding import input_named
+    from pbrnet.model.data.reader import NOISY_SPP
 
     def taken(name: str) -> bool:
         if cards is None or not input_named(name).optional:
@@ -324,6 +326,9 @@ def compare(networks: Networks, example: Example, predicted: Prediction) -> tupl
     Images are photographed alike, with the settings of the truth; metrics are those of display
     values, as in evaluation.
     """
+    from pbrnet.model.data.encoding import color_exposure
+    from pbrnet.model.evaluation.metrics import flip_map, measure
+
     exposure = color_exposure(example, networks.card.exposure)
     truth = tonemap(example["color"], exposure)
     values = measure(truth, predicted.color)
@@ -443,6 +448,8 @@ def example_of(
     Without `truth` the true images are black, and their exposure has scale 1 and the median white
     point of the training data. Without a panorama no light is visible.
     """
+    from pbrnet.model.data.reader import Example
+
     dark = np.zeros((1, 2), np.float32)
     images: dict[str, AnyArray] = {"intensity": dark, "distance": dark}
     for kind, channels in given.frames.items():

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.model.evaluation.metrics import flip_map, measure
 from pbrnet.model.evaluation.predict import ViewRenderer
 from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pbrnet.pipeline.frames import Channels, write_pixels
@@ -67,6 +66,8 @@ class Preview:
 
     def compare(self, view: View, found: Rendering) -> tuple[Picture, str]:
         """Return picture, truth, FLIP error and light side by side, and a line of metrics."""
+        from pbrnet.model.evaluation.metrics import flip_map, measure
+
         truth = _stacked(self.renderer.truth(view)[1])
         exposure = exposure_of(truth, self.renderer.params.tone)
         shown = [tonemap(image, exposure) for image in (truth, found.color)]

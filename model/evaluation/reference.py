@@ -13,9 +13,9 @@ from typing import Any
 
 from pbrnet.model.data.reader import Dataset, Example, Split
 from pbrnet.model.evaluation.evaluate import EVALUATED_METHODS, image_of, open_split, true_color
-from pbrnet.model.evaluation.inference import PREDICTABLE, available, load_networks
+from pbrnet.model.evaluation.inference import available, load_networks
 from pbrnet.model.evaluation.metrics import NAMES, bootstrap
-from pbrnet.model.methods import METHODS
+from pbrnet.model.methods import METHODS, PREDICTABLE
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.images import contact_sheet, enlarge, png_bytes
 from pbrnet.pipeline.tonemap import ToneParams, to_bytes

@@ -22,7 +22,8 @@ import torch
 from torch import nn
 
 from pbrnet.model.data.display import log_average
-from pbrnet.model.data.encoding import MAX_SAMPLES, Tensors
+from pbrnet.model.data.encoding import Tensors
+from pbrnet.model.methods import MAX_SAMPLES
 from pbrnet.model.networks.bands import BandNet, bounded, geometry_of, log_light
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.scenes.color import decode_srgb

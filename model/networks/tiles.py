@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import torch
 
 from pbrnet.model.data.encoding import INPUTS, Tensors
+from pbrnet.model.methods import MIN_TILE
 from pbrnet.model.networks.bands import FOLD
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.scenes.errors import InputError
 
 WHOLE = [name for name, given in INPUTS.items() if given.whole]  # each tile gets them whole
-MIN_TILE = 16  # least side of a tile in pixels
 
 # Margin of each network's receptive field around an aligned block, in pixels: a `Branch` has 1, and
 # the margins of networks in series add up.

@@ -19,8 +19,8 @@ import numpy as np
 import torch
 
 from pbrnet.model.data.reader import Example
-from pbrnet.model.evaluation.inference import PRODUCTS, Networks
-from pbrnet.model.methods import columns_of, trained_baselines
+from pbrnet.model.evaluation.inference import Networks
+from pbrnet.model.methods import PRODUCTS, columns_of, trained_baselines
 from pbrnet.model.studies.files import result_path, write_result
 from pbrnet.model.studies.frame_store import (
     FrameStore,

@@ -34,7 +34,7 @@ import torch
 from pbrnet.model.data.encoding import INPUTS, color_exposure
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.evaluate import true_color
-from pbrnet.model.evaluation.inference import PRODUCTS, Networks
+from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.evaluation.metrics import flip_map, ssim
 from pbrnet.model.evaluation.predict import (
     Rendered,
@@ -47,7 +47,7 @@ from pbrnet.model.evaluation.predict import (
     surfaces_seen,
     trace_samples,
 )
-from pbrnet.model.methods import METHODS, columns_of, trained_baselines
+from pbrnet.model.methods import METHODS, PRODUCTS, columns_of, trained_baselines
 from pbrnet.model.studies.files import result_path, write_result
 from pbrnet.model.studies.frame_store import FrameStore, open_views, opened_scene, with_samples
 from pbrnet.model.studies.options import option

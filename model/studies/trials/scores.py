@@ -13,8 +13,9 @@ import numpy as np
 from pbrnet.model.data.encoding import Policy, color_exposure
 from pbrnet.model.data.reader import Dataset, Example
 from pbrnet.model.evaluation.evaluate import image_of
-from pbrnet.model.evaluation.inference import PREDICTABLE, Networks, load_networks
+from pbrnet.model.evaluation.inference import Networks, load_networks
 from pbrnet.model.evaluation.metrics import NAMES, bootstrap, find_lpips, measure
+from pbrnet.model.methods import PREDICTABLE
 from pbrnet.model.studies.trials.results import MetricEstimate
 from pbrnet.model.studies.trials.specular import measure_apart, specular_mask
 from pbrnet.model.studies.trials.texture import detail, grid

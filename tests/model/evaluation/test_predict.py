@@ -18,7 +18,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 
 from pbrnet.model.evaluation import predict as prediction
-from pbrnet.model.evaluation.budget import Choice, Effort, choose, efforts_for
+from pbrnet.model.evaluation.budget import Choice, Effort
 from pbrnet.model.evaluation.inference import Prediction, load_networks
 from pbrnet.model.evaluation.predict import from_frames
 from pbrnet.model.release import pretrained
@@ -219,7 +219,10 @@ def test_pictures_without_a_network_take_any_number_of_samples(room: Path) -> No
 
 
 @pytest.mark.usefixtures("wavefront")
-def test_a_time_budget_chooses_method_and_samples(room: Path) -> None:
+def test_a_time_budget_chooses_method_and_samples(
+    room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     view = (room, "--view", "east", "--size", "36x20")
     output = predicted(*view, "--seconds", "0.2", "--out", "out.png")
     said = re.search(r"(--method \w+ --spp \d+.*): (\d+\.\d+) s per view", output)
@@ -243,7 +246,7 @@ def test_every_method_that_a_time_budget_may_choose_is_predicted(
 ) -> None:
     shutil.copytree(ROOT / "weights", "weights")
     monkeypatch.setattr(
-        "pbrnet.model.commands.predict.choose", lambda *_: Choice(Effort(method, 1), 0.1, 1)
+        "pbrnet.model.commands.predict.choose", lambda *_: Choice(Effort(method, 1), 0.1, True, {})
     )
     view = (room, "--view", "east", "--size", "36x20")
     output = predicted(*view, "--seconds", "2", "--out", "chosen.png")
@@ -251,30 +254,6 @@ def test_every_method_that_a_time_budget_may_choose_is_predicted(
     predicted(*view, "--method", method, "--spp", "1", "--out", "asked.png")
     same = [read_picture(Path(name).read_bytes()) for name in ("chosen.png", "asked.png")]
     assert np.array_equal(*same)
-
-
-def test_the_best_effort_that_fits() -> None:
-    costs = {"radiosity": (0.2, 0.05), "hybrid": (1.0, 0.1), "denoised": (0.3, 0.04)}
-    measured: list[Effort] = []
-
-    def seconds(effort: Effort) -> float:
-        measured.append(effort)
-        fixed, each = costs[effort.method]
-        return fixed + each * effort.spp - (0.1 if effort.quality == "fast" else 0)
-
-    for pixels in (160 * 120, 480 * 360):
-        efforts = efforts_for(pixels, tuple(costs))
-        for budget in (0.11, 0.16, 0.21, 0.33, 0.52, 1.03, 2.01, 5.03, 20.1):
-            measured.clear()
-            choice = choose(budget, efforts, seconds)
-            fitting = [e for e in efforts if seconds(e) <= budget]
-            assert choice.effort == (fitting[-1] if fitting else Effort("radiosity", 1, "fast"))
-            assert choice.seconds == pytest.approx(seconds(choice.effort))
-        assert efforts_for(pixels, ("denoised",))[-1] == Effort("denoised", 4096)
-    measured.clear()
-    choose(0.7, efforts_for(480 * 360, ("denoised",)), seconds)
-    assert len(measured) <= 3, "nothing is measured that two times show to be too long"
-    assert all(effort.quality == "high" for effort in measured), "nor a worse denoiser in vain"
 
 
 @pytest.mark.parametrize(
