@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.fixtures.command import Run, exit_code
+from tests.fixtures.in_process import CHOSEN, worker_processes
 
 # Two test processes share the machine: threads that wait for one another burn its time. Set before
 # anything imports numpy or torch; trainings choose for themselves.
@@ -39,6 +40,25 @@ def forked_imports() -> Iterator[None]:
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pbrnet.pipeline.stages.limits._can_fork", lambda: True)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def in_process() -> Iterator[None]:
+    """Stages work in the test's process."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("runner", "assets"):
+            patch.setattr(f"pbrnet.pipeline.stages.{module}.Farm", CHOSEN)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def processes(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Workers are processes in modules marked so."""
+    if request.node.get_closest_marker("processes"):
+        with worker_processes():
+            yield
+    else:
         yield
 
 

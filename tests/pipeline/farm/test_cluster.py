@@ -27,7 +27,7 @@ from pbrnet.scenes.errors import MachineError, ParameterError
 from tests.fixtures.dask_processes import dask_cluster, workers_of
 from tests.fixtures.farm import no_setup, work
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.processes]
 
 
 def _items(count: int, **special: dict[str, Any]) -> list[Item]:

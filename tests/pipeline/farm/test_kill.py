@@ -22,7 +22,7 @@ from tests.fixtures.dask_processes import dask_cluster, dask_scheduler, dask_wor
 from tests.fixtures.paths import ROOT
 from tests.fixtures.stages import files_in, write_room
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.slow, pytest.mark.processes, pytest.mark.timeout(300)]
 
 PARAMETERS = """
 image: {width: 64, height: 48}

@@ -26,7 +26,7 @@ from tests.fixtures.dask_processes import (
 )
 from tests.fixtures.stages import write_room
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.slow, pytest.mark.processes, pytest.mark.timeout(1800)]
 
 PARAMETERS = """
 image: {width: 48, height: 36}

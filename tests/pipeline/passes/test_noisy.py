@@ -29,6 +29,7 @@ from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.files import digest_folder
 from pbrnet.scenes.seeds import derive
 from tests.fixtures.dataset import box_frames, make_data, make_view, small_params, write_view
+from tests.fixtures.in_process import worker_processes
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import files_in, views_in, write_room
 from tests.fixtures.traces import frame_fingerprint, render
@@ -63,7 +64,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_room(data / "scenes" / "beta", size=(4.4, 3.2, 2.5))
     run_cameras(data, PARAMS)
     two = replace(PARAMS, farm=replace(PARAMS.farm, workers=2))
-    assert run_frames("groundtruth", data, two).made == 12
+    with worker_processes():
+        assert run_frames("groundtruth", data, two).made == 12
     return data
 
 

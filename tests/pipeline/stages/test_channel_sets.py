@@ -15,6 +15,7 @@ from pbrnet.pipeline.stages.runner import plan_line
 from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.params import SceneParams
+from tests.fixtures.in_process import worker_processes
 from tests.fixtures.params import pbrs_cameras, pbrs_params, view_params
 from tests.fixtures.stages import files_in, write_room
 from tests.fixtures.traces import frame_fingerprint
@@ -61,7 +62,8 @@ def test_sets_are_added_and_removed_and_change_no_other_frame(
     for folder in ("scenes", "cameras"):
         (data / folder).rename(far / folder)
     monkeypatch.setenv("PBRNET_CACHE", str(tmp_path / "cache"))
-    run_frames("inputs", far, replace(ALL, farm=FarmParams(workers=1, transfer="send")))
+    with worker_processes():
+        run_frames("inputs", far, replace(ALL, farm=FarmParams(workers=1, transfer="send")))
     assert files_in(far, *FRAMES) == both
 
     run = run_frames("inputs", far, PAPER)

@@ -13,6 +13,7 @@ from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.params import SceneParams
+from tests.fixtures.in_process import worker_processes
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import files_in, write_room
 
@@ -59,7 +60,8 @@ def test_the_set_is_added_and_removed_and_changes_no_other_frame(
     for folder in ("scenes", "cameras"):
         (data / folder).rename(far / folder)
     monkeypatch.setenv("PBRNET_CACHE", str(tmp_path / "cache"))
-    run_frames("groundtruth", far, replace(MORE, farm=FarmParams(workers=1, transfer="send")))
+    with worker_processes():
+        run_frames("groundtruth", far, replace(MORE, farm=FarmParams(workers=1, transfer="send")))
     assert files_in(far, *FRAMES) == both
 
     run = run_frames("groundtruth", far, PAPER)

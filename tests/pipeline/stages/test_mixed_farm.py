@@ -20,7 +20,7 @@ from tests.fixtures.dask_processes import dask_scheduler, dask_worker
 from tests.fixtures.params import pbrs_cameras, pbrs_params
 from tests.fixtures.stages import write_room
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.processes]
 
 PARAMS = pbrs_params(
     image=ImageParams(48, 36),

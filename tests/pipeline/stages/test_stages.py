@@ -30,6 +30,7 @@ from pbrnet.pipeline.views import ImageParams, load_cameras, save_cameras
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError, PbrnetError
 from pbrnet.scenes.params import SceneParams
+from tests.fixtures.in_process import worker_processes
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import files_in, views_in, write_room
 from tests.fixtures.traces import frame_fingerprint
@@ -38,7 +39,7 @@ pytestmark = pytest.mark.slow
 
 PARAMS = pbrs_params(
     image=ImageParams(48, 36),
-    farm=FarmParams(workers=1, batch=2, retries=1),  # each worker takes seconds to start
+    farm=FarmParams(workers=1, batch=2, retries=1),
     scenes=SceneParams(homes=0, imports=("nothing",)),
     cameras=pbrs_cameras(views_per_room=2),
     illumination=IlluminationParams(width=32),
@@ -59,8 +60,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tmp_path_factory.mktemp("finished") / "data"
     write_room(data / "scenes" / "alpha")
     write_room(data / "scenes" / "beta", size=(4.4, 3.2, 2.5))
-    for stage in STAGES.values():
-        stage(data, replace(PARAMS, farm=replace(PARAMS.farm, workers=2)))
+    with worker_processes():
+        for stage in STAGES.values():
+            stage(data, replace(PARAMS, farm=replace(PARAMS.farm, workers=2)))
     return data
 
 
@@ -97,7 +99,7 @@ def test_all_frames_are_there_and_describe_themselves(finished: Path) -> None:
     assert not (finished / "failures" / "groundtruth.json").exists()
 
 
-def test_one_worker_makes_the_same_bytes_as_two(finished: Path, tmp_path: Path) -> None:
+def test_one_process_makes_the_same_bytes_as_two_workers(finished: Path, tmp_path: Path) -> None:
     shutil.copytree(finished / "scenes", tmp_path / "scenes")
     alone = replace(PARAMS, farm=FarmParams(workers=1, batch=1))
     for stage in STAGES.values():
