@@ -3,14 +3,20 @@
 Each test's user and system time, its setup and its finished child processes included, is kept
 with its report: `--junitxml` writes it as the property `cpu_seconds`. At the end of a run the
 plugin prints the most expensive tests, the most expensive files and the total. The same for a run
-in the past:
+in the past, and the record of its costly tests:
 
-    python -m tests.costs build/tests.xml
+    python -m tests.costs build/tests.xml [--record]
+
+A run of all tests takes a random sample of the costly ones, another at each commit; the others are
+marked `check`. `PBRNET_TEST_SEED` chooses a sample; tests that are named always run.
 """
 
 import argparse
+import json
 import multiprocessing.forkserver
 import os
+import random
+import subprocess
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +27,10 @@ import psutil
 import pytest
 
 SHOWN = 20
+COSTLY = 3.0  # seconds
+SAMPLE = 240.0  # seconds of costly tests in a run of all
+FILE = Path(__file__).with_name("costly.json")
+ALWAYS = ("tests/project/", "tests/hostile/")  # run whatever they cost
 _STARTED = pytest.StashKey[float]()
 
 
@@ -37,6 +47,40 @@ def _now() -> float:
         return own + sum(psutil.Process(server).cpu_times()[:4])
     except psutil.Error:
         return own
+
+
+def pytest_report_header() -> str:
+    return f"sample of costly tests: PBRNET_TEST_SEED={seed()}; all of them: make check"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark costly tests `slow`, and `check` those that are not in the sample of this run."""
+    if set(config.args) - set(config.getini("testpaths")):
+        return
+    costs: dict[str, float] = json.loads(FILE.read_text())
+    taken = set() if config.option.markexpr == "check" else set(sample(costs, seed()))
+    for item in items:
+        if item.nodeid in costs:
+            item.add_marker("slow" if item.nodeid in taken else "check")
+
+
+def seed() -> str:
+    """The seed of the sample: that of the environment, else the commit."""
+    git = ["git", "rev-parse", "--short=12", "HEAD"]
+    found = subprocess.run(git, cwd=FILE.parent, capture_output=True, text=True)
+    return os.environ.get("PBRNET_TEST_SEED") or found.stdout.strip() or "0"
+
+
+def sample(costs: dict[str, float], seed: str, most: float = SAMPLE) -> Iterator[str]:
+    """Yield tests in random order, as many as take `most` seconds together."""
+    names = sorted(costs)
+    random.Random(seed).shuffle(names)
+    for name in names:
+        most -= costs[name]
+        if most < 0:
+            return
+        yield name
 
 
 @pytest.hookimpl(wrapper=True)
@@ -94,6 +138,16 @@ def kept(file: Path) -> list[tuple[tuple[str, str], float]]:
     ]
 
 
+def record(costs: list[tuple[tuple[str, str], float]]) -> None:
+    """Write the costly tests of a run; those that it left out stay as they were."""
+    known: dict[str, float] = json.loads(FILE.read_text()) if FILE.exists() else {}
+    known |= {
+        "::".join(place): seconds for place, seconds in costs if not place[0].startswith(ALWAYS)
+    }
+    kept = {name: round(known[name], 1) for name in sorted(known) if known[name] >= COSTLY}
+    FILE.write_text(json.dumps(kept, indent=0) + "\n")
+
+
 def _place(classname: str, name: str) -> tuple[str, str]:
     """Return file and test of a dotted module, a class in it included, and a test's name."""
     *parts, last = classname.split(".")
@@ -106,5 +160,8 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Processor time of tests in the past.")
     parser.add_argument("file", type=Path, help="what pytest --junitxml wrote")
     parser.add_argument("--shown", type=int, default=SHOWN, help="number of tests and of files")
+    parser.add_argument("--record", action="store_true", help=f"write {FILE.name}")
     options = parser.parse_args()
+    if options.record:
+        record(kept(options.file))
     print("\n".join(summary(kept(options.file), options.shown)))

@@ -16,6 +16,7 @@ from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.registry import ImportEntry
+from tests.fixtures.in_process import worker_processes
 from tests.fixtures.rooms import shell, write_obj
 
 IMPORT = (sys.executable, "-m", "pbrnet.pipeline.cli", "import")
@@ -122,7 +123,10 @@ def test_the_stage_stops_an_import_and_goes_on(tmp_path: Path) -> None:
     wanted = SceneParams(homes=0, imports=imports, import_memory=0.5)
     params = Params(scenes=wanted, farm=FarmParams(workers=1))
     started = time.monotonic()
-    with pytest.raises(StageError, match="scenes: 1 failed, 1 made") as raised:
+    with (
+        worker_processes(),
+        pytest.raises(StageError, match="scenes: 1 failed, 1 made") as raised,
+    ):
         run_scenes(tmp_path / "data", params)
     (failure,) = [line for line in str(raised.value).splitlines() if "large" in line]
     assert f"{large}: the import needed more than 0.5 GiB of memory and was stopped" in failure
