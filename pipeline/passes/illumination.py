@@ -1,17 +1,21 @@
 """Illumination panorama of a view: the light sources visible from the camera position.
 
-Energy is conserved: a pixel's `intensity` is the luminance emitted by the sources visible there,
-averaged over the pixel's solid angle, so that the sum of intensity x solid angle over the panorama
-is the illuminance by the visible sources. `tint` is the colour of that light, which the paper's
-panorama does not have. There are two estimators:
+Sources are lamps, and openings to the outdoors: through these comes the light of sky and sun, and
+what lit surfaces outdoors reflect (`pbrnet.pipeline.passes.outdoor_light`).
 
-* Sources at least about a pixel wide, and the sky: rays on a fixed stratified grid in each pixel.
+Energy is conserved: a pixel's `intensity` is the luminance of the sources visible there, averaged
+over the pixel's solid angle, so that the sum of intensity x solid angle over the panorama is the
+illuminance by the visible sources. `tint` is the colour of that light, which the paper's panorama
+does not have. There are two estimators:
+
+* Sources at least about a pixel wide, and openings: rays on a fixed stratified grid in each pixel.
 * Narrower sources (bulbs, tubes, the sun's disc, point and spot lights), which a grid would miss or
   hit by chance: points sampled on the source. Each represents a solid angle; if it is visible, it
-  is added to the pixel that it falls in. A grid ray that hits such a source adds nothing.
+  is added to the pixel that it falls in. A grid ray that hits such a source adds no emission.
 
-All samples are fixed: equal input gives equal bits. Not included: light that arrives by reflection
-or through frosted glass, and absorption by tinted clear glass.
+All samples are fixed: equal input gives equal bits. Not included: light that surfaces indoors
+reflect, also those of other rooms seen through open doors; light through frosted glass; what clear
+glass reflects or absorbs.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ import numpy as np
 
 from pbrnet.pipeline.channels import TINT, Kind
 from pbrnet.pipeline.frames import Channels, Result
+from pbrnet.pipeline.passes.outdoor_light import outdoor_radiance
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.lights import Lights
@@ -38,6 +43,8 @@ from pbrnet.scenes.geometry.directions import turned, unit
 _NARROW = 1.5  # pixels: sources of less mean width are narrow
 _MAX_MULTIPLE = 64  # of `light_samples`: most points on one long, thin source
 _PROBE_WIDTH = 128  # columns of the coarse panorama that searches for openings
+_BEHIND = 0.02  # metres beyond a portal from which surfaces are outdoors: no frame or closed leaf
+_SHADED = 8192  # rays of a panorama for which the light of surfaces outdoors is computed, about
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # R2 sequence: 1/g, 1/g^2, g^3 = g + 1
 
 
@@ -57,8 +64,8 @@ def render_illumination(
     metres; `tint.R/G/B`: linear RGB of luminance 1, so that intensity x tint is the mean radiance.
     All are 0 where no light is visible. Equirectangular in the camera's own tilted frame: the
     centre column is straight ahead, right of it is the camera's right, the top row is its up.
-    The sky's distance is that of the outermost portal that the ray passes; if it passes none, that
-    of the scene's bounding box.
+    The distance of light from outdoors is that of the outermost portal that the ray passes. If it
+    passes none, the sky's is that of the scene's bounding box.
     """
     panorama = Panorama(params.width, view.pose[:3, :3])
     lights = render_scene.lights
@@ -199,15 +206,33 @@ def outside_distance(
     far = np.nanmin(np.where(directions == 0, np.inf, exits), axis=1)
     through = np.zeros(len(directions))
     for portal in portals:
-        polygon, normal = np.array(portal.polygon), np.array(portal.normal)
-        slope = directions @ normal
-        leaves = slope > 1e-9
-        metres = np.where(leaves, (polygon[0] - eye) @ normal / np.where(leaves, slope, 1), 0)
-        inside = (
-            (metres > 0) & leaves & _in_polygon(eye + metres[:, None] * directions, polygon, normal)
-        )
-        through = np.where(inside, np.maximum(through, metres), through)
+        through = np.maximum(through, _portal_distance(eye, directions, portal, np.inf))
     return np.where(through > 0, through, np.maximum(far, 0))
+
+
+def _entered(
+    eye: Float64Array, directions: Float64Array, metres: Float64Array, portals: tuple[Portal, ...]
+) -> Float64Array:
+    """Return the distances (N,) of places outdoors shortened to the outermost portal before each."""
+    through = np.zeros(len(metres))
+    for portal in portals:
+        through = np.maximum(through, _portal_distance(eye, directions, portal, metres))
+    return np.where(through > 0, through, metres)
+
+
+def _portal_distance(
+    eye: Float64Array, directions: Float64Array, portal: Portal, limit: Float64Array | float
+) -> Float64Array:
+    """Return metres along each ray to a portal that it leaves by before `limit`, else 0."""
+    polygon, normal = np.array(portal.polygon), np.array(portal.normal)
+    slope = directions @ normal
+    leaves = slope > 1e-9
+    metres = np.where(leaves, (polygon[0] - eye) @ normal / np.where(leaves, slope, 1), 0)
+    inside = (metres > 0) & leaves & (metres < limit)
+    rows = np.flatnonzero(inside)
+    points = eye + metres[rows, None] * directions[rows]
+    inside[rows] = _in_polygon(points, polygon, normal)
+    return np.where(inside, metres, 0)
 
 
 def _in_polygon(points: Float64Array, polygon: Float64Array, normal: Float64Array) -> BoolArray:
@@ -275,9 +300,9 @@ def _add_narrow(
     limit = np.where(distant, 1e9, distance)
     free = raycast.unoccluded(render_scene.geometry, eye, directions, limit)
     metres = distance.astype(np.float64)
-    metres[distant] = outside_distance(
-        eye, directions[distant], render_scene.scene.portals, render_scene.bbox
-    )
+    portals = render_scene.scene.portals
+    metres[distant] = outside_distance(eye, directions[distant], portals, render_scene.bbox)
+    metres = np.where(distant, metres, _entered(eye, directions, metres, portals))
     sums.add(panorama.pixels(directions[free]), part[free], metres[free])
 
 
@@ -290,7 +315,7 @@ def _add_wide(
     narrow: BoolArray,
     sums: PanoramaSums,
 ) -> None:
-    """Add wide lamps and the environment by rays on a grid in each pixel that may show them."""
+    """Add wide lamps and what openings show, by rays on a grid in each pixel that may show them."""
     geometry = render_scene.geometry
     emitting = np.zeros(len(geometry.shapes), dtype=bool)
     emitting[lights.shape[~narrow]] = True
@@ -301,6 +326,9 @@ def _add_wide(
         inside = away <= lights.radius[lamp]
         angle = math.pi if inside else math.asin(lights.radius[lamp] / away)
         traced |= panorama.cone(offset, angle)
+    openings = _portal_pixels(render_scene, eye, panorama)
+    if lights.environment is not None or lights.lamps:
+        traced |= np.any(openings, axis=0)
     if lights.environment is not None:
         traced |= _open_pixels(render_scene, eye, panorama)
     pixels = np.flatnonzero(traced)
@@ -317,9 +345,44 @@ def _add_wide(
         )
         light[missed] = _environment_light(lights, panorama, params, pixels, np.flatnonzero(missed))
     solid = np.repeat(panorama.solid_angles[pixels // panorama.width] / parts, parts)
+    opening = np.zeros(len(directions))
+    for portal, mask in zip(render_scene.scene.portals, openings, strict=True):
+        rays = np.flatnonzero(np.repeat(mask[pixels], parts) & ~missed) if portal.clear else []
+        passed = _portal_distance(eye, directions[rays], portal, distance[rays] - _BEHIND)
+        opening[rays] = np.maximum(opening[rays], passed)
+    outside = np.flatnonzero(opening)
+    metres[outside] = opening[outside]
+    light[outside] += _outdoors(render_scene, eye, directions, outside, parts, panorama)
     lit = luminance(light) > 0
     part = (light * solid[:, None])[lit]
     sums.add(np.repeat(pixels, parts)[lit], part, metres[lit])
+
+
+def _outdoors(
+    render_scene: RenderScene,
+    eye: Float64Array,
+    directions: Float64Array,
+    rays: Int64Array,
+    parts: int,
+    panorama: Panorama,
+) -> Float64Array:
+    """Return the radiance (len(rays), 3) that surfaces outdoors reflect along some of the rays.
+
+    `parts` rays belong to each pixel, in order. Only every so manyth ray of `rays` is computed, at
+    least one in each pixel, so that a view needs about `_SHADED` of them; it stands for those of
+    its pixel that follow.
+    """
+    if not len(rays):
+        return np.zeros((0, 3))
+    pixel = rays // parts
+    first = np.flatnonzero(np.append(True, np.diff(pixel) > 0))
+    order = np.arange(len(rays)) - np.repeat(first, np.diff(np.append(first, len(rays))))
+    step = math.ceil(len(rays) / _SHADED)
+    shaded = order % step == 0
+    chosen = rays[shaded]
+    hits = raycast.surfaces(render_scene.geometry, eye, directions[chosen])
+    light = outdoor_radiance(render_scene, hits, directions[chosen], eye)
+    return light[np.cumsum(shaded) - 1]
 
 
 def _environment_light(
@@ -346,14 +409,21 @@ def _environment_light(
     return light
 
 
-def _open_pixels(render_scene: RenderScene, eye: Float64Array, panorama: Panorama) -> BoolArray:
-    """Return a mask of pixels that may show the environment: at portals and open coarse probes."""
-    mask = np.zeros(panorama.size, dtype=bool)
+def _portal_pixels(
+    render_scene: RenderScene, eye: Float64Array, panorama: Panorama
+) -> list[BoolArray]:
+    """Return for each portal a mask of the pixels that may show it."""
+    masks = []
     for portal in render_scene.scene.portals:
         corners = np.array(portal.polygon) - eye
         centre = unit(corners.mean(axis=0))
         cosines = np.clip(unit(corners) @ centre, -1, 1)
-        mask |= panorama.cone(centre, float(np.arccos(cosines.min())))
+        masks.append(panorama.cone(centre, float(np.arccos(cosines.min()))))
+    return masks
+
+
+def _open_pixels(render_scene: RenderScene, eye: Float64Array, panorama: Panorama) -> BoolArray:
+    """Return a mask of pixels that may show the environment: around open coarse probes."""
     coarse = Panorama(min(panorama.width, _PROBE_WIDTH), panorama.rotation)
     shape, _ = raycast.nearest(render_scene.geometry, eye, coarse.centres)
     open_ = (shape < 0).reshape(coarse.height, coarse.width)
@@ -361,4 +431,4 @@ def _open_pixels(render_scene: RenderScene, eye: Float64Array, panorama: Panoram
     near[1:] |= near[:-1].copy()
     near[:-1] |= near[1:].copy()
     near[[0, -1]] = near[[0, -1]].any(axis=1, keepdims=True)
-    return mask | near.ravel()[coarse.pixels(panorama.centres)]
+    return near.ravel()[coarse.pixels(panorama.centres)]

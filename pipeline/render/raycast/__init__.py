@@ -104,7 +104,10 @@ def unoccluded(
     directions: npt.ArrayLike,
     distances: npt.ArrayLike,
 ) -> BoolArray:
-    """Test whether only clear surfaces lie within `distances` (N,) metres of `origin` (3,)."""
+    """Test whether only clear surfaces lie within `distances` (N,) metres of `origin`.
+
+    `origin` is (3,) or (N, 3).
+    """
     _, free = nearest(geometry, origin, directions)
     limit = np.asarray(distances, dtype=np.float64)
     # Float32 hit points on either side of a surface differ by about 1e-6 of the coordinates;
@@ -159,7 +162,7 @@ def sample_emitters(
     origin: npt.ArrayLike,
     samples: AnyArray,
 ) -> tuple[Float64Array, Float32Array, Float64Array, Float64Array]:
-    """Sample points on emitters as seen from `origin` (3,), without a visibility test.
+    """Sample points on emitters as seen from `origin`, (3,) or (N, 3), without a visibility test.
 
     Sample i lies on `emitters[indices[i]]`, at the point chosen by `samples[i]` in [0, 1)^2.
     Returns direction (N, 3), distance (N,) in metres, radiance over density (N, 3), and density

@@ -150,8 +150,9 @@ def sample_emitters(
     directions, weight = np.zeros((count, 3)), np.zeros((count, 3))
     distances, density = np.zeros(count, np.float32), np.zeros(count)
     si = mi.SurfaceInteraction3f()
-    si.p = mi.ScalarPoint3f(origin)
+    origins = np.broadcast_to(origin, (count, 3))
     for i in range(count):
+        si.p = mi.ScalarPoint3f(origins[i])
         ds, value = emitters[indices[i]].sample_direction(si, mi.ScalarPoint2f(samples[i]))
         directions[i], distances[i], weight[i] = ds.d, ds.dist, value
         density[i] = 0 if ds.delta else ds.pdf

@@ -242,8 +242,10 @@ def sample_emitters(
 ) -> tuple[AnyArray, ...]:
     """Return direction (N, 3), distance (N,), radiance over density (N, 3), density (N,)."""
     si = dr.zeros(mi.SurfaceInteraction3f, len(indices))
-    # Opaque, or the position would be compiled into the kernel, one kernel per view.
-    si.p = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in origin))
+    if origin.ndim == 2:
+        si.p = vector(mi.Point3f, origin)
+    else:  # Opaque, or the position would be compiled into the kernel, one kernel per view.
+        si.p = mi.Point3f(*(dr.opaque(mi.Float, float(value)) for value in origin))
     # A switch over these alone: sun and sky are apart here, and not met by virtual calls.
     calls = [partial(_sampled, emitter) for emitter in emitters]
     ds, weight = dr.switch(column(mi.UInt32, indices), calls, si, vector(mi.Point2f, samples))
