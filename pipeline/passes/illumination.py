@@ -44,7 +44,7 @@ _NARROW = 1.5  # pixels: sources of less mean width are narrow
 _MAX_MULTIPLE = 64  # of `light_samples`: most points on one long, thin source
 _PROBE_WIDTH = 128  # columns of the coarse panorama that searches for openings
 _BEHIND = 0.02  # metres beyond a portal from which surfaces are outdoors: no frame or closed leaf
-_SHADED = 8192  # rays of a panorama for which the light of surfaces outdoors is computed, about
+_SHADED = 4096  # rays of a panorama for which the light of surfaces outdoors is computed, about
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # R2 sequence: 1/g, 1/g^2, g^3 = g + 1
 
 
@@ -213,7 +213,7 @@ def outside_distance(
 def _entered(
     eye: Float64Array, directions: Float64Array, metres: Float64Array, portals: tuple[Portal, ...]
 ) -> Float64Array:
-    """Return the distances (N,) of places outdoors shortened to the outermost portal before each."""
+    """Return the distances (N,) of places outdoors cut at the outermost portal before."""
     through = np.zeros(len(metres))
     for portal in portals:
         through = np.maximum(through, _portal_distance(eye, directions, portal, metres))
@@ -326,11 +326,10 @@ def _add_wide(
         inside = away <= lights.radius[lamp]
         angle = math.pi if inside else math.asin(lights.radius[lamp] / away)
         traced |= panorama.cone(offset, angle)
-    openings = _portal_pixels(render_scene, eye, panorama)
+    openings: list[BoolArray] = []
     if lights.environment is not None or lights.lamps:
-        traced |= np.any(openings, axis=0)
-    if lights.environment is not None:
-        traced |= _open_pixels(render_scene, eye, panorama)
+        openings, open_ = _visible_openings(render_scene, eye, panorama)
+        traced |= np.any([open_, *openings], axis=0)
     pixels = np.flatnonzero(traced)
     if not len(pixels):
         return
@@ -346,8 +345,10 @@ def _add_wide(
         light[missed] = _environment_light(lights, panorama, params, pixels, np.flatnonzero(missed))
     solid = np.repeat(panorama.solid_angles[pixels // panorama.width] / parts, parts)
     opening = np.zeros(len(directions))
-    for portal, mask in zip(render_scene.scene.portals, openings, strict=True):
-        rays = np.flatnonzero(np.repeat(mask[pixels], parts) & ~missed) if portal.clear else []
+    for portal, mask in zip(render_scene.scene.portals, openings, strict=False):
+        if not (portal.clear and mask.any()):
+            continue
+        rays = np.flatnonzero(np.repeat(mask[pixels], parts) & ~missed)
         passed = _portal_distance(eye, directions[rays], portal, distance[rays] - _BEHIND)
         opening[rays] = np.maximum(opening[rays], passed)
     outside = np.flatnonzero(opening)
@@ -409,26 +410,46 @@ def _environment_light(
     return light
 
 
-def _portal_pixels(
+def _visible_openings(
     render_scene: RenderScene, eye: Float64Array, panorama: Panorama
-) -> list[BoolArray]:
-    """Return for each portal a mask of the pixels that may show it."""
-    masks = []
-    for portal in render_scene.scene.portals:
-        corners = np.array(portal.polygon) - eye
-        centre = unit(corners.mean(axis=0))
-        cosines = np.clip(unit(corners) @ centre, -1, 1)
-        masks.append(panorama.cone(centre, float(np.arccos(cosines.min()))))
-    return masks
+) -> tuple[list[BoolArray], BoolArray]:
+    """Return a mask of the pixels that may show each portal, and of those that may show the sky.
 
-
-def _open_pixels(render_scene: RenderScene, eye: Float64Array, panorama: Panorama) -> BoolArray:
-    """Return a mask of pixels that may show the environment: around open coarse probes."""
+    The mask of a portal is empty if no ray through a pixel's centre passes it. Sky beside the
+    portals is searched for by coarse probes.
+    """
     coarse = Panorama(min(panorama.width, _PROBE_WIDTH), panorama.rotation)
-    shape, _ = raycast.nearest(render_scene.geometry, eye, coarse.centres)
-    open_ = (shape < 0).reshape(coarse.height, coarse.width)
+    portals = render_scene.scene.portals
+    masks = [_portal_pixels(portal, eye, panorama) for portal in portals]
+    shown = np.flatnonzero(np.any(masks, axis=0)) if masks else np.zeros(0, np.int64)
+    directions = np.concatenate([coarse.centres, panorama.centres[shown]])
+    shape, distance = raycast.nearest(render_scene.geometry, eye, directions)
+    limit = np.zeros(panorama.size)
+    limit[shown] = distance[coarse.size :]
+    for portal, mask in zip(portals, masks, strict=True):
+        centres = panorama.centres[mask]
+        mask &= bool(_portal_distance(eye, centres, portal, limit[mask]).any())
+    open_ = (shape[: coarse.size] < 0).reshape(coarse.height, coarse.width)
     near = open_ | np.roll(open_, 1, axis=1) | np.roll(open_, -1, axis=1)
     near[1:] |= near[:-1].copy()
     near[:-1] |= near[1:].copy()
     near[[0, -1]] = near[[0, -1]].any(axis=1, keepdims=True)
-    return near.ravel()[coarse.pixels(panorama.centres)]
+    return masks, near.ravel()[coarse.pixels(panorama.centres)]
+
+
+def _portal_pixels(portal: Portal, eye: Float64Array, panorama: Panorama) -> BoolArray:
+    """Return a mask of the pixels that a portal touches, seen from within, and some around it."""
+    corners = np.array(portal.polygon) - eye
+    if corners[0] @ np.array(portal.normal) <= 0:
+        return np.zeros(panorama.size, dtype=bool)
+    centre, towards = unit(corners.mean(axis=0)), unit(corners)
+    mask = panorama.cone(centre, float(np.arccos(np.clip(towards @ centre, -1, 1).min())))
+    # Planes through the eye and each edge bound it, if it is convex.
+    planes = np.cross(towards, np.roll(towards, -1, axis=0))
+    planes = planes[(np.abs(planes) > 1e-9).any(axis=1)]
+    planes = unit(planes) * np.sign(planes @ centre)[:, None]
+    if (towards @ planes.T > -1e-6).all():
+        near = np.flatnonzero(mask)
+        margin = math.sin(panorama.pitch)
+        mask[near] = (panorama.centres[near] @ planes.T > -margin).all(axis=1)
+    return mask

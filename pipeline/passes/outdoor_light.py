@@ -14,8 +14,9 @@ A ray that goes to the sky's bright parts, or to a lamp, counts once: by its sha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -24,15 +25,15 @@ from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.lights import Lights
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.render.scene_geometry import Hits
-from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
+from pbrnet.scenes.arrays import Float32Array, Float64Array, Int64Array
 from pbrnet.scenes.color import luminance
 from pbrnet.scenes.geometry.directions import fibonacci_sphere, unit
 
-_OFFSET = 1e-3  # metres from a surface to the start of a ray; more where coordinates are large
+_OFFSET = 1e-5  # of the coordinates, or of 100 m: from a surface to the start of a ray
 _BEAMS = 64  # directions of each distant light
 _BRIGHT = 4.0  # times the mean: an environment map's radiance above it is sampled as beams
-_PILOT = 48  # points at which lamps are compared
-_PILOT_SAMPLES = 4  # shadow rays of each lamp at each of them
+_PILOT = 128  # points at which lamps are compared
+_PILOT_RAYS = 2048  # about as many shadow rays to all lamps
 _FAINT = 0.005  # of all direct light: fainter lamps do not count
 _SPHERE = 4096  # directions that samples choose from
 # Generators of the additive sequences: powers of the root of g^5 = g + 1 (Roberts 2018).
@@ -47,80 +48,118 @@ def outdoor_radiance(
     Linear RGB, without what the surfaces emit. `eye` (3,) is near the openings. Equal arguments
     give equal bits.
     """
-    if not len(directions):
+    count = len(directions)
+    if not count:
         return np.zeros((0, 3))
-    near = _Surfaces.of(scene, hits, directions, 0)
+    near = _Surfaces.of(scene, hits, directions, hits.reflectance.astype(np.float64), 0)
     lights = _OutdoorLights.of(scene, near, eye)
-    found, away, bounced = lights.gather(near)
-    far = _Surfaces.of(scene, found, away, 1).take(bounced)
-    if not len(far.points):
-        return near.sent(lights.direct(near) + lights.open_sky(away, found))
-    further, last, again = lights.gather(far)
-    direct = lights.direct(far) + lights.open_sky(last, further)
-    sent = far.sent(direct)
-    # Surfaces that the last rays meet send the mean of these: a geometric series of bounces.
-    series = 1 - float((far.reflectance.mean(axis=1) * again).mean())
-    rest = np.pi * again[:, None] * sent.mean(axis=0) / max(series, 0.2)
-    light = lights.direct(near) + lights.open_sky(away, found)
-    light[bounced] += np.pi * (sent + far.sent(rest))
+    away = near.bounces()
+    found = raycast.oriented(scene.geometry, near.points, away)
+    bounced = np.flatnonzero(found.shape >= 0)
+    colors = _mean_reflectance(hits, len(scene.geometry.shapes))[found.shape]
+    far = _Surfaces.of(scene, found, away, colors, 1).take(bounced)
+    last = far.bounces()
+    both = near.joined(far)
+    rays = lights.rays_from(both)
+    origins = np.concatenate([both.points[rays.rows], far.points])
+    shape, free = raycast.nearest(scene.geometry, origins, np.concatenate([rays.directions, last]))
+    direct = rays.irradiance(free[: len(rays.rows)], len(both.points))
+    again = shape[len(rays.rows) :] >= 0  # last rays that meet a surface
+    sky = lights.sky(np.concatenate([away, last]))
+    sent = far.sent(direct[count:] + sky[count:] * ~again[:, None])
+    if len(far.points):
+        # Those surfaces send the mean of these: a geometric series of bounces.
+        ratio = float((far.reflectance.mean(axis=1) * again).mean())
+        mean = sent.mean(axis=0) / (1 - min(ratio, 0.8))
+        sent = sent + far.sent(np.pi * again[:, None] * mean)
+    light = direct[:count] + sky[:count]
+    light[bounced] += np.pi * sent - sky[bounced]
     return near.sent(light)
+
+
+def _mean_reflectance(hits: Hits, shapes: int) -> Float64Array:
+    """Return the mean reflectance of each shape where it is seen, else that of all, (shapes, 3)."""
+    reflectance = hits.reflectance.astype(np.float64)
+    counts = np.bincount(hits.shape, minlength=shapes)[:, None]
+    sums = [np.bincount(hits.shape, reflectance[:, band], shapes) for band in range(3)]
+    mean = np.stack(sums, axis=1) / np.maximum(counts, 1)
+    return np.where(counts > 0, mean, reflectance.mean(axis=0))
 
 
 @dataclass(frozen=True)
 class _Surfaces:
-    """Points (N, 3) with unit normals that face the light that counts, and reflectance (N, 3).
+    """Points (N, 3) with unit normals to the side of the light that counts, and reflectance (N, 3).
 
-    `numbers` (N,) number the samples; `level` is the bounce, whose sequences differ.
+    `fractions` (N, 4) are numbers in [0, 1) of each, from sequences.
     """
 
     points: Float64Array
     normals: Float64Array
     reflectance: Float64Array
-    numbers: Int64Array
-    level: int
+    fractions: Float64Array
 
     @classmethod
     def of(
-        cls, scene: RenderScene, hits: Hits, directions: Float64Array, level: int
+        cls,
+        scene: RenderScene,
+        hits: Hits,
+        directions: Float64Array,
+        reflectance: Float64Array,
+        level: int,
     ) -> _Surfaces:
-        numbers = np.arange(len(directions))
+        """Return the surfaces that rays (N, 3) meet at a `level` of bounces."""
+        fractions = _fractions(np.arange(len(directions)), level)
         normals = facing_normals(hits, directions)
-        transmitted = np.append(scene.geometry.transmitted, 0)[hits.shape]
-        # Where light passes through, as in leaves, some samples take the light of the other side.
-        behind = _fractions(numbers, 3, level) < transmitted
+        # Where light passes through, as in leaves, some samples take that of the other side.
+        behind = fractions[:, 3] < np.append(scene.geometry.transmitted, 0)[hits.shape]
         normals = np.where(behind[:, None], -normals, normals)
         points = hits.position.astype(np.float64)
-        far = np.maximum(np.abs(points).max(axis=1, keepdims=True, initial=0), 1)
-        return cls(
-            points + _OFFSET * np.maximum(0.01 * far, 1) * normals,
-            normals,
-            hits.reflectance.astype(np.float64),
-            numbers,
-            level,
-        )
+        reach = np.maximum(np.abs(points).max(axis=1, keepdims=True, initial=0), 100)
+        return cls(points + _OFFSET * reach * normals, normals, reflectance, fractions)
 
-    def take(self, chosen: BoolArray) -> _Surfaces:
-        return _Surfaces(
-            self.points[chosen],
-            self.normals[chosen],
-            self.reflectance[chosen],
-            self.numbers[chosen],
-            self.level,
-        )
+    def take(self, rows: Int64Array) -> _Surfaces:
+        return _Surfaces(*(each[rows] for each in vars(self).values()))
+
+    def joined(self, other: _Surfaces) -> _Surfaces:
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return _Surfaces(*(np.concatenate(pair) for pair in pairs))
+
+    def bounces(self) -> Float64Array:
+        """Return a cosine-distributed direction (N, 3) from each surface."""
+        sphere = _sphere()[(self.fractions[:, 1] * _SPHERE).astype(np.int64)]
+        return unit(self.normals * (1 + 1e-6) + sphere)
 
     def sent(self, irradiance: Float64Array) -> Float64Array:
         """Return the radiance (N, 3) that leaves by diffuse reflection."""
         return self.reflectance / np.pi * irradiance
 
-    def fractions(self, dimension: int) -> Float64Array:
-        return _fractions(self.numbers, dimension, self.level)
+
+@dataclass(frozen=True)
+class _ShadowRays:
+    """Rays from surfaces `rows` (R,) to lights at `distances` (R,), along `directions` (R, 3).
+
+    `light` (R, 3) is the irradiance at a surface whose ray is free.
+    """
+
+    rows: Int64Array
+    directions: Float64Array
+    distances: Float64Array
+    light: Float64Array
+
+    def irradiance(self, free: Float32Array, count: int) -> Float64Array:
+        """Return the sums (count, 3) over each surface's rays, `free` for so many metres (R,)."""
+        near = np.where(np.isinf(self.distances), np.finfo(np.float32).max, self.distances)
+        arrives = free >= near - np.maximum(2e-4 * near, 2e-4)
+        light = self.light * arrives[:, None]
+        sums = [np.bincount(self.rows, light[:, band], count) for band in range(3)]
+        return np.stack(sums, axis=1)
 
 
 @dataclass(frozen=True)
 class _OutdoorLights:
     """The scene's lights, as they shine on surfaces outdoors."""
 
-    scene: RenderScene
+    environment: Any | None
     beams: tuple[_Beams, ...]
     lamps: _Lamps | None
     limit: float  # luminance of the environment above which beams hold the rest
@@ -135,45 +174,27 @@ class _OutdoorLights:
             beams += bright
         strong = tuple(beam for beam in beams if beam.total > 0)
         daylight = np.pi * mean + sum(beam.total for beam in strong)
-        lamps = _lamps_of(scene, surfaces, daylight)
-        return cls(scene, strong, lamps, limit)
+        return cls(lights.environment, strong, _lamps_of(scene, surfaces, daylight), limit)
 
-    def direct(self, surfaces: _Surfaces) -> Float64Array:
-        """Return the irradiance (N, 3) by beams and lamps, with shadows."""
-        light = np.zeros_like(surfaces.points)
-        for beams in self.beams:
-            choice = (surfaces.fractions(0) * len(beams.directions)).astype(np.int64)
-            towards, strength = beams.directions[choice], beams.strengths[choice]
-            cosine = _dot(surfaces.normals, towards)
-            lit = np.flatnonzero(cosine > 0)
-            shape, _ = raycast.nearest(self.scene.geometry, surfaces.points[lit], towards[lit])
-            lit = lit[shape < 0]
-            light[lit] += strength[lit] * cosine[lit, None]
-        if self.lamps is not None:
-            light += self.lamps.irradiance(self.scene, surfaces)
-        return light
+    def rays_from(self, surfaces: _Surfaces) -> _ShadowRays:
+        """Return the rays by which beams and lamps shine on the surfaces."""
+        parts = [each.rays_from(surfaces) for each in (*self.beams, self.lamps) if each is not None]
+        empty = _ShadowRays(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)))
+        columns = zip(*(vars(part).values() for part in (empty, *parts)), strict=True)
+        return _ShadowRays(*(np.concatenate(column) for column in columns))
 
-    def gather(self, surfaces: _Surfaces) -> tuple[Hits, Float64Array, BoolArray]:
-        """Trace a cosine-distributed ray from each surface; flag those that meet another."""
-        choice = (surfaces.fractions(1) * _SPHERE).astype(np.int64)
-        away = unit(surfaces.normals * (1 + 1e-6) + _sphere()[choice])
-        hits = raycast.surfaces(self.scene.geometry, surfaces.points, away)
-        return hits, away, hits.shape >= 0
-
-    def open_sky(self, directions: Float64Array, hits: Hits) -> Float64Array:
-        """Return pi x the environment's radiance (N, 3) along the rays that meet no surface."""
-        light, environment = np.zeros_like(directions), self.scene.lights.environment
-        free = hits.shape < 0
-        if environment is not None and free.any():
-            seen = raycast.environment_radiance(environment, directions[free])
-            share = np.minimum(1, self.limit / np.maximum(luminance(seen), 1e-30))
-            light[free] = np.pi * seen * share[:, None]
-        return light
+    def sky(self, directions: Float64Array) -> Float64Array:
+        """Return pi x the environment's radiance (N, 3), without what beams hold."""
+        if self.environment is None or not len(directions):
+            return np.zeros_like(directions)
+        seen = raycast.environment_radiance(self.environment, directions)
+        share = np.minimum(1, self.limit / np.maximum(luminance(seen), 1e-30))
+        return np.pi * seen * share[:, None]
 
 
 @dataclass(frozen=True)
 class _Beams:
-    """Directions (D, 3) to a distant light, each with the irradiance (D, 3) if all light came so."""
+    """Directions (D, 3) to a distant light; `strengths` (D, 3): the irradiance by all from each."""
 
     directions: Float64Array
     strengths: Float64Array
@@ -183,9 +204,15 @@ class _Beams:
         """Mean luminance of the irradiance on a surface that faces the light."""
         return float(luminance(self.strengths).mean()) if len(self.strengths) else 0.0
 
+    def rays_from(self, surfaces: _Surfaces) -> _ShadowRays:
+        choice = (surfaces.fractions[:, 0] * len(self.directions)).astype(np.int64)
+        towards = self.directions[choice]
+        light = self.strengths[choice] * np.maximum(_dot(surfaces.normals, towards), 0)[:, None]
+        return _lit(towards, np.full(len(towards), np.inf), light)
+
 
 def _beams_of_lamp(lights: Lights, lamp: int, eye: Float64Array) -> _Beams:
-    samples = _points(_BEAMS)
+    samples = _square(_BEAMS)
     directions, _, weight, _ = raycast.sample_emitters(
         lights.lamps, np.full(_BEAMS, lamp), eye, samples
     )
@@ -200,7 +227,7 @@ def _environment(lights: Lights, eye: Float64Array) -> tuple[float, float, list[
         return mean, np.inf, []
     count = 8 * _BEAMS
     directions, _, weight, _ = raycast.sample_emitters(
-        (lights.environment,), np.zeros(count, dtype=np.int64), eye, _points(count)
+        (lights.environment,), np.zeros(count, dtype=np.int64), eye, _square(count)
     )
     mean = float(luminance(weight).mean()) / (4 * np.pi)
     limit = _BRIGHT * mean
@@ -215,73 +242,71 @@ def _environment(lights: Lights, eye: Float64Array) -> tuple[float, float, list[
 class _Lamps:
     """Lamps that shine on the surfaces, and the probability of each (M,)."""
 
-    lamps: tuple[object, ...]
+    lamps: tuple[Any, ...]
     probabilities: Float64Array
 
-    def irradiance(self, scene: RenderScene, surfaces: _Surfaces) -> Float64Array:
-        """Return the irradiance (N, 3) by one point of one lamp for each surface."""
+    def rays_from(self, surfaces: _Surfaces) -> _ShadowRays:
+        """Return rays to one point of one lamp for each surface."""
         edges = np.cumsum(self.probabilities)
-        choice = surfaces.fractions(2)
-        lamp = np.minimum(np.searchsorted(edges, choice, side="right"), len(edges) - 1)
-        samples = np.stack([surfaces.fractions(0), surfaces.fractions(1)], axis=1)
-        light = _lamp_light(scene, self.lamps, lamp, surfaces.points, surfaces.normals, samples)
-        return light / self.probabilities[lamp, None]
+        lamp = np.searchsorted(edges, surfaces.fractions[:, 2], side="right")
+        lamp = np.minimum(lamp, len(edges) - 1)
+        rays = _lamp_rays(self.lamps, lamp, surfaces, surfaces.fractions[:, :2])
+        return replace(rays, light=rays.light / self.probabilities[lamp[rays.rows], None])
 
 
 def _lamps_of(scene: RenderScene, surfaces: _Surfaces, daylight: float) -> _Lamps | None:
-    """Return the lamps with more than a faint part of the light, by some of the surfaces."""
+    """Return the lamps, if they bring more than a faint part of the surfaces' light."""
     near = np.flatnonzero(~scene.lights.distant)
     if not len(near):
         return None
     lamps = tuple(scene.lights.lamps[index] for index in near)
-    rows = np.linspace(0, len(surfaces.points) - 1, min(_PILOT, len(surfaces.points)))
-    rows = np.repeat(rows.astype(np.int64), _PILOT_SAMPLES)
-    lamp = np.repeat(np.arange(len(lamps)), len(rows))
-    points, normals = (np.tile(each[rows], (len(lamps), 1)) for each in (surfaces.points, surfaces.normals))
-    samples = np.tile(_points(len(rows)), (len(lamps), 1))
+    points = max(8, min(_PILOT, _PILOT_RAYS // len(lamps)))
+    rows = np.linspace(0, len(surfaces.points) - 1, points).astype(np.int64)
+    some = surfaces.take(np.tile(rows, len(lamps)))
+    lamp = np.repeat(np.arange(len(lamps)), points)
+    rays = _lamp_rays(lamps, lamp, some, np.tile(_square(points), (len(lamps), 1)))
 
-    def means(shadows: bool) -> Float64Array:
-        light = _lamp_light(scene, lamps, lamp, points, normals, samples, shadows)
-        return luminance(light).reshape(len(lamps), -1).mean(axis=1)
+    def strength(free: Float32Array) -> Float64Array:
+        light = rays.irradiance(free, len(lamp))
+        return luminance(light).reshape(len(lamps), points).mean(axis=1)
 
-    if means(shadows=False).sum() < _FAINT * daylight:
+    if strength(np.full(len(rays.rows), np.inf, np.float32)).sum() <= _FAINT * daylight:
         return None
-    strength = means(shadows=True)
-    # Every lamp keeps a chance: one that the pilot found dark may light a few surfaces.
-    chance = strength + 0.05 * strength.sum() / len(lamps)
-    if not strength.any():
+    origins = some.points[rays.rows]
+    found = strength(raycast.nearest(scene.geometry, origins, rays.directions)[1])
+    if not found.any():
         return None
+    # One that the pilot found dark may light a few surfaces.
+    chance = found + 0.05 * found.sum() / len(lamps)
     return _Lamps(lamps, chance / chance.sum())
 
 
-def _lamp_light(
-    scene: RenderScene,
-    lamps: tuple[object, ...],
-    choice: Int64Array,
-    points: Float64Array,
-    normals: Float64Array,
-    samples: Float64Array,
-    shadows: bool = True,
-) -> Float64Array:
-    """Return the irradiance (N, 3) by the chosen point of the chosen lamp."""
-    directions, distance, weight, _ = raycast.sample_emitters(lamps, choice, points, samples)
-    light = weight * np.maximum(_dot(normals, directions), 0)[:, None]
-    lit = np.flatnonzero(luminance(light) > 0)
-    if shadows and len(lit):
-        free = raycast.unoccluded(scene.geometry, points[lit], directions[lit], distance[lit])
-        light[lit[~free]] = 0
-    return light
+def _lamp_rays(
+    lamps: tuple[Any, ...], choice: Int64Array, surfaces: _Surfaces, samples: Float64Array
+) -> _ShadowRays:
+    """Return rays from each surface to the point that its sample (2,) chooses on its lamp."""
+    directions, distance, weight, _ = raycast.sample_emitters(
+        lamps, choice, surfaces.points, samples
+    )
+    light = weight * np.maximum(_dot(surfaces.normals, directions), 0)[:, None]
+    return _lit(directions, distance.astype(np.float64), light)
 
 
-def _fractions(numbers: Int64Array, dimension: int, level: int) -> Float64Array:
-    """Return numbers in [0, 1) of an additive sequence."""
-    return (0.5 + 0.37 * level + (numbers + 1) * _STEPS[dimension]) % 1
+def _lit(directions: Float64Array, distances: Float64Array, light: Float64Array) -> _ShadowRays:
+    """Return the rays with light, one from each surface."""
+    rows = np.flatnonzero(luminance(light) > 0)
+    return _ShadowRays(rows, directions[rows], distances[rows], light[rows])
 
 
-def _points(count: int) -> Float64Array:
+def _fractions(numbers: Int64Array, level: int) -> Float64Array:
+    """Return numbers (N, 4) in [0, 1) of additive sequences; others at each level of bounces."""
+    return (0.5 + 0.37 * level + (numbers[:, None] + 1) * np.array(_STEPS)) % 1
+
+
+def _square(count: int) -> Float64Array:
     """Return points (count, 2) evenly in the unit square."""
     numbers = np.arange(count)
-    return np.stack([_fractions(numbers, 0, 0), (numbers + 0.5) / count], axis=1)
+    return np.stack([_fractions(numbers, 0)[:, 0], (numbers + 0.5) / count], axis=1)
 
 
 @lru_cache(1)

@@ -62,6 +62,15 @@ def surfaces(
     return Hits(*_in_chunks(trace, origins, directions))
 
 
+def oriented(geometry: SceneGeometry, origins: npt.ArrayLike, directions: npt.ArrayLike) -> Hits:
+    """Return the first surface along each ray with its geometric normal alone, at less cost.
+
+    Arguments as in `nearest`. The shading normal is the geometric one, the reflectance is 0.
+    """
+    trace = partial(_backend().oriented, geometry)
+    return Hits(*_in_chunks(trace, origins, directions))
+
+
 def textured_surfaces(
     geometry: SceneGeometry,
     slots: tuple[TextureSlot, ...],

@@ -90,6 +90,16 @@ def surfaces(
     return *found, *(a[:, 0] if a.shape[1] == 1 else a for a in values), *tangents
 
 
+def oriented(
+    geometry: SceneGeometry, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
+    """Return the fields of `Hits`, the geometric normal twice."""
+    shape, distance, position, normal, _, none = surfaces(
+        geometry, False, None, origins, directions
+    )
+    return shape, distance, position, normal, normal, none
+
+
 def objects_along(
     geometry: SceneGeometry,
     numbers: AnyArray,

@@ -120,6 +120,27 @@ def _distinct(slot: TextureSlot) -> list[Any]:
     return list({id(texture): texture for texture in slot.textures if texture is not None}.values())
 
 
+def oriented(
+    geometry: SceneGeometry, origins: AnyArray, directions: AnyArray
+) -> tuple[AnyArray, ...]:
+    """Return the fields of `Hits`, the geometric normal twice.
+
+    Where all shapes are meshes, no shape is called, which costs most in a scene of many.
+    """
+    if not all(shape.is_mesh() for shape in geometry.shapes):
+        found = surfaces(geometry, False, None, origins, directions)
+        return *found[:4], found[3], found[5]
+    tables = _tables(geometry)
+    shape, distance, hit, ray = _first_hit(geometry, _ray(origins, directions), True)
+    face, valid = _face(tables, hit)
+    corner = dr.gather(mi.Vector3u, tables["faces"], face, valid)
+    a, b, c = (dr.gather(mi.Point3f, tables["vertices"], number, valid) for number in corner)
+    normal = dr.normalize(dr.cross(b - a, c - a))
+    vectors = (dr.select(valid, vector, 0) for vector in (ray(hit.t), normal))
+    shape, distance, position, normal = to_numpy(shape, distance, *vectors)
+    return shape, distance, position, normal, normal, np.zeros_like(normal)
+
+
 class _Recorded:
     """A function of a geometry whose launches are recorded once, then replayed for other rays.
 
