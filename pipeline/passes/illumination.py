@@ -329,7 +329,7 @@ def _add_wide(
     openings: list[BoolArray] = []
     if lights.environment is not None or lights.lamps:
         openings, open_ = _visible_openings(render_scene, eye, panorama)
-        traced |= np.any([open_, *openings], axis=0)
+        traced |= np.any([open_ & (lights.environment is not None), *openings], axis=0)
     pixels = np.flatnonzero(traced)
     if not len(pixels):
         return
@@ -349,7 +349,7 @@ def _add_wide(
         if not (portal.clear and mask.any()):
             continue
         rays = np.flatnonzero(np.repeat(mask[pixels], parts) & ~missed)
-        passed = _portal_distance(eye, directions[rays], portal, distance[rays] - _BEHIND)
+        passed = _portal_distance(eye, directions[rays], portal, metres[rays] - _BEHIND)
         opening[rays] = np.maximum(opening[rays], passed)
     outside = np.flatnonzero(opening)
     metres[outside] = opening[outside]

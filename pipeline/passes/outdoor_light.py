@@ -35,9 +35,8 @@ _BRIGHT = 4.0  # times the mean: an environment map's radiance above it is sampl
 _PILOT = 128  # points at which lamps are compared
 _PILOT_RAYS = 2048  # about as many shadow rays to all lamps
 _FAINT = 0.005  # of all direct light: fainter lamps do not count
-_SPHERE = 4096  # directions that samples choose from
-# Generators of the additive sequences: powers of the root of g^5 = g + 1 (Roberts 2018).
-_STEPS = tuple(1.1673039782614187 ** -(power + 1) for power in range(4))
+_CIRCLE = 4096  # azimuths that samples choose from
+_BASES = ((2, 3, 5, 7), (11, 13, 17, 19))  # of the Halton sequence, at each level of bounces
 
 
 def outdoor_radiance(
@@ -108,7 +107,7 @@ class _Surfaces:
         level: int,
     ) -> _Surfaces:
         """Return the surfaces that rays (N, 3) meet at a `level` of bounces."""
-        fractions = _fractions(np.arange(len(directions)), level)
+        fractions = _fractions(len(directions), level)
         normals = facing_normals(hits, directions)
         # Where light passes through, as in leaves, some samples take that of the other side.
         behind = fractions[:, 3] < np.append(scene.geometry.transmitted, 0)[hits.shape]
@@ -126,7 +125,9 @@ class _Surfaces:
 
     def bounces(self) -> Float64Array:
         """Return a cosine-distributed direction (N, 3) from each surface."""
-        sphere = _sphere()[(self.fractions[:, 1] * _SPHERE).astype(np.int64)]
+        z = 1 - 2 * self.fractions[:, :1]
+        circle = _circle()[(self.fractions[:, 1] * _CIRCLE).astype(np.int64)]
+        sphere = np.concatenate([np.sqrt(1 - z * z) * circle, z], axis=1)
         return unit(self.normals * (1 + 1e-6) + sphere)
 
     def sent(self, irradiance: Float64Array) -> Float64Array:
@@ -205,7 +206,7 @@ class _Beams:
         return float(luminance(self.strengths).mean()) if len(self.strengths) else 0.0
 
     def rays_from(self, surfaces: _Surfaces) -> _ShadowRays:
-        choice = (surfaces.fractions[:, 0] * len(self.directions)).astype(np.int64)
+        choice = (surfaces.fractions[:, 2] * len(self.directions)).astype(np.int64)
         towards = self.directions[choice]
         light = self.strengths[choice] * np.maximum(_dot(surfaces.normals, towards), 0)[:, None]
         return _lit(towards, np.full(len(towards), np.inf), light)
@@ -221,8 +222,8 @@ def _beams_of_lamp(lights: Lights, lamp: int, eye: Float64Array) -> _Beams:
 
 def _environment(lights: Lights, eye: Float64Array) -> tuple[float, float, list[_Beams]]:
     """Return mean luminance of the environment, the limit of its even part, and beams above it."""
-    sphere = _sphere()[:: _SPHERE // 512]
-    mean = float(luminance(raycast.environment_radiance(lights.environment, sphere)).mean())
+    seen = raycast.environment_radiance(lights.environment, fibonacci_sphere(512))
+    mean = float(luminance(seen).mean())
     if not np.isfinite(lights.texel_angle):
         return mean, np.inf, []
     count = 8 * _BEAMS
@@ -298,21 +299,30 @@ def _lit(directions: Float64Array, distances: Float64Array, light: Float64Array)
     return _ShadowRays(rows, directions[rows], distances[rows], light[rows])
 
 
-def _fractions(numbers: Int64Array, level: int) -> Float64Array:
-    """Return numbers (N, 4) in [0, 1) of additive sequences; others at each level of bounces."""
-    return (0.5 + 0.37 * level + (numbers[:, None] + 1) * np.array(_STEPS)) % 1
+def _fractions(count: int, level: int) -> Float64Array:
+    """Return points (count, 4) of the Halton sequence; of other dimensions at each level."""
+    columns = []
+    for base in _BASES[level]:
+        rest, value, scale = np.arange(1, count + 1), np.zeros(count), 1.0
+        while rest.any():
+            rest, digit = np.divmod(rest, base)
+            scale /= base
+            value += digit * scale
+        columns.append(value)
+    return np.stack(columns, axis=1)
 
 
 def _square(count: int) -> Float64Array:
     """Return points (count, 2) evenly in the unit square."""
-    numbers = np.arange(count)
-    return np.stack([_fractions(numbers, 0)[:, 0], (numbers + 0.5) / count], axis=1)
+    return _fractions(count, 0)[:, :2]
 
 
 @lru_cache(1)
-def _sphere() -> Float64Array:
+def _circle() -> Float64Array:
+    """Return points (_CIRCLE, 2) of the unit circle."""
+    angles = (np.arange(_CIRCLE) + 0.5) * (2 * np.pi / _CIRCLE)
     # Rounded: the last bit of a sine differs between processors.
-    return np.round(fibonacci_sphere(_SPHERE), 7)
+    return np.round(np.stack([np.cos(angles), np.sin(angles)], axis=1), 7)
 
 
 def _dot(one: Float64Array, other: Float64Array) -> Float64Array:

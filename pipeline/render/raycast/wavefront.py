@@ -255,7 +255,8 @@ def environment_radiance(emitter: Any, directions: AnyArray) -> AnyArray:
     """Return the radiance (N, 3) of an environment emitter along `directions` (N, 3)."""
     si = dr.zeros(mi.SurfaceInteraction3f, len(directions))
     si.wi = vector(mi.Vector3f, -directions)
-    return to_numpy(mi.Color3f(emitter.eval(si)))[0]
+    # One row where the radiance is constant.
+    return np.broadcast_to(to_numpy(mi.Color3f(emitter.eval(si)))[0], directions.shape)
 
 
 def sample_emitters(
