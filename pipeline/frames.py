@@ -3,7 +3,7 @@
 Channels are linear and scene-referred; `pbrnet.pipeline.channels` lists them. The kinds:
 
 * `inputs`: depth, normal, reflectance, valid mask, object index
-* `illumination`: panorama of the visible light sources: intensity, distance, tint
+* `illumination`: panorama of visible lamps and openings: intensity, distance, tint
 * `visibility`: share of the direct light of the panorama's sources that reaches the surface; only
   if `illumination.shadow_rays` is above 0
 * `shading`: radiance with every reflectance replaced by one grey

@@ -90,7 +90,7 @@ inputs = _frame_command(
 illumination = _frame_command(
     "illumination",
     "Example:  pbrnet illumination --workers 4",
-    """Render a panorama of the light sources visible from each camera.
+    """Render a panorama of the lamps and openings to the outdoors visible from each camera.
 
     With illumination.shadow_rays, also renders the fraction of their light that reaches each pixel.
     """,
