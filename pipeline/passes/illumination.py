@@ -380,9 +380,7 @@ def _outdoors(
     order = np.arange(len(rays)) - np.repeat(first, np.diff(np.append(first, len(rays))))
     step = math.ceil(len(rays) / _SHADED)
     shaded = order % step == 0
-    chosen = rays[shaded]
-    hits = raycast.surfaces(render_scene.geometry, eye, directions[chosen])
-    light = outdoor_radiance(render_scene, hits, directions[chosen], eye)
+    light = outdoor_radiance(render_scene, eye, directions[rays[shaded]])
     return light[np.cumsum(shaded) - 1]
 
 

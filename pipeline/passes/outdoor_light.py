@@ -1,7 +1,7 @@
 """Light that surfaces outdoors send to a camera through windows, without camera paths.
 
-Surfaces count as diffuse, with their reflectance and its textures. Each gets, by rays of fixed
-sequences:
+Surfaces have the reflectance and roughness of their materials, with textures and bumps. Each gets,
+by rays of fixed sequences:
 
 * sun, distant lights and the bright parts of an environment map: a shadow ray to one of a set of
   directions (`_Beams`);
@@ -25,7 +25,7 @@ from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.lights import Lights
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.render.scene_geometry import Hits
-from pbrnet.scenes.arrays import Float32Array, Float64Array, Int64Array
+from pbrnet.scenes.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pbrnet.scenes.color import luminance
 from pbrnet.scenes.geometry.directions import fibonacci_sphere, unit
 
@@ -36,77 +36,96 @@ _PILOT = 128  # points at which lamps are compared
 _PILOT_RAYS = 2048  # about as many shadow rays to all lamps
 _FAINT = 0.005  # of all direct light: fainter lamps do not count
 _CIRCLE = 4096  # azimuths that samples choose from
+_PEAK = 10.0  # largest value of the specular lobe, times pi
 _BASES = ((2, 3, 5, 7), (11, 13, 17, 19))  # of the Halton sequence, at each level of bounces
 
 
 def outdoor_radiance(
-    scene: RenderScene, hits: Hits, directions: Float64Array, eye: Float64Array
+    scene: RenderScene, eye: Float64Array, directions: Float64Array
 ) -> Float64Array:
-    """Return the radiance (N, 3) that surfaces reflect back along rays (N, 3) that meet them.
+    """Return the radiance (N, 3) that surfaces reflect back along rays from `eye` that meet them.
 
-    Linear RGB, without what the surfaces emit. `eye` (3,) is near the openings. Equal arguments
-    give equal bits.
+    Linear RGB, without what the surfaces emit. `directions` (N, 3) are unit. Equal arguments give
+    equal bits.
     """
     count = len(directions)
     if not count:
         return np.zeros((0, 3))
-    near = _Surfaces.of(scene, hits, directions, hits.reflectance.astype(np.float64), 0)
+    near = _Surfaces.seen(scene, directions, eye)
     lights = _OutdoorLights.of(scene, near, eye)
     away = near.bounces()
     found = raycast.oriented(scene.geometry, near.points, away)
     bounced = np.flatnonzero(found.shape >= 0)
-    colors = _mean_reflectance(hits, len(scene.geometry.shapes))[found.shape]
-    far = _Surfaces.of(scene, found, away, colors, 1).take(bounced)
+    colors = near.mean_albedo(len(scene.geometry.shapes))[found.shape]
+    far = _Surfaces.met(scene, found, away, colors).take(bounced)
     last = far.bounces()
     both = near.joined(far)
     rays = lights.rays_from(both)
     origins = np.concatenate([both.points[rays.rows], far.points])
     shape, free = raycast.nearest(scene.geometry, origins, np.concatenate([rays.directions, last]))
-    direct = rays.irradiance(free[: len(rays.rows)], len(both.points))
+    direct = rays.reflected(free[: len(rays.rows)], both)
     again = shape[len(rays.rows) :] >= 0  # last rays that meet a surface
-    sky = lights.sky(np.concatenate([away, last]))
-    sent = far.sent(direct[count:] + sky[count:] * ~again[:, None])
+    sky = np.pi * lights.sky(np.concatenate([away, last]))
+    sent = direct[count:] + far.reflected(last) * sky[count:] * ~again[:, None]
     if len(far.points):
         # Those surfaces send the mean of these: a geometric series of bounces.
-        ratio = float((far.reflectance.mean(axis=1) * again).mean())
+        ratio = float((far.diffuse.mean(axis=1) * again).mean())
         mean = sent.mean(axis=0) / (1 - min(ratio, 0.8))
-        sent = sent + far.sent(np.pi * again[:, None] * mean)
-    light = direct[:count] + sky[:count]
-    light[bounced] += np.pi * sent - sky[bounced]
-    return near.sent(light)
-
-
-def _mean_reflectance(hits: Hits, shapes: int) -> Float64Array:
-    """Return the mean reflectance of each shape where it is seen, else that of all, (shapes, 3)."""
-    reflectance = hits.reflectance.astype(np.float64)
-    counts = np.bincount(hits.shape, minlength=shapes)[:, None]
-    sums = [np.bincount(hits.shape, reflectance[:, band], shapes) for band in range(3)]
-    mean = np.stack(sums, axis=1) / np.maximum(counts, 1)
-    return np.where(counts > 0, mean, reflectance.mean(axis=0))
+        sent = sent + far.diffuse * again[:, None] * mean
+    arriving = sky[:count]
+    arriving[bounced] = np.pi * sent
+    return direct[:count] + near.reflected(away) * arriving
 
 
 @dataclass(frozen=True)
 class _Surfaces:
-    """Points (N, 3) with unit normals to the side of the light that counts, and reflectance (N, 3).
+    """Points (N, 3) with unit normals to the side of the light that counts, and materials.
 
-    `fractions` (N, 4) are numbers in [0, 1) of each, from sequences.
+    `diffuse` (N, 3) is the reflectance of the diffuse lobe, `specular` (N, 3) that of the other at
+    normal incidence, `roughness` (N,) the root of its alpha, `towards` (N, 3) the viewer's direction.
+    `fractions` (N, 4) are numbers in [0, 1) of each, from sequences; `shape` (N,) are the shapes.
     """
 
     points: Float64Array
     normals: Float64Array
-    reflectance: Float64Array
+    diffuse: Float64Array
+    specular: Float64Array
+    roughness: Float64Array
+    towards: Float64Array
     fractions: Float64Array
+    shape: Int32Array
 
     @classmethod
-    def of(
+    def seen(cls, scene: RenderScene, directions: Float64Array, eye: Float64Array) -> _Surfaces:
+        """Return the surfaces that rays (N, 3) from the eye meet, each of which meets one."""
+        geometry, table = scene.geometry, scene.table
+        hits, textures = raycast.textured_surfaces(geometry, table.slots, eye, directions)
+        values, bumped = table.values(geometry, hits, eye, directions, textures)
+        shading = np.where(bumped[:, None], values.normal, hits.shading_normal)
+        hits = replace(hits, shading_normal=shading)
+        diffuse = hits.reflectance * (1 - values.metalness * values.known)[:, None]
+        specular = values.specular * values.known[:, None]
+        return cls._of(scene, hits, directions, diffuse, specular, values.roughness, 0)
+
+    @classmethod
+    def met(
+        cls, scene: RenderScene, hits: Hits, directions: Float64Array, albedo: Float64Array
+    ) -> _Surfaces:
+        """Return the surfaces, diffuse ones, that rays (N, 3) from other surfaces meet."""
+        rough = np.ones(len(albedo))
+        return cls._of(scene, hits, directions, albedo, np.zeros_like(albedo), rough, 1)
+
+    @classmethod
+    def _of(
         cls,
         scene: RenderScene,
         hits: Hits,
         directions: Float64Array,
-        reflectance: Float64Array,
+        diffuse: Float64Array,
+        specular: Float64Array,
+        roughness: Float64Array,
         level: int,
     ) -> _Surfaces:
-        """Return the surfaces that rays (N, 3) meet at a `level` of bounces."""
         fractions = _fractions(len(directions), level)
         normals = facing_normals(hits, directions)
         # Where light passes through, as in leaves, some samples take that of the other side.
@@ -114,7 +133,16 @@ class _Surfaces:
         normals = np.where(behind[:, None], -normals, normals)
         points = hits.position.astype(np.float64)
         reach = np.maximum(np.abs(points).max(axis=1, keepdims=True, initial=0), 100)
-        return cls(points + _OFFSET * reach * normals, normals, reflectance, fractions)
+        return cls(
+            points + _OFFSET * reach * normals,
+            normals,
+            diffuse,
+            np.where(behind[:, None], 0, specular),
+            roughness,
+            -directions,
+            fractions,
+            hits.shape,
+        )
 
     def take(self, rows: Int64Array) -> _Surfaces:
         return _Surfaces(*(each[rows] for each in vars(self).values()))
@@ -123,6 +151,14 @@ class _Surfaces:
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
         return _Surfaces(*(np.concatenate(pair) for pair in pairs))
 
+    def mean_albedo(self, shapes: int) -> Float64Array:
+        """Return the mean reflectance of each shape that is here, else that of all, (shapes, 3)."""
+        albedo = self.diffuse + self.specular
+        counts = np.bincount(self.shape, minlength=shapes)[:, None]
+        sums = [np.bincount(self.shape, albedo[:, band], shapes) for band in range(3)]
+        mean = np.stack(sums, axis=1) / np.maximum(counts, 1)
+        return np.where(counts > 0, mean, albedo.mean(axis=0))
+
     def bounces(self) -> Float64Array:
         """Return a cosine-distributed direction (N, 3) from each surface."""
         z = 1 - 2 * self.fractions[:, :1]
@@ -130,9 +166,41 @@ class _Surfaces:
         sphere = np.concatenate([np.sqrt(1 - z * z) * circle, z], axis=1)
         return unit(self.normals * (1 + 1e-6) + sphere)
 
-    def sent(self, irradiance: Float64Array) -> Float64Array:
-        """Return the radiance (N, 3) that leaves by diffuse reflection."""
-        return self.reflectance / np.pi * irradiance
+    def reflected(self, light: Float64Array) -> Float64Array:
+        """Return the BRDF (N, 3), in 1/sr, for light that comes from directions (N, 3).
+
+        Diffuse and specular lobes of Burley (2012), without its colour shifts; GGX is at most
+        `_PEAK` / pi, since no fixed few rays sample a mirror.
+        """
+        half = unit(self.towards + light)
+        to_light = np.maximum(_dot(self.normals, light), 1e-3)
+        to_eye = np.maximum(np.abs(_dot(self.normals, self.towards)), 1e-3)
+        between = np.clip(_dot(light, half), 0, 1)
+        at_light, at_eye = _schlick(to_light), _schlick(to_eye)
+        back = 2 * self.roughness * between**2
+        lobe = (1 - at_light / 2) * (1 - at_eye / 2)
+        lobe += back * (at_light + at_eye + at_light * at_eye * (back - 1))
+        glossy = self.specular.max(axis=1, initial=0) > 0
+        lobe = np.where(glossy, lobe, 1)
+        alpha = np.maximum(self.roughness, 0.1) ** 2
+        slope = _dot(self.normals, half) ** 2 * (alpha**2 - 1) + 1
+        peak = alpha**2 / slope**2 / (4 * to_light * to_eye)
+        peak *= _masked(to_light, alpha) * _masked(to_eye, alpha)
+        fresnel = self.specular + (1 - self.specular) * _schlick(between)[:, None]
+        gloss = np.minimum(peak, _PEAK)[:, None] * np.where(glossy[:, None], fresnel, 0)
+        return (self.diffuse * lobe[:, None] + gloss) / np.pi
+
+
+def _schlick(cosine: Float64Array) -> Float64Array:
+    """Return (1 - cosine)^5 of (N,)."""
+    rest = 1 - np.minimum(cosine, 1)
+    return rest * rest * rest * rest * rest
+
+
+def _masked(cosine: Float64Array, alpha: Float64Array) -> Float64Array:
+    """Return Smith's masking term of GGX, (N,)."""
+    squared = cosine * cosine
+    return 2 * cosine / (cosine + np.sqrt(alpha**2 + (1 - alpha**2) * squared))
 
 
 @dataclass(frozen=True)
@@ -147,11 +215,16 @@ class _ShadowRays:
     distances: Float64Array
     light: Float64Array
 
-    def irradiance(self, free: Float32Array, count: int) -> Float64Array:
-        """Return the sums (count, 3) over each surface's rays, `free` for so many metres (R,)."""
+    def arriving(self, free: Float32Array) -> Float64Array:
+        """Return the irradiance (R, 3) by the rays, which are free for so many metres (R,)."""
         near = np.where(np.isinf(self.distances), np.finfo(np.float32).max, self.distances)
         arrives = free >= near - np.maximum(2e-4 * near, 2e-4)
-        light = self.light * arrives[:, None]
+        return self.light * arrives[:, None]
+
+    def reflected(self, free: Float32Array, surfaces: _Surfaces) -> Float64Array:
+        """Return the radiance (N, 3) that the surfaces reflect of it."""
+        light = self.arriving(free) * surfaces.take(self.rows).reflected(self.directions)
+        count = len(surfaces.points)
         sums = [np.bincount(self.rows, light[:, band], count) for band in range(3)]
         return np.stack(sums, axis=1)
 
@@ -185,12 +258,12 @@ class _OutdoorLights:
         return _ShadowRays(*(np.concatenate(column) for column in columns))
 
     def sky(self, directions: Float64Array) -> Float64Array:
-        """Return pi x the environment's radiance (N, 3), without what beams hold."""
+        """Return the environment's radiance (N, 3), without what beams hold."""
         if self.environment is None or not len(directions):
             return np.zeros_like(directions)
         seen = raycast.environment_radiance(self.environment, directions)
         share = np.minimum(1, self.limit / np.maximum(luminance(seen), 1e-30))
-        return np.pi * seen * share[:, None]
+        return seen * share[:, None]
 
 
 @dataclass(frozen=True)
@@ -268,8 +341,8 @@ def _lamps_of(scene: RenderScene, surfaces: _Surfaces, daylight: float) -> _Lamp
     rays = _lamp_rays(lamps, lamp, some, np.tile(_square(points), (len(lamps), 1)))
 
     def strength(free: Float32Array) -> Float64Array:
-        light = rays.irradiance(free, len(lamp))
-        return luminance(light).reshape(len(lamps), points).mean(axis=1)
+        light = np.bincount(lamp[rays.rows], luminance(rays.arriving(free)), len(lamps))
+        return np.asarray(light / points)
 
     if strength(np.full(len(rays.rows), np.inf, np.float32)).sum() <= _FAINT * daylight:
         return None

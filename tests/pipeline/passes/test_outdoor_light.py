@@ -106,7 +106,7 @@ def test_a_sunlit_wall_outside_shines_at_the_window(tmp_path: Path) -> None:
 def test_a_panorama_that_forgets_the_outdoors_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(illumination, "outdoor_radiance", lambda s, h, d, e: np.zeros_like(d))
+    monkeypatch.setattr(illumination, "outdoor_radiance", lambda scene, eye, d: np.zeros_like(d))
     with pytest.raises(AssertionError):
         check_sunlit_wall(tmp_path)
 
