@@ -20,12 +20,21 @@ from typing import Any
 
 import numpy as np
 
+from pbrnet.pipeline.passes.groundtruth import rooms_box
 from pbrnet.pipeline.passes.inputs import facing_normals
+from pbrnet.pipeline.pathtrace.light_plan import is_outdoors
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.lights import Lights
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.render.scene_geometry import Hits
-from pbrnet.scenes.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pbrnet.scenes.arrays import (
+    AnyArray,
+    BoolArray,
+    Float32Array,
+    Float64Array,
+    Int32Array,
+    Int64Array,
+)
 from pbrnet.scenes.color import luminance
 from pbrnet.scenes.geometry.directions import fibonacci_sphere, unit
 
@@ -36,6 +45,8 @@ _PILOT = 128  # points at which lamps are compared
 _PILOT_RAYS = 2048  # about as many shadow rays to all lamps
 _FAINT = 0.005  # of all direct light: fainter lamps do not count
 _CIRCLE = 4096  # azimuths that samples choose from
+_SURVEY = 8192  # rays from all rooms together that look for the reflectance of shapes
+_MOST_KEPT = 0.8  # of the light, from one bounce to the next
 _PEAK = 10.0  # largest value of the specular lobe, times pi
 _BASES = ((2, 3, 5, 7), (11, 13, 17, 19))  # of the Halton sequence, at each level of bounces
 
@@ -56,7 +67,7 @@ def outdoor_radiance(
     away = near.bounces()
     found = raycast.oriented(scene.geometry, near.points, away)
     bounced = np.flatnonzero(found.shape >= 0)
-    colors = near.mean_albedo(len(scene.geometry.shapes))[found.shape]
+    colors = _albedo_of_shapes(scene, near)[found.shape]
     far = _Surfaces.met(scene, found, away, colors).take(bounced)
     last = far.bounces()
     both = near.joined(far)
@@ -67,14 +78,52 @@ def outdoor_radiance(
     again = shape[len(rays.rows) :] >= 0  # last rays that meet a surface
     sky = np.pi * lights.sky(np.concatenate([away, last]))
     sent = direct[count:] + far.reflected(last) * sky[count:] * ~again[:, None]
-    if len(far.points):
-        # Those surfaces send the mean of these: a geometric series of bounces.
-        ratio = float((far.diffuse.mean(axis=1) * again).mean())
-        mean = sent.mean(axis=0) / (1 - min(ratio, 0.8))
-        sent = sent + far.diffuse * again[:, None] * mean
+    outdoors = is_outdoors(far.points, rooms_box(scene.scene.rooms))
+    for side in (outdoors, ~outdoors):
+        if side.any():
+            sent[side] = _with_bounces(sent[side], far.diffuse[side], again[side])
     arriving = sky[:count]
     arriving[bounced] = np.pi * sent
     return direct[:count] + near.reflected(away) * arriving
+
+
+def _albedo_of_shapes(scene: RenderScene, near: _Surfaces) -> Float64Array:
+    """Return the mean reflectance of each shape that a survey of the rooms meets, (shapes, 3).
+
+    That of other shapes is the mean where `near` has them, else the mean of all `near`.
+    """
+    geometry = scene.geometry
+    surveyed, counted = geometry.cached("surveyed reflectance", lambda: _survey(scene))
+    seen, also = _means(near.shape, near.diffuse + near.specular, len(geometry.shapes))
+    rest = np.where(also[:, None], seen, (near.diffuse + near.specular).mean(axis=0))
+    return np.where(counted[:, None], surveyed, rest)
+
+
+def _survey(scene: RenderScene) -> tuple[Float64Array, BoolArray]:
+    """Return the mean reflectance of each shape by rays from the rooms' middles, and which met."""
+    rooms = scene.scene.rooms
+    directions = np.round(fibonacci_sphere(max(_SURVEY // max(len(rooms), 1), 64)), 7)
+    eyes = [[*np.mean(room.floor, axis=0), (room.floor_z + room.ceiling_z) / 2] for room in rooms]
+    origins = np.repeat(np.reshape(eyes, (-1, 3)), len(directions), axis=0)
+    hits = raycast.surfaces(scene.geometry, origins, np.tile(directions, (len(rooms), 1)))
+    met = hits.shape >= 0
+    return _means(hits.shape[met], hits.reflectance[met], len(scene.geometry.shapes))
+
+
+def _means(shape: Int32Array, values: AnyArray, count: int) -> tuple[Float64Array, BoolArray]:
+    """Return the mean of the values (N, 3) of each shape, (count, 3), and which have any."""
+    counts = np.bincount(shape, minlength=count)
+    sums = [np.bincount(shape, values[:, band], count) for band in range(3)]
+    return np.stack(sums, axis=1) / np.maximum(counts, 1)[:, None], counts > 0
+
+
+def _with_bounces(sent: Float64Array, albedo: Float64Array, enclosed: BoolArray) -> Float64Array:
+    """Add further bounces among surfaces (N, 3) that send light, all on one side of the walls.
+
+    What the last rays of `enclosed` (N,) surfaces meet sends the mean: a geometric series.
+    """
+    ratio = min(float((albedo.mean(axis=1) * enclosed).mean()), _MOST_KEPT)
+    return sent + albedo * enclosed[:, None] * (sent.mean(axis=0) / (1 - ratio))
 
 
 @dataclass(frozen=True)
@@ -82,7 +131,7 @@ class _Surfaces:
     """Points (N, 3) with unit normals to the side of the light that counts, and materials.
 
     `diffuse` (N, 3) is the reflectance of the diffuse lobe, `specular` (N, 3) that of the other at
-    normal incidence, `roughness` (N,) the root of its alpha, `towards` (N, 3) the viewer's direction.
+    normal incidence, `roughness` (N,) the root of its alpha, `towards` (N, 3) the viewer.
     `fractions` (N, 4) are numbers in [0, 1) of each, from sequences; `shape` (N,) are the shapes.
     """
 
@@ -150,14 +199,6 @@ class _Surfaces:
     def joined(self, other: _Surfaces) -> _Surfaces:
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
         return _Surfaces(*(np.concatenate(pair) for pair in pairs))
-
-    def mean_albedo(self, shapes: int) -> Float64Array:
-        """Return the mean reflectance of each shape that is here, else that of all, (shapes, 3)."""
-        albedo = self.diffuse + self.specular
-        counts = np.bincount(self.shape, minlength=shapes)[:, None]
-        sums = [np.bincount(self.shape, albedo[:, band], shapes) for band in range(3)]
-        mean = np.stack(sums, axis=1) / np.maximum(counts, 1)
-        return np.where(counts > 0, mean, albedo.mean(axis=0))
 
     def bounces(self) -> Float64Array:
         """Return a cosine-distributed direction (N, 3) from each surface."""
