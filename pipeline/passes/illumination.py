@@ -1,7 +1,7 @@
 """Illumination panorama of a view: the light sources visible from the camera position.
 
 Sources are lamps, and openings to the outdoors: through these comes the light of sky and sun, and
-what lit surfaces outdoors reflect (`pbrnet.pipeline.passes.outdoor_light`).
+what lit surfaces outdoors reflect (`pbrnet.pipeline.passes.outdoors.radiance`).
 
 Energy is conserved: a pixel's `intensity` is the luminance of the sources visible there, averaged
 over the pixel's solid angle, so that the sum of intensity x solid angle over the panorama is the
@@ -29,7 +29,7 @@ import numpy as np
 
 from pbrnet.pipeline.channels import TINT, Kind
 from pbrnet.pipeline.frames import Channels, Result
-from pbrnet.pipeline.passes.outdoor_light import outdoor_radiance
+from pbrnet.pipeline.passes.outdoors.radiance import outdoor_radiance
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.lights import Lights

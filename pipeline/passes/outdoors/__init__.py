@@ -1,0 +1,1 @@
+"""Light from outdoors that surfaces send in through openings."""
