@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -58,7 +59,8 @@ class OutdoorLights:
     limit: float  # luminance of the environment above which beams hold the rest
 
     @classmethod
-    def of(cls, scene: RenderScene, surfaces: Surfaces, eye: Float64Array) -> OutdoorLights:
+    def of(cls, scene: RenderScene, groups: Sequence[Surfaces], eye: Float64Array) -> OutdoorLights:
+        """Return the lights for groups of surfaces, the first of which the camera sees."""
         lights = scene.lights
         beams = [_beams_of_lamp(lights, int(lamp), eye) for lamp in np.flatnonzero(lights.distant)]
         limit, mean = np.inf, 0.0
@@ -67,7 +69,7 @@ class OutdoorLights:
             beams += bright
         strong = tuple(beam for beam in beams if beam.total > 0)
         daylight = np.pi * mean + sum(beam.total for beam in strong)
-        return cls(lights.environment, strong, _lamps_of(scene, surfaces, daylight), limit)
+        return cls(lights.environment, strong, _lamps_of(scene, groups, daylight), limit)
 
     def rays_from(self, surfaces: Surfaces) -> ShadowRays:
         """Return the rays by which beams and lamps shine on the surfaces."""
@@ -147,30 +149,30 @@ class _Lamps:
         return replace(rays, light=rays.light / self.probabilities[lamp[rays.rows], None])
 
 
-def _lamps_of(scene: RenderScene, surfaces: Surfaces, daylight: float) -> _Lamps | None:
-    """Return the lamps, if they bring more than a faint part of the surfaces' light."""
+def _lamps_of(scene: RenderScene, groups: Sequence[Surfaces], daylight: float) -> _Lamps | None:
+    """Return the lamps, if they bring more than a faint part of the light of the first group.
+
+    Their probabilities follow their shares of the light of each group, so that lamps of a room have
+    samples on its walls, which shine on the ground outside where the lamps themselves may not.
+    """
     near = np.flatnonzero(~scene.lights.distant)
     if not len(near):
         return None
     lamps = tuple(scene.lights.lamps[index] for index in near)
     points = max(8, min(_PILOT, _PILOT_RAYS // len(lamps)))
-    rows = np.linspace(0, len(surfaces.points) - 1, points).astype(np.int64)
-    some = surfaces.take(np.tile(rows, len(lamps)))
     lamp = np.repeat(np.arange(len(lamps)), points)
-    rays = _lamp_rays(lamps, lamp, some, np.tile(_square(points), (len(lamps), 1)))
-
-    def strength(free: Float32Array) -> Float64Array:
-        light = np.bincount(lamp[rays.rows], luminance(rays.arriving(free)), len(lamps))
-        return np.asarray(light / points)
-
-    if strength(np.full(len(rays.rows), np.inf, np.float32)).sum() <= _FAINT * daylight:
-        return None
-    origins = some.points[rays.rows]
-    found = strength(raycast.nearest(scene.geometry, origins, rays.directions)[1])
-    if not found.any():
-        return None
+    samples = np.tile(_square(points), (len(lamps), 1))
     # One that the pilot found dark may light a few surfaces.
-    chance = found + 0.05 * found.sum() / len(lamps)
+    chance = np.full(len(lamps), 0.05 / len(lamps))
+    for number, surfaces in enumerate(groups):
+        rows = np.linspace(0, len(surfaces.points) - 1, points).astype(np.int64)
+        some = surfaces.take(np.tile(rows, len(lamps)))
+        rays = _lamp_rays(lamps, lamp, some, samples)
+        if number == 0 and luminance(rays.light).sum() / points <= _FAINT * daylight:
+            return None
+        free = raycast.nearest(scene.geometry, some.points[rays.rows], rays.directions)[1]
+        found = np.bincount(lamp[rays.rows], luminance(rays.arriving(free)), len(lamps))
+        chance += found / max(float(found.sum()), 1e-30)
     return _Lamps(lamps, chance / chance.sum())
 
 

@@ -41,13 +41,15 @@ def outdoor_radiance(
     if not count:
         return np.zeros((0, 3))
     near = Surfaces.seen(scene, directions, eye)
-    lights = OutdoorLights.of(scene, near, eye)
     away = near.bounces()
     found = raycast.oriented(scene.geometry, near.points, away)
     bounced = np.flatnonzero(found.shape >= 0)
     colors = _albedo_of_shapes(scene, near)[found.shape]
     far = Surfaces.met(scene, found, away, colors).take(bounced)
     last = far.bounces()
+    outdoors = is_outdoors(far.points, rooms_box(scene.scene.rooms))
+    sides = [side for side in (np.flatnonzero(outdoors), np.flatnonzero(~outdoors)) if len(side)]
+    lights = OutdoorLights.of(scene, (near, *map(far.take, sides)), eye)
     both = near.joined(far)
     rays = lights.rays_from(both)
     origins = np.concatenate([both.points[rays.rows], far.points])
@@ -56,10 +58,8 @@ def outdoor_radiance(
     again = shape[len(rays.rows) :] >= 0  # last rays that meet a surface
     sky = np.pi * lights.sky(np.concatenate([away, last]))
     sent = direct[count:] + far.reflected(last) * sky[count:] * ~again[:, None]
-    outdoors = is_outdoors(far.points, rooms_box(scene.scene.rooms))
-    for side in (outdoors, ~outdoors):
-        if side.any():
-            sent[side] = _with_bounces(sent[side], far.diffuse[side], again[side])
+    for side in sides:
+        sent[side] = _with_bounces(sent[side], far.diffuse[side], again[side])
     arriving = sky[:count]
     arriving[bounced] = np.pi * sent
     return direct[:count] + near.reflected(away) * arriving
