@@ -24,9 +24,8 @@ from pbrnet.pipeline.passes.environment import render_environment
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import TRACED, TRUTHS, render, settings_of
+from pbrnet.pipeline.passes.registry import TRACED, TRUTHS, render, render_surfaces, settings_of
 from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
-from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, View, as_matrix
 

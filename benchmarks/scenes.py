@@ -32,7 +32,7 @@ from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.runner import StageError
-from pbrnet.pipeline.stages.scene_jobs import scene_name
+from pbrnet.pipeline.stages.scenes import scene_name
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.checked import build

@@ -24,11 +24,11 @@ from pbrnet.pipeline.passes.registry import (
     TRACES,
     TRUTHS,
     render,
+    render_surfaces,
     settings_of,
     trace_seed,
 )
 from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
-from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, ImageParams, View, as_matrix, save_cameras
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pbrnet.model.data.reader import Dataset as Dataset
     from pbrnet.pipeline.dataset.parquet import decode_image as decode_image
-    from pbrnet.pipeline.inspection.one_view import render_view as render_view
-    from pbrnet.pipeline.inspection.one_view import view_at as view_at
+    from pbrnet.pipeline.inspection.renders import render_view as render_view
+    from pbrnet.pipeline.inspection.renders import view_at as view_at
     from pbrnet.pipeline.params import Params as Params
     from pbrnet.pipeline.params import load_params as load_params
     from pbrnet.pipeline.photograph import photograph as photograph
@@ -40,9 +40,9 @@ _HOMES = {
     "load_params": "pipeline.params",
     "load_scene": "scenes.contract",
     "photograph": "pipeline.photograph",
-    "render_view": "pipeline.inspection.one_view",
+    "render_view": "pipeline.inspection.renders",
     "tonemap": "pipeline.tonemap",
-    "view_at": "pipeline.inspection.one_view",
+    "view_at": "pipeline.inspection.renders",
 }
 __all__ = list(_HOMES)
 

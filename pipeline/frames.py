@@ -21,7 +21,7 @@ Channels are linear and scene-referred; `pbrnet.pipeline.channels` lists them. T
 Attributes: `worldToCamera` (4x4, OpenCV axes) and `pbrnet`, a JSON object with the view, the seed,
 spp, noise, renderer, `fingerprint` of everything that determines the pixels, and `digest` of the
 pixels. Frames of radiance in half floats store it in a unit of their own, `radiance_scale`, also an
-attribute of the file, `radianceScale`; reading multiplies by it (`pbrnet.pipeline.radiance`).
+attribute of the file, `radianceScale`; reading multiplies by it (`pbrnet.pipeline.channels`).
 
 Files are read and written with the package OpenEXR, because Mitsuba's bitmap code hangs if its
 thread pool has one thread.
@@ -40,8 +40,15 @@ from typing import Any, BinaryIO
 import numpy as np
 import OpenEXR
 
-from pbrnet.pipeline.channels import RGB, Kind, layout
-from pbrnet.pipeline.radiance import HALF_MAX, is_scale, radiance_halves, scale_for
+from pbrnet.pipeline.channels import (
+    HALF_MAX,
+    RGB,
+    Kind,
+    is_scale,
+    layout,
+    radiance_halves,
+    scale_for,
+)
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, Float32Array
 from pbrnet.scenes.checked import build, plain, shown

@@ -21,7 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
-from pbrnet.pipeline.channels import column_channel, remedy
+from pbrnet.pipeline.channels import RADIANCE_SCALE, RADIANCES, column_channel, is_scale, remedy
 from pbrnet.pipeline.dataset.parquet import (
     check_filled,
     check_row,
@@ -32,7 +32,6 @@ from pbrnet.pipeline.dataset.parquet import (
     reading,
     shards_of,
 )
-from pbrnet.pipeline.radiance import RADIANCE_SCALE, RADIANCES, is_scale
 from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.reader import shuffled
 from pbrnet.scenes.arrays import AnyArray, UInt8Array

@@ -12,9 +12,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pbrnet.model.figures.row_pictures import uri
+from pbrnet.pipeline.channels import RADIANCE_SCALE, RADIANCES
 from pbrnet.pipeline.dataset.parquet import check_types, images_of, open_parquet
 from pbrnet.pipeline.images import Picture, fit, read_picture
-from pbrnet.pipeline.radiance import RADIANCE_SCALE, RADIANCES
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.checked import build, check_name
 from pbrnet.scenes.contract import Scene, load_scene, scene_folders

@@ -39,7 +39,7 @@ from pbrnet.model.studies.trials.plan import (
     Variant,
     plan,
 )
-from pbrnet.pipeline.farm.scene_digest import scene_digest
+from pbrnet.pipeline.farm.versions import scene_digest
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import settings_of
 from pbrnet.pipeline.passes.truth import postprocessed

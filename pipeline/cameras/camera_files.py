@@ -14,7 +14,6 @@ import shapely
 from scipy.sparse import csr_array
 from shapely.geometry import Polygon
 
-from pbrnet.pipeline.cameras.free_floor import FreeFloor, free_floors
 from pbrnet.pipeline.cameras.overlap import choose_overlapping, outlook
 from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.cameras.trajectory_files import Trajectory
@@ -31,7 +30,7 @@ from pbrnet.pipeline.cameras.view_sampling import (
     sights,
     surroundings,
 )
-from pbrnet.pipeline.cameras.walks import find_walk
+from pbrnet.pipeline.cameras.walks import FreeFloor, find_walk, free_floors
 from pbrnet.pipeline.render.scene import RenderScene, cast
 from pbrnet.pipeline.views import CameraFile, View, as_matrix, look, rolled
 from pbrnet.scenes.arrays import Float64Array

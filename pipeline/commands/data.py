@@ -14,9 +14,9 @@ from pbrnet.pipeline.commands.options import (
     idle_seed_option,
     json_option,
 )
-from pbrnet.pipeline.dataset.checksums import verify_sums
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.dataset.shards import verify_sums
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.inspection.datasets import inspect_diversity, inspect_realism
 from pbrnet.pipeline.inspection.describe import inspect_path

@@ -22,8 +22,14 @@ from pbrnet.pipeline.commands.options import (
     json_option,
 )
 from pbrnet.pipeline.params import Params, read_yaml
-from pbrnet.pipeline.release.parameter_text import Parameter, flow, parameter_text, parameters
-from pbrnet.pipeline.release.presets import find_preset, presets
+from pbrnet.pipeline.release.presets import (
+    Parameter,
+    find_preset,
+    flow,
+    parameter_text,
+    parameters,
+    presets,
+)
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError
 from pbrnet.scenes.files import exists, regular_file, write_text

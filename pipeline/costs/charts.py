@@ -1,4 +1,4 @@
-"""Charts of the cost ledger: worker timeline, seconds by stage, cost of samples, memory.
+"""Charts of the cost ledger, and its table by stage.
 
 `ledger_charts` selects the charts for which a ledger has data. The report draws each on a figure of
 its own, `pbrnet inspect` all on one page (`draw_ledger`).
@@ -16,7 +16,9 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pbrnet.pipeline.costs.ledger import SCHEMA
 from pbrnet.pipeline.plotting import SERIES, add_legend, style_axes
+from pbrnet.scenes.arrays import Float64Array
 
 STAGES = ("scenes", "cameras", "inputs", "illumination", "visibility", "shading", "color")
 _TRUTHS = ("shading", "color", "light")
@@ -258,3 +260,51 @@ def _memory_chart(rows: Sequence[Row]) -> LedgerChart | None:
 
     caption = f"Memory of the worker after each item. Peak of all workers: {peak:.0f} MB."
     return LedgerChart("Memory of the workers", caption, draw)
+
+
+def is_ledger(schema: pa.Schema) -> bool:
+    """Return whether a Parquet schema is that of a ledger."""
+    return set(SCHEMA.names) <= set(schema.names)
+
+
+def ledger_table(ledger: pa.Table) -> list[dict[str, Any]]:
+    """Return a row per stage: numbers of items, seconds, noise, file sizes and memory."""
+    lines = []
+    for stage, rows in _tables_by_stage(ledger):
+        seconds = _column(rows, "seconds")
+        lines.append(
+            {
+                "stage": stage,
+                "made": rows.num_rows,
+                "again": int((_column(rows, "times") > 1).sum()),
+                "retried": int((_column(rows, "attempt") > 1).sum()),
+                "hours": round(float(seconds.sum()) / 3600, 3),
+                "mean s": round(_mean(seconds), 3),
+                "95 % below s": round(_quantile(seconds, 0.95), 3),
+                "opening": f"{_mean(_column(rows, 'opening')) / max(_mean(seconds), 1e-9):.0%}",
+                "noise": round(_mean(_column(rows, "noise")), 4),
+                "MB": round(float(_column(rows, "bytes").sum()) / 1e6, 1),
+                "peak MB": round(_quantile(_column(rows, "peak_mb"), 1.0)),
+                "workers": len(rows["worker"].unique()),
+            }
+        )
+    return lines
+
+
+def _tables_by_stage(ledger: pa.Table) -> list[tuple[str, pa.Table]]:
+    names = stages_first(ledger["stage"].unique().to_pylist())
+    stages = np.array(ledger["stage"].to_pylist())
+    return [(name, ledger.filter(pa.array(stages == name))) for name in names]
+
+
+def _column(rows: pa.Table, name: str) -> Float64Array:
+    """Return the values that are not null, float64."""
+    return np.array(rows[name].drop_null().to_pylist(), dtype=np.float64)
+
+
+def _mean(values: Float64Array) -> float:
+    return float(values.mean()) if len(values) else 0.0
+
+
+def _quantile(values: Float64Array, share: float) -> float:
+    return float(np.quantile(values, share)) if len(values) else 0.0

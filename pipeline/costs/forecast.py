@@ -1,15 +1,19 @@
-"""Forecast of a run's cost in core-seconds: a linear model fitted to the ledger.
+"""Forecast of a run's cost in core-seconds, and estimates for the scheduling of the farm.
 
 The cost of a stage is linear in three counts: scenes that a worker opens (with the compilation of
 their kernels), views, and samples of those views (pixels for a stage that does not sample). The
 coefficients are not negative (NNLS of Lawson and Hanson). The error of the forecast is measured by
 cross-validation: random halves of the scenes predict the other halves.
+
+Only the order of the work depends on these figures, never a pixel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import mean
 from typing import Any
 
 import numpy as np
@@ -35,6 +39,7 @@ _HALVES = 100  # draws of half of the scenes
 _MIN_SCENES = 4  # for a cross-validation
 
 Rows = list[dict[str, Any]]
+Estimate = Callable[[str, str, str], float]  # stage, scene, view -> seconds
 
 
 @dataclass(frozen=True)
@@ -285,3 +290,33 @@ def _summary(totals: Sequence[float], singles: Sequence[float]) -> HeldOut:
         return HeldOut(np.nan, np.nan, np.nan)
     worst = float(np.quantile(totals, 0.95))
     return HeldOut(float(np.median(totals)), worst, float(np.median(singles)))
+
+
+def estimator(ledger: pa.Table) -> Estimate:
+    """Return a function that estimates the seconds of a stage, scene and view.
+
+    A view that was made before has its recorded seconds. Another one has the mean of its stage,
+    times the mean ratio of its scene to other scenes over the stages recorded for it. Stages that
+    the ledger does not contain count as 1 s.
+    """
+    known: dict[tuple[str, str, str], float] = {}
+    stages: dict[str, list[float]] = defaultdict(list)
+    columns = ledger.select(["stage", "scene_id", "view_id", "seconds"]).to_pydict().values()
+    for stage, scene, view, seconds in zip(*columns, strict=True):
+        known[stage, scene, view] = seconds
+        stages[stage].append(seconds)
+    usual = {stage: mean(values) or 1.0 for stage, values in stages.items()}
+    scenes: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for (stage, scene, _), seconds in known.items():
+        scenes[scene][stage].append(seconds / usual[stage])
+    slower = {
+        scene: mean(mean(values) for values in by_stage.values())
+        for scene, by_stage in scenes.items()
+    }
+
+    def estimate(stage: str, scene: str, view: str) -> float:
+        if (stage, scene, view) in known:
+            return known[stage, scene, view]
+        return usual.get(stage, 1.0) * slower.get(scene, 1.0)
+
+    return estimate

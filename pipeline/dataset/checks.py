@@ -18,14 +18,16 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.pipeline.channels import Kind, channels_of, layout
-from pbrnet.pipeline.dataset.environment_checks import environment_fault
-from pbrnet.pipeline.dataset.flow_checks import flow_fault
-from pbrnet.pipeline.dataset.label_checks import label_fault, material_fault
+from pbrnet.pipeline.channels import HALF_MAX, Kind, channels_of, layout
+from pbrnet.pipeline.dataset.agreement import (
+    environment_fault,
+    flow_fault,
+    label_fault,
+    material_fault,
+)
 from pbrnet.pipeline.dataset.light import light_fault
 from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import Channels, Frame, frame_path, read_frame
-from pbrnet.pipeline.radiance import HALF_MAX
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.checked import plain, shown

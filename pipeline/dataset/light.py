@@ -20,10 +20,11 @@ from pbrnet.pipeline.channels import (
     channels_of,
     column_channel,
     dataset_channels,
+    fitting_scale,
     light_bands,
+    radiance_halves,
 )
 from pbrnet.pipeline.frames import Frame
-from pbrnet.pipeline.radiance import fitting_scale, radiance_halves
 from pbrnet.scenes.arrays import AnyArray, Float32Array
 
 _TOLERANCE = 1e-3  # of colour

@@ -33,19 +33,19 @@ from pbrnet.pipeline.dataset.checks import (
     read_failures,
     surfaces_of,
 )
-from pbrnet.pipeline.dataset.checksums import SUMS, read_sums, verify_sums, write_sums
-from pbrnet.pipeline.dataset.columns import Column, dataset_columns
+from pbrnet.pipeline.dataset.columns import CLASSES, Column, dataset_columns
 from pbrnet.pipeline.dataset.description.card import DatasetSummary, dataset_card
-from pbrnet.pipeline.dataset.description.citation import (
+from pbrnet.pipeline.dataset.description.croissant import write_croissant
+from pbrnet.pipeline.dataset.description.facts import (
+    DatasetFacts,
+    ViewFacts,
     attribution_of,
     citation_file,
     licence_of,
+    view_facts,
 )
-from pbrnet.pipeline.dataset.description.croissant import write_croissant
-from pbrnet.pipeline.dataset.description.facts import DatasetFacts, ViewFacts, view_facts
-from pbrnet.pipeline.dataset.label_tables import CLASSES
 from pbrnet.pipeline.dataset.rows import RowSource, make_row
-from pbrnet.pipeline.dataset.shards import ShardWriter
+from pbrnet.pipeline.dataset.shards import SUMS, ShardWriter, read_sums, verify_sums, write_sums
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params

@@ -17,10 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.pipeline.dataset.label_tables import CLASSES
+from pbrnet.pipeline.dataset.columns import CLASSES
 from pbrnet.pipeline.export.images import exposures, write_picture
-from pbrnet.pipeline.export.libraries import library
-from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.parts import Advance, Format, Job, Part, library
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.scenes.arrays import AnyArray, BoolArray

@@ -23,12 +23,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from pbrnet.pipeline.channels import HALF_MAX
 from pbrnet.pipeline.export.images import camera_rays, opengl_pose
-from pbrnet.pipeline.export.libraries import library
-from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
+from pbrnet.pipeline.export.parts import Advance, Format, Job, Part, library
 from pbrnet.pipeline.export.rows import Content, ViewRow
 from pbrnet.pipeline.images import depth_picture, normal_picture, png_bytes
-from pbrnet.pipeline.radiance import HALF_MAX
 from pbrnet.pipeline.tonemap import to_bytes
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.errors import InputError

@@ -6,6 +6,7 @@ that are there; another one replaces them.
 
 from __future__ import annotations
 
+import importlib
 import shutil
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -18,7 +19,7 @@ from pbrnet.pipeline.export.rows import DatasetRows, ViewRow
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
-from pbrnet.scenes.errors import InputError, PbrnetError
+from pbrnet.scenes.errors import InputError, MachineError, PbrnetError
 from pbrnet.scenes.files import atomic_directory, atomic_file, read_json, sweep, write_json
 
 RECORD = "export.json"
@@ -172,3 +173,14 @@ def _clear(folder: Path) -> None:
                 path.unlink()
         except OSError as error:
             raise PbrnetError(f"{path}: cannot be removed ({error.strerror})") from None
+
+
+def library(name: str, purpose: str) -> Any:
+    """Import and return a module; `MachineError` says how to install it."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise MachineError(
+            f"{purpose} requires the library {name.split('.')[0]} ({error}); install it with: "
+            "pip install 'pbrnet[export]'"
+        ) from None

@@ -21,8 +21,7 @@ import shapely
 import trimesh
 
 from pbrnet.pipeline.export.images import opengl_pose
-from pbrnet.pipeline.export.libraries import library
-from pbrnet.pipeline.export.parts import Advance, Format, Job, scene_parts
+from pbrnet.pipeline.export.parts import Advance, Format, Job, library, scene_parts
 from pbrnet.pipeline.export.room_mesh import Soup, cut_room, within_budget
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.render import raycast

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 import trimesh
 
-from pbrnet.pipeline.export.libraries import library
+from pbrnet.pipeline.export.parts import library
 from pbrnet.scenes.arrays import Float64Array, Int64Array
 from pbrnet.scenes.contract import Room
 

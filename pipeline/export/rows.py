@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pbrnet.pipeline.channels import dataset_channels, remedy
+from pbrnet.pipeline.channels import RADIANCES, dataset_channels, is_scale, remedy
 from pbrnet.pipeline.dataset.parquet import (
     check_filled,
     check_row,
@@ -25,7 +25,6 @@ from pbrnet.pipeline.dataset.parquet import (
     reading,
     shards_of,
 )
-from pbrnet.pipeline.radiance import RADIANCES, is_scale
 from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.errors import InputError

@@ -9,9 +9,9 @@ Failures and their handling:
 * an item raises: it is retried `retries` times in a batch of its own, then reported;
 * an item exceeds `time_limit`: its worker ends itself, as if it had died;
 * a worker is frozen, so that it cannot end itself: it is replaced from outside
-  (`pbrnet.pipeline.farm.liveness`);
+  (`pbrnet.pipeline.farm.dispatch`);
 * a worker has opened many scenes or has grown: a fresh process replaces it
-  (`pbrnet.pipeline.farm.recycling`);
+  (`pbrnet.pipeline.farm.worker`);
 * a worker dies: dask gives its batches to another worker; the items of a batch that keeps killing
   its workers run one at a time with nothing beside them, so that only the culprit is reported
   (`pbrnet.pipeline.farm.dispatch`);

@@ -1,4 +1,8 @@
-"""Dispatch of items to dask workers: batches in flight, retries and isolation of crashing items."""
+"""Dispatch of items to dask workers: batches in flight, retries and isolation of crashing items.
+
+A worker ends itself when an item takes too long (`pbrnet.pipeline.farm.worker`). A process that is
+stopped, or whose machine swaps, cannot. Its heartbeats to the scheduler stop too.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +11,13 @@ import queue
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from typing import Any
 
 from distributed import Client, Future, KilledWorker
 from distributed.comm import CommClosedError
 
-from pbrnet.pipeline.farm.liveness import GRACE, Liveness, restart_workers
 from pbrnet.pipeline.farm.scheduling import BatchQueue, Item
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.worker import Outcome, run_batch
@@ -26,6 +29,8 @@ FIRST_PATIENCE = 60.0  # the same for an external scheduler that has had none in
 _NOTE_AFTER = 5.0  # seconds until a missing first worker is mentioned
 _FETCH = 10.0  # seconds for finished outcomes to arrive
 _RESUME = "run the same command again to resume"
+GRACE = 20.0  # seconds of silence beyond an item's time limit
+_RESTART = 10.0  # seconds for a nanny to kill its worker
 
 
 class Dispatch:
@@ -239,3 +244,43 @@ class Dispatch:
         """Return the workers that have been silent for longer than an item may take."""
         limit = self.params.time_limit
         return self.liveness.silent(workers, limit + GRACE) if limit else []
+
+
+class Liveness:
+    """Silence of each worker: seconds since its heartbeat last changed, by this process's clock.
+
+    Clocks of other machines do not matter: `last_seen` values are only compared for equality.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._seen: dict[str, tuple[float, float]] = {}  # address: last heartbeat, when it changed
+
+    def silent(self, workers: Mapping[str, Mapping[str, Any]], limit: float) -> list[str]:
+        """Return the sorted addresses of workers whose silence exceeds `limit` seconds.
+
+        `workers` are those of dask's scheduler information.
+        """
+        now = self._clock()
+        for address, facts in workers.items():
+            heartbeat = float(facts["last_seen"])
+            if self._seen.get(address, (None, 0.0))[0] != heartbeat:
+                self._seen[address] = (heartbeat, now)
+        self._seen = {address: self._seen[address] for address in workers}
+        return sorted(one for one, (_, since) in self._seen.items() if now - since > limit)
+
+
+def restart_workers(client: Client, addresses: Collection[str]) -> None:
+    """Let the scheduler replace workers: their nannies kill them and start fresh processes.
+
+    A worker without a nanny is removed. Its items, too, run again on other workers.
+    """
+    with contextlib.suppress(Exception):  # the scheduler may have gone: the dispatch reports that
+        client.sync(
+            client.scheduler.restart_workers,
+            workers=list(addresses),
+            timeout=_RESTART,
+            wait_for_workers=False,
+            on_error="return",
+            stimulus_id="pbrnet-frozen-worker",
+        )

@@ -1,12 +1,18 @@
-"""Versions of code and processor: workers with other code than the command must not do its work."""
+"""Versions of code, scene and processor, and memory: what tells one worker from another."""
 
 from __future__ import annotations
 
 import platform
+import resource
+from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
+import psutil
 
+from pbrnet.pipeline.frames import fingerprint
+from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import MachineError
 from pbrnet.scenes.files import digest_bytes, digest_file
 from pbrnet.scenes.installation import PACKAGE
@@ -14,6 +20,10 @@ from pbrnet.scenes.installation import PACKAGE
 _LAYERS = ("pipeline", "scenes")
 _KINDS = ("*.py", "*.yaml")  # of sources: code, and the tables of modules beside them
 PACKED = PACKAGE / "weights"  # pretrained networks: a checkout's, or an installation's
+# Keys in scene.json's `source` that the scenes stage writes: its fingerprint, and the files that an
+# import looked for.
+STAGE_KEY = "made_by_stage"
+STAGE_FILES_KEY = "opened_files"
 
 
 @lru_cache(maxsize=1)
@@ -45,3 +55,29 @@ def instruction_set() -> str:
     if found & {"X86_V4", "AVX512_SKX"}:
         return "AVX-512"
     return "AVX2" if found & {"X86_V3", "AVX2"} else platform.machine()
+
+
+def scene_digest(folder: Path) -> str:
+    """Return 64 hex digits over all files of a scene folder, but for the stage's own keys.
+
+    Raises `InputError` for a scene that cannot be read.
+    """
+    scene = load_scene(folder)
+    source = {
+        key: value for key, value in scene.source.items() if key not in (STAGE_KEY, STAGE_FILES_KEY)
+    }
+    bare = replace(scene, source=source)
+    files = sorted(file for file in folder.rglob("*") if file.is_file())
+    contents = {
+        file.relative_to(folder).as_posix(): digest_file(file)
+        for file in files
+        if file != folder / "scene.json"
+    }
+    return fingerprint(scene=bare, files=contents)
+
+
+def memory_columns() -> dict[str, float]:
+    """Return this process's ledger columns: its memory now and its peak so far, in MB."""
+    now = psutil.Process().memory_info().rss / (1 << 20)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {"memory_mb": now, "peak_mb": max(now, peak)}

@@ -26,8 +26,8 @@ from pbrnet.pipeline.farm.content_store import (
     list_files,
     read_chunks,
 )
-from pbrnet.pipeline.farm.scene_digest import scene_digest
 from pbrnet.pipeline.farm.transfer import TransferService, request_bundles
+from pbrnet.pipeline.farm.versions import scene_digest
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.files import atomic_file, digest_bytes, machine_errors

@@ -12,9 +12,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pbrnet.pipeline.costs.charts import draw_ledger
+from pbrnet.pipeline.costs.charts import draw_ledger, is_ledger, ledger_table
 from pbrnet.pipeline.costs.ledger import read_ledger_file
-from pbrnet.pipeline.costs.table import is_ledger, ledger_table
 from pbrnet.pipeline.dataset.diversity import dataset_figures, draw_figures, summary_table
 from pbrnet.pipeline.dataset.parquet import (
     check_filled,

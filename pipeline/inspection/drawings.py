@@ -44,7 +44,7 @@ from pbrnet.pipeline.images import (
     share_picture,
     tint_picture,
 )
-from pbrnet.pipeline.inspection.dollhouse import draw_dollhouse, quick_renders
+from pbrnet.pipeline.inspection.renders import draw_dollhouse, quick_renders
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.views import CameraFile, View
 from pbrnet.scenes.contract import Room, Scene

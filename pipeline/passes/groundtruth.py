@@ -23,15 +23,14 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.guiding import plan_guiding
 from pbrnet.pipeline.pathtrace.integrator import JointPath
-from pbrnet.pipeline.pathtrace.launches import FrozenTracer
+from pbrnet.pipeline.pathtrace.launches import FrozenTracer, SphereTracer, trace_scalar
 from pbrnet.pipeline.pathtrace.light_groups import LightGroups
 from pbrnet.pipeline.pathtrace.light_parts import LightParts, NoParts
 from pbrnet.pipeline.pathtrace.light_plan import EVERYWHERE, plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.pathtrace.noise import BlockStatistics
 from pbrnet.pipeline.pathtrace.panes import panes_of, with_panes
-from pbrnet.pipeline.pathtrace.panoramas import SphereTracer, trace_scalar
-from pbrnet.pipeline.render.bsdf_tables import partner_table
+from pbrnet.pipeline.render.drjit_arrays import partner_table
 from pbrnet.pipeline.render.material_sets import MaterialSets
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.render.sensors import make_sensor

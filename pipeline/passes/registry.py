@@ -16,10 +16,33 @@ from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.frames import Result, camera_of, fingerprint
 from pbrnet.pipeline.keys import keys
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes import environment, illumination, surfaces, transport, truth, visibility
+from pbrnet.pipeline.passes import environment, illumination, transport, truth, visibility
+from pbrnet.pipeline.passes.inputs import VisibleSurfaces, inputs_of, visible_surfaces
+from pbrnet.pipeline.passes.labels import labels_of
+from pbrnet.pipeline.passes.materials import materials_of
+from pbrnet.pipeline.passes.video import video_of
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.seeds import derive
+
+MAKERS: dict[Kind, Callable[[VisibleSurfaces], Result]] = {
+    "inputs": lambda surfaces: (inputs_of(surfaces), {}),
+    "materials": materials_of,
+    "labels": labels_of,
+    "video": lambda surfaces: (video_of(surfaces), {}),
+}
+
+
+def render_surfaces(
+    scene: RenderScene, view: View, kinds: Iterable[Kind], seed: int = 0
+) -> dict[Kind, Result]:
+    """Render some kinds of `MAKERS`, each with the same bits alone and with the others."""
+    kinds = tuple(kinds)
+    surfaces = visible_surfaces(
+        scene, view, colors="inputs" in kinds, textures="materials" in kinds
+    )
+    return {kind: MAKERS[kind](surfaces) for kind in kinds}
+
 
 S = TypeVar("S")
 
@@ -55,8 +78,8 @@ TRACES: tuple[Trace[Any], ...] = (
             "labels": ("labels", "inputs"),
             "video": ("video", "inputs"),
         },
-        lambda params: dict.fromkeys(surfaces.MAKERS),  # they depend on the view alone
-        surfaces.render_surfaces,
+        lambda params: dict.fromkeys(MAKERS),  # they depend on the view alone
+        render_surfaces,
     ),
     Trace(
         {"illumination": ("illumination",)},

@@ -42,7 +42,7 @@ from pbrnet.pipeline.pathtrace.light_parts import LightParts, NoParts
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.pathtrace.panes import Panes
 from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering, mis_weight
-from pbrnet.pipeline.render.bsdf_tables import partner
+from pbrnet.pipeline.render.drjit_arrays import partner
 from pbrnet.pipeline.render.variants import best_variant
 
 # Squared distance up to which two unit directions are the same one, computed twice.
@@ -65,7 +65,9 @@ class JointPath:
     scene's window panes.
     """
 
-    twins: mi.BSDFPtr  # table of each BSDF's neutral twin, see `pbrnet.pipeline.render.bsdf_tables`
+    twins: (
+        mi.BSDFPtr
+    )  # table of each BSDF's neutral twin, see `pbrnet.pipeline.render.drjit_arrays`
     max_depth: int
     rr_depth: int
     lights: UniformLights | PlannedLights = field(default_factory=UniformLights)

@@ -5,21 +5,31 @@ of a furnished scene through every material. In a small view that is more than i
 `dr.freeze` records the launches and replays them with new inputs. It does not detect that a virtual
 call meets another instance than at recording, so no instance is created between views: the sensor
 is moved instead.
+
+Mitsuba has no equirectangular sensor, so the rays are made here and given to the joint path tracer,
+or in scalar variants to Mitsuba's `path`. A pixel is the mean radiance over its solid angle:
+directions are stratified (multi-jittered) and uniform over it. As in `launches`, the first launch
+is recorded by `dr.freeze` and replayed with new inputs.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 
 from pbrnet.pipeline.pathtrace.integrator import JointPath
+from pbrnet.pipeline.render.drjit_arrays import column
 from pbrnet.pipeline.render.sensors import make_sensor, move_sensor
 from pbrnet.pipeline.views import View
+from pbrnet.scenes.arrays import Float64Array
 
 _MAX_RECORDINGS = 32  # per kernel and size: sample counts and kinds of light plans
+_FAR = 1e5  # metres
 
 
 class Recordings:
@@ -104,3 +114,118 @@ def _launch(
 ) -> mi.TensorXf:
     integrator = path.integrator()
     return mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed)
+
+
+class SphereTracer:
+    """Sampler and recorded launches of one open scene, kept between its views."""
+
+    def __init__(self) -> None:
+        self._recordings = Recordings()
+        self._sampler: mi.Sampler = mi.load_dict({"type": "multijitter"})
+
+    def launch(
+        self,
+        scene: mi.Scene,
+        version: int,
+        view: View,
+        width: int,
+        copies: int,
+        path: JointPath,
+        spp: int,
+        seed: int,
+        images: int = 1,
+    ) -> Float64Array:
+        """Return radiance, (width / 2, copies, width, 3 images), of independent panoramas.
+
+        `images` is the number of images of `path` that are wanted, linear RGB each. They are in the
+        axes of `view`'s camera: the centre column is straight ahead, right of it is the camera's
+        right, the top row is its up. `spp` is a power of two. `version` is that of the scene's
+        `MaterialSets`.
+        """
+        self._recordings.renew(version)
+        size = (width, copies, spp)
+        # Without emitters of its own, calls to those of other open scenes could not be recorded.
+        key = (*size, images, *path.parts.names)
+        trace = self._recordings.of(_sphere_launch, key) if scene.emitters() else _sphere_launch
+        eye, axes = (column(mi.Float, part.ravel()) for part in (view.eye, view.pose[:3, :3]))
+        seeds = dr.opaque(mi.UInt32, seed)
+        found = trace(scene, self._sampler, path, eye, axes, *size, images, seeds)
+        bands = []
+        for image in found:
+            samples = np.array(image).reshape(3, copies, width // 2, width, spp)
+            bands.append(samples.mean(axis=-1, dtype=np.float64))
+        return np.ascontiguousarray(np.concatenate(bands).transpose(2, 1, 3, 0))
+
+
+def trace_scalar(
+    scene: mi.Scene,
+    integrator: mi.Integrator,
+    view: View,
+    width: int,
+    copies: int,
+    spp: int,
+    seed: int,
+) -> Float64Array:
+    """Return what `SphereTracer.launch` does, in a scalar variant and by Mitsuba's `path`."""
+    sampler = mi.load_dict({"type": "multijitter", "sample_count": spp})
+    height, pitch = width // 2, 2 * math.pi / width
+    rotation, eye = view.pose[:3, :3], mi.ScalarPoint3f(view.eye.tolist())
+    pixels = np.zeros((height, copies, width, 3))
+    for number, (row, copy, across) in enumerate(np.ndindex(height, copies, width)):
+        sampler.seed((seed + number) % 2**32, 1)
+        top, bottom = math.cos(row * pitch), math.cos((row + 1) * pitch)
+        for _ in range(spp):
+            x, y = sampler.next_2d()
+            sine, azimuth = top + (bottom - top) * y, (across + x) * pitch - math.pi
+            flat = math.sqrt(max(1 - sine * sine, 0))
+            local = [flat * math.sin(azimuth), -sine, flat * math.cos(azimuth)]
+            direction = mi.ScalarVector3f((rotation @ local).tolist())
+            ray = mi.RayDifferential3f(mi.Ray3f(eye, direction))
+            pixels[row, copy, across] += integrator.sample(scene, sampler, ray)[0]
+            sampler.advance()
+    return pixels / spp
+
+
+def _sphere_launch(
+    scene: mi.Scene,
+    sampler: mi.Sampler,
+    path: JointPath,
+    eye: mi.Float,
+    axes: mi.Float,
+    width: int,
+    copies: int,
+    spp: int,
+    images: int,
+    seed: mi.UInt32,
+) -> list[mi.Color3f]:
+    """Return the radiance of each sample in the first images of `path`, `mi.Color3f` each.
+
+    Samples are in the order copy, row, column, sample.
+    """
+    height, pitch = width // 2, 2 * math.pi / width
+    count = copies * height * width * spp
+    sampler = sampler.clone()
+    sampler.set_sample_count(spp)
+    sampler.set_samples_per_wavefront(spp)
+    sampler.seed(seed, count)
+    pixel = dr.arange(mi.UInt32, count) >> (spp.bit_length() - 1)
+    across = mi.Float(pixel % width)
+    row = mi.Float((pixel // width) % height)
+    offset = sampler.next_2d()
+    top, bottom = dr.cos(row * pitch), dr.cos((row + 1) * pitch)
+    sine = dr.lerp(top, bottom, offset.y)
+    azimuth = (across + offset.x) * pitch - math.pi
+    flat = dr.safe_sqrt(1 - dr.square(sine))
+    local = mi.Vector3f(flat * dr.sin(azimuth), -sine, flat * dr.cos(azimuth))
+    x, y, z = (
+        sum((_entry(axes, 3 * line + i) * local[i] for i in range(3)), mi.Float(0))
+        for line in range(3)
+    )
+    direction = dr.normalize(mi.Vector3f(x, y, z))
+    origin = mi.Point3f(*(_entry(eye, i) for i in range(3)))
+    ray = mi.Ray3f(origin, direction, _FAR, 0.0, mi.Color0f())
+    return path.trace(scene, sampler, ray, mi.Bool(True))[:images]
+
+
+def _entry(values: mi.Float, index: int) -> mi.Float:
+    return dr.gather(mi.Float, values, mi.UInt32(index))

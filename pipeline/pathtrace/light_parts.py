@@ -28,7 +28,7 @@ import mitsuba as mi
 
 from pbrnet.pipeline.pathtrace.light_groups import GroupTable, LightGroups
 from pbrnet.pipeline.pathtrace.scattering import Scattering, diffuse_lobes, share
-from pbrnet.pipeline.render.bsdf_tables import partner, partner_table
+from pbrnet.pipeline.render.drjit_arrays import partner, partner_table
 from pbrnet.pipeline.render.material_sets import Lobes
 
 _BLACK = 1e-4  # reflectance below which irradiance is not determined

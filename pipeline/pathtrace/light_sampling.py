@@ -20,13 +20,19 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pbrnet.pipeline.pathtrace.emitter_sampling import EmitterSampler
-from pbrnet.pipeline.pathtrace.environment_sampling import EnvironmentSampler
 from pbrnet.pipeline.pathtrace.guiding import Guidance, GuidingPlan, PathGuide
 from pbrnet.pipeline.pathtrace.light_plan import OUTDOOR_MARGIN, LightPlan
-from pbrnet.pipeline.pathtrace.portals import below_one, choose, opaque_floats
+from pbrnet.pipeline.pathtrace.portals import (
+    RectangleSampler,
+    below_one,
+    choose,
+    geometry_factor,
+    opaque_floats,
+)
+from pbrnet.pipeline.render.drjit_arrays import column, registry_id
 
 _BY_VIEW = 0.2  # share of the choice that follows the view's probabilities alone
+MAX_WEIGHTED = 12  # emitters with a weight of their own at each vertex
 
 
 @dataclass(init=False, eq=False)
@@ -197,3 +203,227 @@ class PlannedLights:
         light = dr.select(valid, light * (ds.pdf / density), 0)
         ds.pdf = dr.select(valid, density, 0)
         return ds, light
+
+
+@dataclass(init=False, eq=False)
+class EmitterSampler:
+    """Emitters of a scene, among them the environment with its own sampling.
+
+    The most likely ones have a slot, hence a weight of their own at every vertex. The others share
+    one more entry and are chosen among themselves by the view's probabilities.
+    """
+
+    slots: int
+    numbers: list[mi.Float]  # 7 per slot: centre, spread, strengths in- and outdoors, share
+    slot_of: mi.UInt32  #  by an emitter's registry id; `slots` for the others
+    share_of: mi.Float  #  by registry id: an emitter's share among the others
+    rest: mi.Float  # probability of all others together in the whole view
+    emitters: mi.EmitterPtr  # those in slots, then the others
+    choice: mi.DiscreteDistribution  #  over the others; None if there are none
+
+    def __init__(self, scene: mi.Scene, plan: LightPlan) -> None:
+        emitters = scene.emitters()
+        sampled = np.flatnonzero(plan.emitters)
+        strengths = plan.strengths
+        order = (
+            sampled
+            if strengths is None
+            else sampled[np.argsort(-plan.emitters[sampled], kind="stable")]
+        )
+        self.slots = min(MAX_WEIGHTED, len(sampled)) if strengths is not None else 0
+        weighted, others = order[: self.slots], np.sort(order[self.slots :])
+        numbers = np.zeros((self.slots, 7))
+        if plan.extents is not None and strengths is not None:
+            numbers[:, :3] = plan.extents.centre[weighted]
+            numbers[:, 3] = plan.extents.spread[weighted]
+            numbers[:, 4:6] = strengths.emitters[:, weighted].T
+            numbers[:, 6] = plan.emitters[weighted]
+        self.numbers = opaque_floats(numbers)
+        registry = np.array(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(list(emitters))))
+        slot_of = np.full(registry.max() + 1, self.slots, dtype=np.uint32)
+        slot_of[registry[weighted]] = np.arange(self.slots)
+        rest = float(plan.emitters[others].sum())
+        share_of = np.zeros(registry.max() + 1)
+        if len(others):
+            share_of[registry[others]] = plan.emitters[others] / rest
+        self.slot_of, self.share_of = column(mi.UInt32, slot_of), column(mi.Float, share_of)
+        self.rest = dr.opaque(mi.Float, rest)
+        # From memory: a single id would be compiled in.
+        numbers = column(mi.UInt32, registry[[*weighted, *others]])
+        self.emitters = dr.reinterpret_array(mi.EmitterPtr, numbers)
+        self.choice = None
+        if len(others):
+            self.choice = mi.DiscreteDistribution(column(mi.Float, plan.emitters[others]))
+
+    def weights(
+        self, position: mi.Point3f, normal: mi.Normal3f, outdoors: mi.Bool
+    ) -> list[mi.Float]:
+        """Return the approximate irradiance by each slot's emitter at a vertex, then 0."""
+        weights = []
+        for slot in range(self.slots):
+            x, y, z, spread, indoor_strength, outdoor_strength, _ = self._slot(slot)
+            strength = dr.select(outdoors, outdoor_strength, indoor_strength)
+            offset = mi.Vector3f(x, y, z) - position
+            squared = dr.squared_norm(offset)
+            cosine = dr.abs(dr.dot(offset, normal)) * dr.rsqrt(squared + 1e-12)
+            weights.append(strength * geometry_factor(cosine, squared, spread))
+        return [*weights, mi.Float(0)]
+
+    def view_probabilities(self) -> list[mi.Float]:
+        """Return the view's probability of each slot and of the others together."""
+        return [*(self._slot(slot)[6] for slot in range(self.slots)), self.rest]
+
+    def probability(self, emitter: mi.EmitterPtr, probabilities: list[mi.Float]) -> mi.Float:
+        """Return the probability that an emitter is sampled, given those at the vertex."""
+        number = dr.reinterpret_array(mi.UInt32, emitter)
+        known = number < dr.opaque(mi.UInt32, dr.width(self.slot_of))
+        slot = dr.gather(mi.UInt32, self.slot_of, number, known)
+        share = dr.gather(mi.Float, self.share_of, number, known)
+        found = share * probabilities[self.slots]
+        for index in range(self.slots):
+            found = dr.select(slot == index, probabilities[index], found)
+        return dr.select(known, found, 0)
+
+    def emitter(self, index: mi.UInt32, sample: mi.Point2f) -> tuple[mi.EmitterPtr, mi.Point2f]:
+        """Return the emitter of a slot, or one of the others, and the random numbers left.
+
+        `sample` in [0, 1)^2 chooses among the others; its used component is stretched anew.
+        """
+        if self.choice is None:
+            slot = dr.minimum(index, self.slots - 1)
+            return dr.gather(mi.EmitterPtr, self.emitters, slot), sample
+        other, stretched, _ = self.choice.sample_reuse_pmf(sample.x)
+        is_other = index >= self.slots
+        row = dr.select(is_other, self.slots + other, index)
+        x = dr.select(is_other, below_one(stretched), sample.x)
+        return dr.gather(mi.EmitterPtr, self.emitters, row), mi.Point2f(x, sample.y)
+
+    def _slot(self, slot: int) -> list[mi.Float]:
+        return self.numbers[7 * slot : 7 * slot + 7]
+
+
+@dataclass(init=False, eq=False)
+class EnvironmentSampler:
+    """Directions to the environment: uniform over a portal's area, or over the sun's disc.
+
+    Densities exclude the environment's own sampling. `own_sampling` says that it is used as well
+    and may give the same directions.
+    """
+
+    environment: mi.Emitter
+    pointer: mi.EmitterPtr  #  to it
+    own_sampling: bool
+    portals: RectangleSampler | None
+    has_sun: bool
+    frame: mi.Frame3f  #  around the sun's direction
+    cosine: mi.Float  # of the sun's angular radius
+    disc_density: mi.Float  # by solid angle over the disc
+    sun: list[mi.Float]  # the sun's strength, and its probability in the whole view
+
+    def __init__(self, scene: mi.Scene, plan: LightPlan) -> None:
+        self.environment = scene.environment()
+        number = dr.opaque(mi.UInt32, registry_id(self.environment, mi.EmitterPtr))
+        self.pointer = dr.reinterpret_array(mi.EmitterPtr, number)
+        emitters = scene.emitters()
+        row = next(row for row, emitter in enumerate(emitters) if emitter.is_environment())
+        self.own_sampling = bool(plan.emitters[row] > 0)
+        strengths = plan.strengths.portals if plan.strengths is not None else np.zeros(0)
+        self.portals = None
+        if plan.portals.sum() > 0:
+            slots = len(plan.portals)  # the same in all views of a scene
+            self.portals = RectangleSampler(plan.rectangles, strengths, plan.portals, slots)
+        sun = plan.sun_disc if plan.sun > 0 else None
+        self.has_sun = sun is not None
+        self.frame = self.cosine = self.disc_density = None
+        self.sun = []
+        if sun is not None:
+            direction = [dr.opaque(mi.Float, part) for part in sun.direction.tolist()]
+            self.frame = mi.Frame3f(mi.Vector3f(*direction))
+            self.cosine = dr.opaque(mi.Float, sun.cosine)
+            self.disc_density = dr.opaque(mi.Float, sun.density)
+            strength = plan.strengths.sun if plan.strengths is not None else 0.0
+            self.sun = opaque_floats([strength, plan.sun])
+
+    @property
+    def slots(self) -> int:
+        """Number of portals with a weight of their own at every vertex."""
+        return 0 if self.portals is None else len(self.portals.rectangles)
+
+    def weights(
+        self, position: mi.Point3f, normal: mi.Normal3f, outdoors: mi.Bool
+    ) -> list[mi.Float]:
+        """Return the approximate irradiance through each portal and by the sun at a vertex."""
+        weights = [] if self.portals is None else self.portals.weights(position, normal)
+        sun = mi.Float(0)
+        if self.has_sun:
+            cosine = dr.abs(dr.dot(self.frame.n, normal))
+            sun = self.sun[0] * geometry_factor(cosine, 0.0, 1.0)
+            sun = dr.select(outdoors | self._sees_sun_through_portal(position), sun, 0)
+        return [*weights, sun]
+
+    def view_probabilities(self) -> list[mi.Float]:
+        """Return the view's probability of each portal and of the sun."""
+        portals = [] if self.portals is None else self.portals.probabilities
+        sun = self.sun[1] if self.has_sun else mi.Float(0)
+        return [*portals, sun]
+
+    def sample(
+        self,
+        scene: mi.Scene,
+        si: mi.SurfaceInteraction3f,
+        probabilities: list[mi.Float],
+        index: mi.UInt32,
+        sample: mi.Point2f,
+        active: mi.Bool,
+    ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
+        """Sample a direction through portal `index`, or to the sun if `index` is `slots`.
+
+        Returns a `mi.DirectionSample3f` with the density, and the radiance of the environment
+        there, without a visibility test.
+        """
+        direction, to_sun = mi.Vector3f(0, 0, 1), mi.Bool(False)
+        if self.portals is not None:
+            slot = dr.minimum(index, self.slots - 1)
+            direction = dr.normalize(self.portals.point(slot, sample) - si.p)
+        if self.has_sun:
+            to_sun = index == self.slots
+            local = mi.warp.square_to_uniform_cone(sample, self.cosine)
+            direction = dr.select(to_sun, self.frame.to_world(local), direction)
+        density = self.density(si.p, direction, probabilities, to_sun)
+        valid = active & (density > 0)
+        ds = dr.zeros(mi.DirectionSample3f)
+        ds.d, ds.n = direction, -direction
+        ds.dist = 2 * scene.bbox().bounding_sphere().radius
+        ds.p = si.p + direction * ds.dist
+        ds.emitter = self.pointer
+        ds.pdf = dr.select(valid, density, 0)
+        miss = dr.zeros(mi.SurfaceInteraction3f)
+        miss.wi = -direction
+        return ds, dr.select(valid, self.environment.eval(miss, valid), 0)
+
+    def density(
+        self,
+        origin: mi.Point3f,
+        direction: mi.Vector3f,
+        probabilities: list[mi.Float],
+        to_sun: mi.Bool = False,
+    ) -> mi.Float:
+        """Return the density by solid angle of a direction from `origin`.
+
+        `to_sun` marks directions that were sampled in the sun's disc: at its very edge, rounding
+        would place some of them outside.
+        """
+        *through, sun = probabilities[-self.slots - 1 :]
+        density = mi.Float(0)
+        if self.portals is not None:
+            density += self.portals.density(origin, direction, through)
+        if self.has_sun:
+            inside = (dr.dot(direction, self.frame.n) > self.cosine) | to_sun
+            density += dr.select(inside, sun * self.disc_density, 0)
+        return density
+
+    def _sees_sun_through_portal(self, position: mi.Point3f) -> mi.Bool:
+        """Test whether the sun's direction from a vertex passes a portal."""
+        if self.portals is None:
+            return mi.Bool(False)
+        return self.portals.density(position, self.frame.n, [mi.Float(1)] * self.slots) > 0

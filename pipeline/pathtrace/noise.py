@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
-from pbrnet.pipeline.channels import RGB
+from pbrnet.pipeline.channels import HALF_MAX, RGB
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.radiance import HALF_MAX
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.color import luminance
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from pbrnet.pipeline.dataset.checksums import SUMS, read_sums, write_sums
+from pbrnet.pipeline.dataset.shards import SUMS, read_sums, write_sums
 from pbrnet.pipeline.params import Params, build_params, read_yaml
 from pbrnet.pipeline.release.presets import files_of, find_preset
 from pbrnet.pipeline.templating import plain_markdown

@@ -28,11 +28,13 @@ from pbrnet.pipeline.stages.runner import (
     StagePlan,
     Summary,
     Target,
+    accepted_renderers,
     begin,
     execute,
     finish,
+    list_scenes,
+    scene_digests,
 )
-from pbrnet.pipeline.stages.scene_listing import accepted_renderers, list_scenes, scene_digests
 from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.pipeline.views import CameraFile, load_cameras
 from pbrnet.scenes.contract import Scene

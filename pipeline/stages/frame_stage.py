@@ -35,20 +35,18 @@ from pbrnet.pipeline.stages.cameras import camera_fingerprints
 from pbrnet.pipeline.stages.render_jobs import FrameJob, render_frames
 from pbrnet.pipeline.stages.runner import (
     NOTHING_PENDING,
+    SAFE_NAME,
     Pending,
     StagePlan,
     Summary,
     Target,
+    accepted_renderers,
     begin,
     execute,
     finish,
-    threaded,
-)
-from pbrnet.pipeline.stages.scene_listing import (
-    SAFE_NAME,
-    accepted_renderers,
     list_scenes,
     scene_digests,
+    threaded,
 )
 from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.pipeline.terminal import say

@@ -21,9 +21,8 @@ from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.cameras.shared_cameras import take_cameras
 from pbrnet.pipeline.cameras.trajectory_files import Trajectory
 from pbrnet.pipeline.channels import Kind
-from pbrnet.pipeline.costs.memory import memory_columns
 from pbrnet.pipeline.farm.settings import Variant
-from pbrnet.pipeline.farm.versions import instruction_set, require_code
+from pbrnet.pipeline.farm.versions import instruction_set, memory_columns, require_code
 from pbrnet.pipeline.farm.workspace import (
     SentFile,
     Workspace,

@@ -7,6 +7,7 @@ could not be made again, writes the list of failures and returns the summary.
 
 from __future__ import annotations
 
+import re
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -18,28 +19,30 @@ from typing import Any, TypeVar
 
 from dask.system import cpu_count
 
-from pbrnet.pipeline.costs.estimates import estimator
-from pbrnet.pipeline.costs.forecast import ViewSize, seconds_of
+from pbrnet.pipeline.costs.forecast import ViewSize, estimator, seconds_of
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.cluster import Farm, scheduler_address
 from pbrnet.pipeline.farm.scheduling import Item
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.transfer import TransferService
-from pbrnet.pipeline.farm.versions import code_version
+from pbrnet.pipeline.farm.versions import code_version, scene_digest
 from pbrnet.pipeline.farm.worker import Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
 from pbrnet.pipeline.progress import Progress, span
 from pbrnet.pipeline.records import Failure, save_failures
-from pbrnet.pipeline.render.variants import card_ids, choose
+from pbrnet.pipeline.render.scene import renderer_version
+from pbrnet.pipeline.render.variants import accepted, card_ids, choose
 from pbrnet.pipeline.stages.render_jobs import use_code, use_renderer
 from pbrnet.pipeline.stages.trash import Trash, size_text
 from pbrnet.pipeline.terminal import lines_of, say
-from pbrnet.scenes.errors import PbrnetError
+from pbrnet.scenes.contract import Scene, load_scene, scene_folders
+from pbrnet.scenes.errors import InputError, PbrnetError
 from pbrnet.scenes.files import remove_partials
 
 A = TypeVar("A")
 B = TypeVar("B")
 _SHOWN = 20  # failures listed on the terminal; data/failures holds all of them
+SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
 
 
 class StageError(PbrnetError):
@@ -319,3 +322,45 @@ def threaded(function: Callable[[A], B], values: Sequence[A]) -> list[B]:
     """Map a function that mostly reads files over values, with a few threads."""
     with ThreadPoolExecutor(4) as pool:
         return list(pool.map(function, values))
+
+
+def accepted_renderers(params: FarmParams) -> tuple[str, ...]:
+    """Return the versions of the renderer whose frames and cameras hold, the preferred one first.
+
+    One for each variant that workers may choose.
+    """
+    return tuple(renderer_version(variant) for variant in accepted(params.variant))
+
+
+def list_scenes(data: Path, plan: StagePlan, without: Collection[str] = ()) -> dict[str, Scene]:
+    """Return all readable scenes by id; add the others to the plan's failures.
+
+    Scenes of the names `without` are left aside. Raises `InputError` if there are none at all.
+    """
+    scenes = {}
+    for folder in scene_folders(data / "scenes"):
+        if folder.name in without:
+            continue
+        try:
+            scene = load_scene(folder)
+            if scene.scene_id != folder.name:
+                raise InputError(
+                    f"{folder}: its scene.json says {scene.scene_id!r}; rename the folder"
+                )
+            if not SAFE_NAME.fullmatch(scene.scene_id):
+                raise InputError(
+                    f"{folder}: a scene id may contain letters, digits, '.', '_' and '-' only"
+                )
+            scenes[scene.scene_id] = scene
+        except InputError as error:
+            plan.failures.append(Failure(plan.stage, folder.name, "", str(error)))
+    if not scenes and not plan.failures and not without:
+        raise InputError(f"{data / 'scenes'}: there are no scenes; run first: pbrnet scenes")
+    return scenes
+
+
+def scene_digests(data: Path, scenes: Iterable[str]) -> dict[str, str]:
+    """Return the content digest of each scene by id."""
+    names = list(scenes)
+    digests = threaded(lambda name: scene_digest(data / "scenes" / name), names)
+    return dict(zip(names, digests, strict=True))

@@ -12,8 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pbrnet.pipeline.costs.memory import memory_columns
-from pbrnet.pipeline.farm.scene_digest import STAGE_FILES_KEY, STAGE_KEY
+from pbrnet.pipeline.farm.versions import STAGE_FILES_KEY, STAGE_KEY, memory_columns
 from pbrnet.pipeline.stages.limits import Limits, StoppedError, run_limited
 from pbrnet.scenes.contract import Scene, save_scene
 from pbrnet.scenes.opened_files import OpenedFiles

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+import re
 import time
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 from pbrnet.pipeline.costs.forecast import view_size
+from pbrnet.pipeline.farm.versions import STAGE_FILES_KEY, STAGE_KEY
+from pbrnet.pipeline.frames import fingerprint
+from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import Failure, data_lock
+from pbrnet.pipeline.stages.limits import Limits
 from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, begin, execute, finish
-from pbrnet.pipeline.stages.scene_jobs import (
-    home_jobs,
-    import_jobs,
-    is_up_to_date,
-    old_scenes,
-    stage_fingerprint,
-)
-from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, make_scene
+from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant, make_scene
 from pbrnet.pipeline.stages.trash import Trash
-from pbrnet.scenes.contract import scene_folders
+from pbrnet.scenes.assets.index import INDEX, load_index
+from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import remove_partials
+from pbrnet.scenes.files import digest_file, exists, remove_partials, resolved
+from pbrnet.scenes.opened_files import unchanged
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.registry import ImportEntry
+from pbrnet.scenes.seeds import derive
+
+_LONGEST_NAME = 100  # characters; `-v12` and the like follow
+_GENERAL_NAMES = ("scene", "main", "main_template_color", "index")  # the third: of a PBRS house
 
 
 def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summary:
@@ -73,3 +82,142 @@ def plan_scenes(data: Path, params: Params) -> StagePlan:
         else:
             plan.add(job, Target(job.folder, "scenes", scene_id))
     return plan
+
+
+def home_jobs(root: Path, wanted: SceneParams, seed: int) -> Iterable[HomeJob]:
+    """Yield a job for each procedural home and variant, with its fingerprint.
+
+    The fingerprint covers the seed, the parameters, the furniture index and the key
+    of the generator. Raises `InputError` if catalogue furniture is asked for and there is none.
+    """
+    furnished = replace(wanted, catalogue_share=wanted.furnished_share)
+    yield from _homes(root, wanted, seed, "home", wanted.homes)
+    yield from _homes(root, furnished, seed, "furnished", wanted.furnished_homes)
+
+
+def _homes(
+    root: Path, wanted: SceneParams, root_seed: int, name: str, count: int
+) -> Iterable[HomeJob]:
+    """Yield homes `name`-0000 and so on."""
+    share = wanted.catalogue_share
+    assets = root.parent / "assets"
+    further: dict[str, Any] = {}  # what the fingerprint has only where it is not the default
+    if share > 0 and count:
+        if not load_index(assets).pieces:
+            option, asked = (
+                ("catalogue_share", share) if name == "home" else (f"{name}_homes", count)
+            )
+            raise InputError(
+                f"scenes.{option}: {asked:g}, but {assets} holds no "
+                "furniture; set assets.enabled to true and run first: pbrnet assets"
+            )
+        further = {
+            "share": share,
+            "triangles": wanted.catalogue_triangles,
+            "catalogue": digest_file(assets / INDEX),
+        }
+    if wanted.outdoors != "surroundings":
+        further["outdoors"] = wanted.outdoors
+    for index, variant in product(range(count), range(wanted.variants)):
+        scene_id = f"{name}-{index:04d}" + (f"-v{variant}" if variant else "")
+        setting = index + (variant if "light" in wanted.vary else 0)
+        lighting = wanted.lighting[setting % len(wanted.lighting)]
+        seed = derive(root_seed, name, index)
+        expected = fingerprint(
+            kind="home",
+            revision=key("scenes.homes"),
+            scene_id=scene_id,
+            seed=seed,
+            lighting=lighting,
+            rooms=(wanted.rooms_min, wanted.rooms_max),
+            styles=wanted.styles,
+            texture_size=wanted.texture_size,
+            varied=(variant, *sorted(wanted.vary)) if variant else (),
+            **further,
+        )
+        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, expected, assets)
+
+
+def import_jobs(
+    root: Path, wanted: SceneParams, root_seed: int, failures: list[Failure]
+) -> Iterable[ImportJob]:
+    """Yield a job for each import and variant; a missing file is added to `failures`."""
+    limits = Limits(
+        wanted.import_seconds,
+        wanted.import_memory,
+        options=("scenes.import_seconds", "scenes.import_memory"),
+    )
+    for named in wanted.imports:
+        entry = ImportEntry(file=named) if isinstance(named, str) else named
+        path = resolved(Path(entry.file).expanduser())
+        scene_id = entry.id or scene_name(path)
+        options = entry.options()
+        missing = [one for one in (path, options.get("root", path)) if not exists(one)]
+        if missing:
+            error = (
+                f"{entry.file}: no such file"
+                if missing[0] == path
+                else f"{missing[0]}: no such folder (root of {entry.file})"
+            )
+            failures.append(Failure("scenes", scene_id, "", error))
+            continue
+        content: dict[str, Any] = {"file": path.name, "revision": key("scenes.imports")}
+        if options:
+            content["options"] = entry.given()
+        expected = fingerprint(kind="import", scene_id=scene_id, **content)
+        yield ImportJob(root / scene_id, scene_id, path, expected, limits, options)
+        seed = derive(root_seed, "import", scene_id)
+        for variant in range(1, wanted.variants):
+            own_id = f"{scene_id}-v{variant}"
+            expected = fingerprint(
+                kind="import",
+                scene_id=own_id,
+                seed=seed,
+                lighting=wanted.lighting,
+                texture_size=wanted.texture_size,
+                varied=(variant, *sorted(wanted.vary)),
+                **content,
+            )
+            made = ImportVariant(scene_id, variant, wanted, seed)
+            yield ImportJob(root / own_id, own_id, path, expected, limits, options, made)
+
+
+def scene_name(path: Path) -> str:
+    """Return a scene id made from the name of a file, or of its folder for general names."""
+    stem = path.stem if path.suffix else path.name
+    if stem.lower() in _GENERAL_NAMES and path.parent.name:
+        stem = path.parent.name
+    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-")[:_LONGEST_NAME].strip("-") or "scene"
+
+
+def is_up_to_date(job: HomeJob | ImportJob) -> bool:
+    """Return whether the scene of a job is there, with its fingerprint.
+
+    For an import, all files that it looked for must be unchanged: none edited, none removed, none
+    added in a place where it looked.
+    """
+    if stage_fingerprint(job.folder) != job.fingerprint:
+        return False
+    if isinstance(job, HomeJob):
+        return True
+    return unchanged(load_scene(job.folder).source.get(STAGE_FILES_KEY), job.source_folder)
+
+
+def stage_fingerprint(folder: Path) -> str | None:
+    """Return the fingerprint that this stage left in a scene; None if it made no scene there.
+
+    For a scene that cannot be read it is the empty string: the stage makes it again.
+    """
+    if not folder.is_dir():
+        return None
+    try:
+        found = load_scene(folder).source.get(STAGE_KEY)
+    except InputError:
+        return ""
+    return str(found) if found is not None else None
+
+
+def old_scenes(root: Path, wanted: set[str]) -> list[Path]:
+    """Return the folders of this stage's scenes that are not in `wanted`."""
+    folders = scene_folders(root)
+    return [one for one in folders if one.name not in wanted and stage_fingerprint(one)]

@@ -15,7 +15,7 @@ import mitsuba as mi
 
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.pathtrace.scattering import diffuse_lobes, mis_weight, share
-from pbrnet.pipeline.render.bsdf_tables import partner
+from pbrnet.pipeline.render.drjit_arrays import partner
 from pbrnet.pipeline.transport.cells import CELL, LightTable
 from pbrnet.pipeline.transport.rays import (
     ShapeTables,

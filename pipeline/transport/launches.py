@@ -13,8 +13,7 @@ import numpy as np
 from pbrnet.pipeline.pathtrace.launches import Recordings
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.pathtrace.panes import panes_of
-from pbrnet.pipeline.render.bsdf_tables import partner_table
-from pbrnet.pipeline.render.drjit_arrays import column, to_numpy
+from pbrnet.pipeline.render.drjit_arrays import column, partner_table, to_numpy
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.transport.cells import LightTable
 from pbrnet.pipeline.transport.gather import World

@@ -20,7 +20,7 @@ import mitsuba as mi
 
 from pbrnet.pipeline.pathtrace.panes import PaneMirror, Panes
 from pbrnet.pipeline.pathtrace.scattering import diffuse_lobes, mis_weight, share
-from pbrnet.pipeline.render.bsdf_tables import partner
+from pbrnet.pipeline.render.drjit_arrays import partner
 from pbrnet.pipeline.transport.cells import LightTable
 from pbrnet.pipeline.transport.gather import (
     World,

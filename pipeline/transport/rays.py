@@ -13,8 +13,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pbrnet.pipeline.render.bsdf_tables import reflectance_table
-from pbrnet.pipeline.render.drjit_arrays import shape_table
+from pbrnet.pipeline.render.drjit_arrays import reflectance_table, shape_table
 from pbrnet.pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry
 
 _WHOLE = 1 << 16  # unit of `ShapeTables.transmitted`

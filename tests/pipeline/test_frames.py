@@ -9,7 +9,7 @@ import OpenEXR
 import pytest
 
 from pbrnet.pipeline import frames
-from pbrnet.pipeline.radiance import HALF_MAX, radiance_halves, scale_for
+from pbrnet.pipeline.channels import HALF_MAX, radiance_halves, scale_for
 from pbrnet.pipeline.views import (
     CameraFile,
     ImageParams,

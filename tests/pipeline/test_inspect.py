@@ -26,7 +26,7 @@ from pbrnet.pipeline.images import (
     png_bytes,
 )
 from pbrnet.pipeline.inspection.describe import inspect_path
-from pbrnet.pipeline.inspection.dollhouse import draw_dollhouse, quick_renders
+from pbrnet.pipeline.inspection.renders import draw_dollhouse, quick_renders
 from pbrnet.pipeline.inspection.sizes import scene_sizes, triangles_of
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
@@ -257,7 +257,7 @@ def test_a_picture_of_a_scene_holds_plan_dollhouse_and_renders(flat: Path, tmp_p
 @pytest.mark.skipif(shutil.which("taskset") is None, reason="needs taskset")
 def test_the_dollhouse_works_on_one_cpu(flat: Path, tmp_path: Path) -> None:
     code = (
-        "from pathlib import Path; from pipeline.inspection.dollhouse import draw_dollhouse; "
+        "from pathlib import Path; from pipeline.inspection.renders import draw_dollhouse; "
         "from scenes.contract import load_scene; "
         f"print(draw_dollhouse(load_scene(Path({str(flat)!r}))).shape)"
     )

@@ -7,8 +7,7 @@ import pytest
 import yaml
 
 from pbrnet.pipeline.params import Params, build_params, load_params
-from pbrnet.pipeline.release.parameter_text import parameters
-from pbrnet.pipeline.release.presets import find_preset
+from pbrnet.pipeline.release.presets import find_preset, parameters
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import ParameterError
 from tests.fixtures.paths import ROOT

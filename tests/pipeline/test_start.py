@@ -11,7 +11,7 @@ from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.commands.start import start_lines
 from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.costs.ledger import Ledger
-from pbrnet.pipeline.inspection.one_view import view_at
+from pbrnet.pipeline.inspection.renders import view_at
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.stages.runner import StagePlan, Target, plan_line

@@ -18,9 +18,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pbrnet.pipeline.dataset.checksums import verify_sums
 from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.dataset.shards import verify_sums
 from tests.fixtures.browser import open_browser
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.paths import ROOT

@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 import yaml
 
-from pbrnet.pipeline.farm.scene_digest import scene_digest
+from pbrnet.pipeline.farm.versions import scene_digest
 from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.stages.runner import StageError
-from pbrnet.pipeline.stages.scene_jobs import scene_name
-from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.pipeline.stages.scenes import run_scenes, scene_name
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.importing.changes import Changes

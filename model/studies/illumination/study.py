@@ -38,7 +38,7 @@ from pbrnet.model.studies.options import option
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.channels import TINT
 from pbrnet.pipeline.commands.options import NumberRange
-from pbrnet.pipeline.farm.scene_digest import scene_digest
+from pbrnet.pipeline.farm.versions import scene_digest
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.params import Params

@@ -17,9 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pbrnet.model.data.reader import PAPER, SCALARS, Dataset, Split
-from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.channels import HALF_MAX, RADIANCE_SCALE, Kind
 from pbrnet.pipeline.dataset.parquet import image_cell
-from pbrnet.pipeline.radiance import HALF_MAX, RADIANCE_SCALE
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.files import atomic_directory, sweep, write_text

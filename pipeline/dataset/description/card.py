@@ -16,8 +16,7 @@ import yaml
 
 from pbrnet.pipeline.dataset.checks import REASONS
 from pbrnet.pipeline.dataset.columns import NAMES, PREVIEW, Column
-from pbrnet.pipeline.dataset.description.citation import NAME, VERSION, bibtex
-from pbrnet.pipeline.dataset.description.facts import DatasetFacts, percent
+from pbrnet.pipeline.dataset.description.facts import NAME, VERSION, DatasetFacts, bibtex, percent
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.photograph import FORMULA, SHARPENING_RADIUS
 from pbrnet.pipeline.templating import templates

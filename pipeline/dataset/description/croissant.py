@@ -14,16 +14,16 @@ from urllib.parse import quote
 import pyarrow as pa
 
 from pbrnet.pipeline.dataset.columns import NAMES, PREVIEW, Column
-from pbrnet.pipeline.dataset.description.citation import (
+from pbrnet.pipeline.dataset.description.facts import (
     AUTHORS,
     KEYWORDS,
     NAME,
     PUBLISHED,
     TITLE,
     VERSION,
+    DatasetFacts,
     bibtex,
 )
-from pbrnet.pipeline.dataset.description.facts import DatasetFacts
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.files import digest_file, write_json
 

@@ -16,9 +16,9 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pbrnet.pipeline.render.bsdf_tables import reflectance_table
 from pbrnet.pipeline.render.drjit_arrays import (
     column,
+    reflectance_table,
     registry_id,
     shape_table,
     to_numpy,

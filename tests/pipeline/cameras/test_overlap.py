@@ -9,8 +9,8 @@ import pytest
 
 from pbrnet.pipeline.cameras.camera_files import NO_SET, make_cameras
 from pbrnet.pipeline.cameras.overlap import outlook, overlap
-from pbrnet.pipeline.cameras.reprojection import reproject
 from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.video import reproject
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import ImageParams, View, look
 from pbrnet.scenes.contract import load_scene

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.cameras.camera_files import make_cameras
-from pbrnet.pipeline.cameras.reprojection import reproject
 from pbrnet.pipeline.cameras.view_sampling import TOO_CLOSE
 from pbrnet.pipeline.passes.inputs import render_inputs
+from pbrnet.pipeline.passes.video import reproject
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import CameraFile, View, look
 from pbrnet.scenes.contract import load_scene

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.cameras.camera_files import NO_WALK, make_cameras
-from pbrnet.pipeline.cameras.free_floor import BODY, free_floors
 from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras
+from pbrnet.pipeline.cameras.walks import BODY, free_floors
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.contract import load_scene

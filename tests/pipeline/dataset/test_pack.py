@@ -30,11 +30,10 @@ from pbrnet.pipeline.dataset.checks import (
     check_frames,
     firefly_share,
 )
-from pbrnet.pipeline.dataset.checksums import verify_sums
 from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.pack import is_packed, pack_dataset
 from pbrnet.pipeline.dataset.settings import CheckParams
-from pbrnet.pipeline.dataset.shards import ShardWriter
+from pbrnet.pipeline.dataset.shards import ShardWriter, verify_sums
 from pbrnet.pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
 from pbrnet.pipeline.images import read_picture
 from pbrnet.pipeline.splits import Source, SplitParams, kept_back, split_plans

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from pbrnet.pipeline.channels import VIDEO_BANDS
-from pbrnet.pipeline.dataset.flow_checks import reprojected
+from pbrnet.pipeline.dataset.agreement import reprojected
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.frames import Channels, frame_path
 from pbrnet.pipeline.inspection.describe import inspect_path

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.costs.estimates import estimator
+from pbrnet.pipeline.costs.forecast import estimator
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.scheduling import BatchQueue, Item
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.channels import RGB, SETS
-from pbrnet.pipeline.dataset.environment_checks import disagreement
+from pbrnet.pipeline.dataset.agreement import disagreement
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.denoise import denoise
 from pbrnet.pipeline.passes.environment import render_environment, rounded
@@ -228,7 +228,7 @@ import sys
 import numpy as np
 from pathlib import Path
 from pbrnet.pipeline.passes.groundtruth import path_integrator
-from pbrnet.pipeline.pathtrace.panoramas import trace_scalar
+from pbrnet.pipeline.pathtrace.launches import trace_scalar
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.scenes.contract import load_scene
 from tests.pipeline.passes.test_environment import IN_ROOM

@@ -12,15 +12,14 @@ import pytest
 from pbrnet.model.data.reader import Dataset
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras
 from pbrnet.pipeline.channels import BUMPED, DIRECT, NORMAL, RGB
-from pbrnet.pipeline.dataset.label_checks import label_fault, material_fault, world_points
+from pbrnet.pipeline.dataset.agreement import label_fault, material_fault, world_points
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.frames import Frame
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.environment import render_environment
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import TRACED
+from pbrnet.pipeline.passes.registry import TRACED, render_surfaces
 from pbrnet.pipeline.passes.settings import EnvironmentParams
-from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import ImageParams, View

@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.passes.groundtruth import render_both
-from pbrnet.pipeline.pathtrace.emitter_sampling import MAX_WEIGHTED
 from pbrnet.pipeline.pathtrace.guiding import plan_guiding
 from pbrnet.pipeline.pathtrace.light_plan import LightPlan, plan_lights
-from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
+from pbrnet.pipeline.pathtrace.light_sampling import MAX_WEIGHTED, PlannedLights
 from pbrnet.pipeline.pathtrace.portals import portal_rectangles
 from pbrnet.pipeline.render.drjit_arrays import vector
 from pbrnet.pipeline.render.scene import RenderScene, open_scene

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pbrnet.pipeline.commands import release as command
-from pbrnet.pipeline.dataset.checksums import verify_sums
+from pbrnet.pipeline.dataset.shards import verify_sums
 from pbrnet.pipeline.frames import frame_path
 from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.release.recipe import load_recipe, load_record, recipe_names

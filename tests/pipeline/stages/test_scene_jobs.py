@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.stages import scene_jobs
+from pbrnet.pipeline.stages import scenes
 from pbrnet.scenes.assets.index import AssetIndex, IndexEntry, save_index
 
 
@@ -34,6 +34,6 @@ def test_a_furnished_home_depends_on_the_content_of_its_catalogue(tmp_path: Path
         save_index(
             tmp_path / "assets", AssetIndex((), (replace(piece, fingerprint=fingerprint),), ())
         )
-        (job,) = scene_jobs.home_jobs(tmp_path / "scenes", params.scenes, params.seed)
+        (job,) = scenes.home_jobs(tmp_path / "scenes", params.scenes, params.seed)
         found.append(job.fingerprint)
     assert found[0] != found[1]

@@ -1,4 +1,4 @@
-"""Dollhouse view and quick renders of a scene.
+"""Renders of a scene in this process: one view, quick previews, the dollhouse.
 
 The dollhouse view is an orthographic render under a constant sky, without ceilings and anything
 above them.
@@ -30,7 +30,8 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.tonemap import to_bytes
-from pbrnet.pipeline.views import ImageParams, View, as_matrix
+from pbrnet.pipeline.views import ImageParams, View, as_matrix, camera_model, look
+from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.color import encode_srgb
 from pbrnet.scenes.contract import Room, Scene, load_scene
 from pbrnet.scenes.formats.ply import read_ply, write_ply
@@ -249,3 +250,31 @@ def _rendering(low: np.ndarray, high: np.ndarray) -> Element:
 
 def _guides() -> object:
     return mi.load_dict({"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"})
+
+
+def view_at(
+    eye: Sequence[float],
+    target: Sequence[float],
+    image: ImageParams | None = None,
+    name: str = "view",
+) -> View:
+    """Return a view from `eye` towards `target`, metres, z up; `image` gives size and lens."""
+    pose = look(eye, np.subtract(target, eye))
+    return View(
+        "scene", name, camera_to_world=as_matrix(pose), **camera_model(image or ImageParams())
+    )
+
+
+def render_view(scene: Scene | Path, view: View, params: Params | None = None) -> Float32Array:
+    """Path-trace the colour of a view: float32 (H, W, 3), linear radiance.
+
+    `scene` is a scene or its folder. `params.groundtruth` has samples, depth and denoiser,
+    `params.seed` the seed, `params.farm.variant` Mitsuba's variant. Raises `InputError` for a
+    scene that cannot be opened.
+    """
+    params = params or Params()
+    set_variant(params.farm.variant)
+    opened = open_scene(scene if isinstance(scene, Scene) else load_scene(Path(scene)))
+    seed = derive(params.seed, view.view_id)
+    channels, _ = render(opened, view, settings_of(params, ["color"]), seed)["color"]
+    return np.stack([channels[band] for band in RGB], axis=-1).astype(np.float32)
