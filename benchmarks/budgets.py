@@ -53,7 +53,7 @@ from pbrnet.model.evaluation.metrics import flip_map, ssim
 from pbrnet.model.evaluation.predict import ViewRenderer, example_of
 from pbrnet.model.methods import MAX_SAMPLES
 from pbrnet.pipeline.channels import RGB
-from pbrnet.pipeline.commands.release import processor
+from pbrnet.pipeline.farm.versions import processor
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.images import contact_sheet, jpeg_bytes
 from pbrnet.pipeline.params import Params

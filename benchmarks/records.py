@@ -24,8 +24,8 @@ from benchmarks.submissions import submissions
 from pbrnet.model.benchmark.pictures import Task
 from pbrnet.model.benchmark.score import METRICS, score_folder, table
 from pbrnet.model.benchmark.views import pin_views, save_views
-from pbrnet.pipeline.commands.release import processor
 from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.farm.versions import processor
 from pbrnet.pipeline.release.recipe import load_recipe, load_record
 from pbrnet.scenes.files import write_json
 from pbrnet.scenes.installation import IMPORT_FOLDER as ROOT

@@ -203,7 +203,7 @@ def _camera_row(bench: Bench, scene: RenderScene) -> Row:
 
 def _sampled(bench: Bench, scene: RenderScene) -> CameraFile:
     return view_sampling.sample_cameras(
-        scene, scene.scene, ViewParams(bench.params.cameras, bench.params.image), 0
+        scene, ViewParams(bench.params.cameras, bench.params.image), 0
     )
 
 

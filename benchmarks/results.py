@@ -20,8 +20,7 @@ import psutil
 from benchmarks.bench import ROOT
 from benchmarks.rows import Row
 from benchmarks.timing import now
-from pbrnet.pipeline.commands.release import processor
-from pbrnet.pipeline.farm.versions import code_version
+from pbrnet.pipeline.farm.versions import code_version, processor
 from pbrnet.pipeline.render.scene import renderer_version
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_json, write_json, write_text

@@ -18,119 +18,78 @@ from pbrnet.scenes.errors import MachineError, PbrnetError
 
 UNEXPECTED = 70  # exit code of a fault of pbrnet, as in sysexits.h
 _LONG_LINE, _LONG_MESSAGE = 1000, 3500  # characters; a hostile file may put any number into one
+
+
+def _of(module: str, **lines: str) -> dict[str, tuple[str, str]]:
+    """Return the commands that a module below `pbrnet` defines: definition, and line of help."""
+    return {
+        name.removesuffix("_command").replace("_", "-"): (f"pbrnet.{module}:{name}", line)
+        for name, line in lines.items()
+    }
+
+
 # Command: its definition and its line in `pbrnet --help`, which then imports no command.
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
-    "Project": {
-        "init": (
-            "pbrnet.pipeline.commands.project:init",
-            "Turn a folder into a project: parameters, stages, DVC.",
-        ),
-        "preset": (
-            "pbrnet.pipeline.commands.project:preset",
-            "Write a parameter preset to params.yaml.",
-        ),
-        "params": (
-            "pbrnet.pipeline.commands.project:params",
-            "Print the effective parameters and their meaning.",
-        ),
-    },
+    "Project": _of(
+        "pipeline.commands.project",
+        init="Turn a folder into a project: parameters, stages, DVC.",
+        preset="Write a parameter preset to params.yaml.",
+        params="Print the effective parameters and their meaning.",
+    ),
     "Stages, in the order of dvc.yaml": {
-        "assets": (
-            "pbrnet.pipeline.commands.stages:assets",
-            "Fetch and convert furniture catalogues (optional).",
+        **_of(
+            "pipeline.commands.stages",
+            assets="Fetch and convert furniture catalogues (optional).",
+            scenes="Generate procedural homes, import scenes.",
+            cameras="Sample views that see much furniture.",
+            inputs="Render depth, normals and reflectance.",
+            illumination="Render panoramas of the visible light sources.",
+            groundtruth="Path-trace shading and colour of every view.",
+            dataset="Check the frames and pack them into Parquet.",
         ),
-        "scenes": (
-            "pbrnet.pipeline.commands.stages:scenes",
-            "Generate procedural homes, import scenes.",
+        **_of(
+            "model.commands.networks",
+            backbone="Get the pretrained features of the perceptual loss.",
+            train="Train a network or a baseline.",
+            evaluate="Evaluate the networks on the test scenes.",
         ),
-        "cameras": (
-            "pbrnet.pipeline.commands.stages:cameras",
-            "Sample views that see much furniture.",
-        ),
-        "inputs": (
-            "pbrnet.pipeline.commands.stages:inputs",
-            "Render depth, normals and reflectance.",
-        ),
-        "illumination": (
-            "pbrnet.pipeline.commands.stages:illumination",
-            "Render panoramas of the visible light sources.",
-        ),
-        "groundtruth": (
-            "pbrnet.pipeline.commands.stages:groundtruth",
-            "Path-trace shading and colour of every view.",
-        ),
-        "dataset": (
-            "pbrnet.pipeline.commands.data:dataset",
-            "Check the frames and pack them into Parquet.",
-        ),
-        "backbone": (
-            "pbrnet.model.commands.networks:backbone",
-            "Get the pretrained features of the perceptual loss.",
-        ),
-        "train": ("pbrnet.model.commands.networks:train", "Train a network or a baseline."),
-        "evaluate": (
-            "pbrnet.model.commands.networks:evaluate",
-            "Evaluate the networks on the test scenes.",
-        ),
-        "report": ("pbrnet.model.commands.report:report", "Write a self-contained HTML report."),
+        **_of("model.commands.report", report="Write a self-contained HTML report."),
     },
-    "All stages at once": {
-        "run": (
-            "pbrnet.pipeline.commands.run:run",
-            "Run the stages from assets to the dataset on any data folder.",
-        ),
-    },
-    "Halves of groundtruth": {
-        "shading": (
-            "pbrnet.pipeline.commands.stages:shading",
-            "Path-trace textureless shading only.",
-        ),
-        "color": ("pbrnet.pipeline.commands.stages:color", "Path-trace colour only."),
-    },
+    "All stages at once": _of(
+        "pipeline.commands.stages",
+        run="Run the stages from assets to the dataset on any data folder.",
+    ),
+    "Halves of groundtruth": _of(
+        "pipeline.commands.stages",
+        shading="Path-trace textureless shading only.",
+        color="Path-trace colour only.",
+    ),
     "Tools": {
-        "import": (
-            "pbrnet.pipeline.commands.import_scene:import_command",
-            "Import one scene file.",
+        **_of("pipeline.commands.import_scene", import_command="Import one scene file."),
+        **_of("pipeline.commands.inspect", inspect="Describe a file and draw it."),
+        **_of("model.studies.commands", study="Run the studies of the paper."),
+        **_of("model.commands.predict", predict="Render images with the trained networks."),
+        **_of("model.commands.serve", serve="Show a scene in the browser, with a camera to move."),
+        **_of(
+            "model.commands.score",
+            score="Score images of a list of views against the ground truth.",
         ),
-        "inspect": ("pbrnet.pipeline.commands.data:inspect", "Describe a file and draw it."),
-        "study": ("pbrnet.model.studies.commands:study", "Run the studies of the paper."),
-        "predict": (
-            "pbrnet.model.commands.predict:predict",
-            "Render images with the trained networks.",
+        **_of(
+            "model.commands.networks",
+            pretrained="Pack trained networks for distribution.",
+            reference="Save a run's metrics and images as reference.",
+            export="Export the networks to ONNX.",
         ),
-        "serve": (
-            "pbrnet.model.commands.serve:serve",
-            "Show a scene in the browser, with a camera to move.",
+        **_of(
+            "pipeline.commands.release",
+            release="Make a dataset from a recipe and compare its checksums.",
         ),
-        "score": (
-            "pbrnet.model.commands.score:score",
-            "Score images of a list of views against the ground truth.",
+        **_of(
+            "pipeline.commands.export_data",
+            export_data="Write the dataset in a format of another project.",
         ),
-        "pretrained": (
-            "pbrnet.model.commands.networks:pretrained",
-            "Pack trained networks for distribution.",
-        ),
-        "reference": (
-            "pbrnet.model.commands.networks:reference",
-            "Save a run's metrics and images as reference.",
-        ),
-        "export": (
-            "pbrnet.model.commands.networks:export",
-            "Export the networks to ONNX.",
-        ),
-        "release": (
-            "pbrnet.pipeline.commands.release:release",
-            "Make a dataset from a recipe and compare its checksums.",
-        ),
-        "export-data": (
-            "pbrnet.pipeline.commands.export_data:export_data",
-            "Write the dataset in a format of another project.",
-        ),
-        "cost": ("pbrnet.pipeline.commands.cost:cost", "Forecast the core-hours of a run."),
-        "doctor": (
-            "pbrnet.model.commands.doctor:doctor",
-            "Report what this machine has and lacks.",
-        ),
+        **_of("pipeline.commands.cost", cost="Forecast the core-hours of a run."),
+        **_of("model.commands.doctor", doctor="Report what this machine has and lacks."),
     },
 }
 COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}

@@ -12,6 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from pbrnet.pipeline.farm.versions import processor
 from pbrnet.pipeline.passes.denoise import Quality
 from pbrnet.pipeline.render.scene import RenderScene, renderer_version
 from pbrnet.pipeline.views import View
@@ -43,8 +44,6 @@ def speeds_file() -> Path:
 
 def place_of(scene: RenderScene, view: View) -> str:
     """Return machine, size of the image and kind of scene: shapes to a power of two."""
-    from pbrnet.pipeline.commands.release import processor  # here, since it takes a second
-
     shapes = 1 << len(scene.geometry.shapes).bit_length()
     cores = len(os.sched_getaffinity(0))
     machine = f"{processor()}, {cores} cores, {renderer_version()}"

@@ -34,7 +34,7 @@ from pbrnet.pipeline.cameras.walks import FreeFloor, find_walk, free_floors
 from pbrnet.pipeline.render.scene import RenderScene, cast
 from pbrnet.pipeline.views import CameraFile, View, as_matrix, look, rolled
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.contract import Room, Scene
+from pbrnet.scenes.contract import Room
 from pbrnet.scenes.geometry.directions import turned
 from pbrnet.scenes.seeds import generator
 
@@ -53,7 +53,6 @@ NO_SET = "too few views of the room overlap so much"
 
 def make_cameras(
     render_scene: RenderScene,
-    scene: Scene,
     params: ViewParams,
     seed: int,
     trajectories: Sequence[Trajectory] = (),
@@ -64,17 +63,17 @@ def make_cameras(
     if those are rejected, sets that overlap too little, and partners of stereo pairs that have no
     room; in `collisions` the frames of trajectories that collide.
     """
-    file = sample_cameras(render_scene, scene, params, seed)
+    file = sample_cameras(render_scene, params, seed)
     views, left_out = list(file.views), dict(file.stored_left_out)
-    floors = _floors(render_scene, scene, params) if params.cameras.walks else []
+    floors = _floors(render_scene, params) if params.cameras.walks else []
     for number in range(params.cameras.walks):
         name = f"walk-{number:02d}"
-        rng = generator(seed, "cameras", scene.scene_id, name)
-        found = _walk(render_scene, scene, params, floors, rng)
+        rng = generator(seed, "cameras", render_scene.scene.scene_id, name)
+        found = _walk(render_scene, params, floors, rng)
         if found is None:
             left_out[name] = NO_WALK
         else:
-            views += frames_of(render_scene, scene, params, name, *found)
+            views += frames_of(render_scene, params, name, *found)
     collided: dict[str, dict[str, str]] = {}
     for given in trajectories:
         poses = np.array(given.camera_to_world, dtype=np.float64)
@@ -84,12 +83,12 @@ def make_cameras(
                 left_out[given.name] = described_collisions(wrong, len(poses))
                 continue
         half_fov_x = given.half_fov_x or params.image.half_fov_x
-        views += frames_of(render_scene, scene, params, given.name, poses, half_fov_x)
+        views += frames_of(render_scene, params, given.name, poses, half_fov_x)
     if params.cameras.overlap_views:
-        views, without = _overlapping_sets(render_scene, scene, params, seed, views)
+        views, without = _overlapping_sets(render_scene, params, seed, views)
         left_out |= without
     if params.cameras.stereo_baseline:
-        views, without = stereo_pairs(render_scene, scene, params, views)
+        views, without = stereo_pairs(render_scene, params, views)
         left_out |= without
     views.sort(key=lambda view: view.view_id)
     return replace(file, views=tuple(views), stored_left_out=left_out, collisions=collided)
@@ -141,18 +140,15 @@ def _ranges(numbers: list[int]) -> str:
     return ", ".join(f"{p[0]}-{p[-1]}" if len(p) > 1 else str(p[0]) for p in parts)
 
 
-def _floors(
-    render_scene: RenderScene, scene: Scene, params: ViewParams
-) -> list[tuple[FreeFloor, csr_array]]:
+def _floors(render_scene: RenderScene, params: ViewParams) -> list[tuple[FreeFloor, csr_array]]:
     """Return the storeys with light that have free floor, and their steps."""
-    lit = [room for room in scene.rooms if room.has_light]
+    lit = [room for room in render_scene.scene.rooms if room.has_light]
     floors = free_floors(render_scene, lit, params.cameras.eye_height)
     return [(floor, floor.steps()) for floor in floors if floor.walkable.any()]
 
 
 def _walk(
     render_scene: RenderScene,
-    scene: Scene,
     params: ViewParams,
     floors: list[tuple[FreeFloor, csr_array]],
     rng: np.random.Generator,
@@ -183,7 +179,7 @@ def _walk(
             ]
         )
         some = [(pose, half_fov_x) for pose in poses[::_EVERY]]
-        seen = list(sights(render_scene, scene, some, params))
+        seen = list(sights(render_scene, some, params))
         blocked = sum(sight.coarse.nearness > options.max_near for sight in seen) / len(seen)
         score = (1 - blocked) * math.fsum(sight.score for sight in seen) / len(seen)
         metres = math.fsum(np.sqrt((np.diff(eyes, axis=0) ** 2).sum(axis=1)).tolist())
@@ -195,18 +191,18 @@ def _walk(
 
 def frames_of(
     render_scene: RenderScene,
-    scene: Scene,
     params: ViewParams,
     name: str,
     poses: Float64Array,
     half_fov_x: float,
 ) -> list[View]:
     """Return the views of a trajectory, poses (F, 4, 4), linked with their neighbours."""
+    scene = render_scene.scene
     image = replace(params.image, half_fov_x=half_fov_x)
     cameras = [(pose, half_fov_x) for pose in poses]
     matrices = [as_matrix(pose) for pose in poses]
     views = []
-    for number, sight in enumerate(sights(render_scene, scene, cameras, params)):
+    for number, sight in enumerate(sights(render_scene, cameras, params)):
         pose = poses[number]
         room = room_at(scene, pose[:3, 3])
         view = make_view(scene, image, f"{name}-{number:04d}", pose, sight, room)
@@ -223,13 +219,14 @@ def frames_of(
 
 
 def _overlapping_sets(
-    render_scene: RenderScene, scene: Scene, params: ViewParams, seed: int, views: list[View]
+    render_scene: RenderScene, params: ViewParams, seed: int, views: list[View]
 ) -> tuple[list[View], dict[str, str]]:
     """Return the views with the overlapping set of each room, and the sets that overlap too little.
 
     The best sampled view of a room is the first of its set. The others look from other places of
     the room at the same point as that one, which lies in the middle of its image.
     """
+    scene = render_scene.scene
     best: dict[str, View] = {}
     for view in views:
         room, sampled = view.room, view.sector >= 0 and not view.trajectory
@@ -240,7 +237,7 @@ def _overlapping_sets(
     for room_id, anchor in sorted(best.items()):
         name = f"set-{anchor.view_id.rpartition('-s')[0]}"
         rng = generator(seed, "cameras", scene.scene_id, room_id, "overlap")
-        found = _overlapping(render_scene, scene, params, rooms[room_id], anchor, rng)
+        found = _overlapping(render_scene, params, rooms[room_id], anchor, rng)
         if found is None:
             without[name] = NO_SET
             continue
@@ -256,7 +253,6 @@ def _overlapping_sets(
 
 def _overlapping(
     render_scene: RenderScene,
-    scene: Scene,
     params: ViewParams,
     room: Room,
     anchor: View,
@@ -287,9 +283,7 @@ def _overlapping(
         cameras.append((look(place, (x / length, y / length, slope)), half_fov_x))
     clear = [
         (pose, sight)
-        for (pose, _), sight in zip(
-            cameras, sights(render_scene, scene, cameras, params), strict=True
-        )
+        for (pose, _), sight in zip(cameras, sights(render_scene, cameras, params), strict=True)
         if sight.coarse.nearness <= options.max_near and sight.coarse.outdoors <= MOST_OUTDOORS
     ]
     seen = [outlook(render_scene, pose, anchor.intrinsics) for pose, _ in clear]
@@ -298,12 +292,12 @@ def _overlapping(
     if len(chosen) < wanted or median < options.overlap:
         return None
     image = replace(params.image, half_fov_x=half_fov_x)
-    views = [make_view(scene, image, "", *clear[index], room) for index in chosen]
+    views = [make_view(render_scene.scene, image, "", *clear[index], room) for index in chosen]
     return [replace(view, K=anchor.K) for view in views], median
 
 
 def stereo_pairs(
-    render_scene: RenderScene, scene: Scene, params: ViewParams, views: list[View]
+    render_scene: RenderScene, params: ViewParams, views: list[View]
 ) -> tuple[list[View], dict[str, str]]:
     """Return the views with their partners on the right, and the partners that have no room.
 
@@ -331,7 +325,7 @@ def stereo_pairs(
             paired += lefts
             continue
         half_fov_x = lefts[0].half_fov_x
-        partners = frames_of(render_scene, scene, params, name, right[members], half_fov_x)
+        partners = frames_of(render_scene, params, name, right[members], half_fov_x)
         for left, partner in zip(lefts, partners, strict=True):
             if not left.trajectory:
                 partner = replace(partner, view_id=name, trajectory="", frame=-1)

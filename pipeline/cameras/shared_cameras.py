@@ -32,11 +32,10 @@ from pbrnet.pipeline.cameras.view_sampling import (
 )
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, View
-from pbrnet.scenes.contract import Scene
 
 
 def take_cameras(
-    render_scene: RenderScene, scene: Scene, params: ViewParams, views: Sequence[View]
+    render_scene: RenderScene, params: ViewParams, views: Sequence[View]
 ) -> CameraFile:
     """Return the camera file of a scene with the cameras of another one, `views`.
 
@@ -44,6 +43,7 @@ def take_cameras(
     from files are treated as in the scene that they are written for. Overlap and stereo partners
     follow from this scene.
     """
+    scene = render_scene.scene
     options = params.cameras
     lefts = [view for view in views if view.stereo_offset >= 0]
     eyes = np.array([view.eye for view in lefts]).reshape(-1, 3)
@@ -58,7 +58,7 @@ def take_cameras(
             trajectories.setdefault(view.trajectory, []).append(index)
             continue
         half_fov_x = view.half_fov_x
-        (sight,) = sights(render_scene, scene, [(view.pose, half_fov_x)], params)
+        (sight,) = sights(render_scene, [(view.pose, half_fov_x)], params)
         own = next((room for room in scene.rooms if room.id == view.room), None)
         room = own or room_at(scene, view.eye)
         reason = INSIDE if enclosed[index] else TOO_CLOSE if close[index] else ""
@@ -81,11 +81,11 @@ def take_cameras(
             if options.collisions == "reject":
                 left_out[name] = described_collisions(found, len(poses))
                 continue
-        frames = frames_of(render_scene, scene, params, name, poses, lefts[members[0]].half_fov_x)
+        frames = frames_of(render_scene, params, name, poses, lefts[members[0]].half_fov_x)
         kept += [replace(frame, K=lefts[members[0]].K) for frame in frames]
     kept = _with_overlap(render_scene, kept)
     if options.stereo_baseline:
-        kept, without = stereo_pairs(render_scene, scene, params, kept)
+        kept, without = stereo_pairs(render_scene, params, kept)
         left_out |= without
     return CameraFile(
         scene_id=scene.scene_id,

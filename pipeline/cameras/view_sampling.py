@@ -36,7 +36,8 @@ from shapely.geometry import Polygon
 
 from pbrnet.pipeline.cameras.framing import THINGS, THIRDS, Framing, framing_of, is_framed
 from pbrnet.pipeline.cameras.settings import CameraParams, ViewParams
-from pbrnet.pipeline.render.scene import RenderScene, cast, render_ids
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import RenderScene, cast
 from pbrnet.pipeline.views import (
     CameraFile,
     ImageParams,
@@ -121,9 +122,7 @@ class Sight:
     framing: Framing | None = None  # with `cameras.framing: photograph`
 
 
-def sample_cameras(
-    render_scene: RenderScene, scene: Scene, params: ViewParams, seed: int
-) -> CameraFile:
+def sample_cameras(render_scene: RenderScene, params: ViewParams, seed: int) -> CameraFile:
     """Return the views of a scene and the number of rejected candidates by reason.
 
     Deterministic in the scene, `params.cameras`, `params.image` and `seed`. A scene may have no
@@ -132,6 +131,7 @@ def sample_cameras(
     `outside_views`, those that show nothing never. They are not candidates: candidates = sampled
     views + sum of `rejected`.
     """
+    scene = render_scene.scene
     options = params.cameras
     rejected: Counter[str] = Counter()
     candidates: list[Candidate] = []
@@ -146,7 +146,7 @@ def sample_cameras(
         rejected += excluded
         total += len(found) + sum(excluded.values())
     cameras = [(c.pose, c.half_fov_x) for c in candidates]
-    scored = list(zip(candidates, sights(render_scene, scene, cameras, params), strict=True))
+    scored = list(zip(candidates, sights(render_scene, cameras, params), strict=True))
     rooms = {item.id: item.room for item in scene.objects if not item.is_structure}
     chosen, by_reason = _choose(scored, rooms, options)
     most = max((len(sight.objects) for _, sight in scored), default=0)
@@ -165,7 +165,7 @@ def sample_cameras(
     left_out: dict[str, str] = {}
     if options.stored_views:
         names_taken = {view.view_id for view in views}
-        stored, left_out = _stored_views(render_scene, scene, params, names_taken)
+        stored, left_out = _stored_views(render_scene, params, names_taken)
         views += stored
     return CameraFile(
         scene_id=scene.scene_id,
@@ -305,7 +305,6 @@ def surroundings(
 
 def sights(
     render_scene: RenderScene,
-    scene: Scene,
     cameras: Sequence[tuple[Float64Array, float]],
     params: ViewParams,
 ) -> Iterator[Sight]:
@@ -314,6 +313,7 @@ def sights(
     A camera is its `camera_to_world` (4, 4) and half of its field of view in x, radians; cameras
     that follow each other with the same field of view share a trace.
     """
+    scene = render_scene.scene
     options = params.cameras
     height = _id_height(params)
     width = 2 * height if params.image.is_panorama else options.id_width
@@ -325,7 +325,7 @@ def sights(
         poses = [pose for pose, _ in group]
         for start in range(0, len(poses), chunk):
             some = np.array(poses[start : start + chunk])
-            ids = render_ids(render_scene, some, _rays(image))
+            ids = raycast.object_ids(render_scene.geometry, some, _rays(image))
             looks = _coarse_looks(render_scene, some, image, options.near)
             for (score, objects, seen), coarse, image_ids in zip(
                 score_ids(ids, scene, options.min_coverage), looks, ids, strict=True
@@ -485,12 +485,13 @@ def _overlap(one: Sight, other: Sight, furniture: dict[str, str | None]) -> floa
 
 
 def _stored_views(
-    render_scene: RenderScene, scene: Scene, params: ViewParams, taken: set[str]
+    render_scene: RenderScene, params: ViewParams, taken: set[str]
 ) -> tuple[list[View], dict[str, str]]:
     """Return the cameras stored in an imported scene, with the image size of the parameters.
 
     Also the names of those that show nothing of a room, with the reasons.
     """
+    scene = render_scene.scene
     views, left_out = [], {}
     for number, stored in enumerate(scene.source.get("views", [])):
         try:
@@ -509,7 +510,7 @@ def _stored_views(
         while name in taken:
             name += "-again"
         taken.add(name)
-        (sight,) = sights(render_scene, scene, [(pose, half_fov_x)], params)
+        (sight,) = sights(render_scene, [(pose, half_fov_x)], params)
         reason = _shows_nothing(render_scene, pose, sight)
         if reason:
             left_out[name] = reason

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import platform
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from pbrnet.pipeline.commands import run
 from pbrnet.pipeline.commands.options import FOLDER, chosen, farm_options
+from pbrnet.pipeline.commands.stages import STAGES
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
-from pbrnet.pipeline.farm.versions import instruction_set
+from pbrnet.pipeline.farm.versions import instruction_set, processor
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.release.recipe import (
     Record,
@@ -32,7 +31,7 @@ from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import PbrnetError
 from pbrnet.scenes.files import resolved
 
-STAGES = tuple(stage for name, stage in run.STAGES.items() if name != "dataset")
+_STAGES = tuple(stage for name, stage in STAGES.items() if name != "dataset")
 
 
 @click.command(
@@ -114,7 +113,7 @@ def _make(
 ) -> tuple[DatasetSummary, StageError | None]:
     """Run all stages; returns what the dataset holds, and the first stage's failures."""
     failure = None
-    for stage in STAGES:
+    for stage in _STAGES:
         try:
             say(*str(stage(out, params, scheduler)).split("\n"))
         except StageError as error:  # some views failed; the dataset holds the others
@@ -138,13 +137,3 @@ def _compared(name: str, version: str, known: Record, sums: dict[str, str]) -> N
         )
     because = f" ({'; '.join(reasons)})" if reasons else ""
     raise PbrnetError(f"{name}: differs from the record{because}: {difference}")
-
-
-def processor() -> str:
-    """Return the processor's name."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()

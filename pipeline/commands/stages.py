@@ -1,4 +1,4 @@
-"""Commands of the stages from assets to ground truth."""
+"""Commands of the stages from assets to the dataset, one by one and all together."""
 
 from __future__ import annotations
 
@@ -9,14 +9,38 @@ from pathlib import Path
 import click
 
 from pbrnet.pipeline.commands.options import Request, common_options, farm_options, stage_options
-from pbrnet.pipeline.commands.start import say_plans, say_start
+from pbrnet.pipeline.commands.start import say_plans, start_lines
+from pbrnet.pipeline.dataset.description.card import DatasetSummary
+from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
-from pbrnet.pipeline.stages.runner import Summary
+from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scenes import run_scenes
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import lines_of, say
+from pbrnet.scenes.errors import PbrnetError
+
+
+def run_dataset(data: Path, params: Params, scheduler: str | None = None) -> str:
+    """Pack the dataset; return what it holds, or say that and raise for broken walks."""
+    summary = pack_dataset(data, params)
+    lines = summary_lines(summary, data / "dataset")
+    if summary.walks:
+        say(*lines)
+        require_whole_walks(summary)
+    return lines_of(lines)
+
+
+STAGES: dict[str, Callable[[Path, Params, str | None], object]] = {
+    "assets": run_assets,
+    "scenes": run_scenes,
+    "cameras": run_cameras,
+    "inputs": partial(run_frames, "inputs"),
+    "illumination": partial(run_frames, "illumination"),
+    "groundtruth": partial(run_frames, "groundtruth"),
+    "dataset": run_dataset,
+}
 
 
 @click.command(
@@ -33,7 +57,7 @@ def assets(request: Request) -> None:
     Off by default (assets.enabled), since procedural homes have their own furniture. Catalogues are
     the .sh3f files in assets.folder, or those of the Debian packages in assets.debian.
     """
-    say(*str(run_assets(request.data, request.params, request.scheduler)).split("\n"))
+    _run(request, "assets")
 
 
 @click.command(
@@ -49,7 +73,7 @@ def scenes(request: Request) -> None:
 
     Keeps scenes that are up to date, and scenes that 'pbrnet import' wrote to DATA/scenes.
     """
-    _run(request, "scenes", run_scenes)
+    _run(request, "scenes")
 
 
 @click.command(
@@ -62,8 +86,8 @@ Examples:
 @common_options
 def cameras(request: Request) -> None:
     """Sample views that see much furniture, and report why other candidates were rejected."""
-    say_start(request, ("cameras",))
-    _run(request, "cameras", run_cameras)
+    say(*start_lines(request, ("cameras",)), err=True)
+    _run(request, "cameras")
 
 
 def _frame_command(stage: str, epilog: str, text: str) -> click.Command:
@@ -73,8 +97,8 @@ def _frame_command(stage: str, epilog: str, text: str) -> click.Command:
     @stage_options
     @common_options
     def command(request: Request) -> None:
-        say_start(request, FRAME_STAGES[stage])
-        _run(request, stage, partial(run_frames, stage))
+        say(*start_lines(request, FRAME_STAGES[stage]), err=True)
+        _run(request, stage)
 
     return command
 
@@ -125,9 +149,100 @@ color = _frame_command(
 )
 
 
-def _run(request: Request, name: str, stage: Callable[[Path, Params, str | None], Summary]) -> None:
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet dataset                       pack the frames in data/
+  pbrnet dataset --data /mnt/big/data  pack the frames of another data folder
+
+Views that fail a check are listed with the reason in data/dataset/rejected.csv. Exit code 1 if a
+walk has rejected frames."""
+)
+@common_options
+def dataset(request: Request) -> None:
+    """Check the frames of every view and pack them into Parquet shards with a dataset card."""
+    _run(request, "dataset")
+
+
+@click.command(
+    epilog="""\b
+Examples:
+  pbrnet run --params params/paper.yaml --data /mnt/big/paper
+  pbrnet run --data /tmp/seven --seed 7 --until cameras
+  pbrnet run --dry-run        what would be made, kept and removed, and how long it takes
+
+Outputs that the parameters no longer require are moved to DATA/trash and restored when required
+again; they are deleted after farm.trash_days, or with --remove-orphans.
+Exit code 1 if some scenes or views failed; the dataset contains the others, and its rejected.csv
+lists the failed views. Running the command again keeps what is up to date and retries the rest."""
+)
+@click.option(
+    "--until", type=click.Choice(list(STAGES)), default="dataset", help="Last stage to run."
+)
+@stage_options
+@common_options
+def run(request: Request, until: str) -> None:
+    """Run all stages from assets to the dataset once, for one parameter file and data folder.
+
+    Prints to stderr the main settings, what it will make, keep and remove, and how long that may
+    take, then a summary of each stage. `dvc repro` does the same in the project's own data folder,
+    and also trains and evaluates the networks.
+    """
+    names = list(STAGES)[: list(STAGES).index(until) + 1]
+    kinds = {kind for name in names for kind in FRAME_STAGES.get(name, (name,))}
+    say(*start_lines(request, kinds), err=True)
+    say_plans(request, names)
+    if request.dry_run:
+        return
+    failed: list[str] = []
+    for number, (name, stage) in enumerate(STAGES.items(), 1):
+        say(f"[{number}/{len(STAGES)}] {name}")
+        try:
+            say(*str(stage(request.data, request.params, request.scheduler)).split("\n"))
+        except PbrnetError as error:
+            if error.exit_code != StageError.exit_code:
+                raise
+            failed.append(name)
+            say(*error.args, err=True)
+        if name == until:
+            break
+    if failed:
+        raise StageError(f"failures in {', '.join(failed)}, listed above; everything else is done")
+
+
+def _run(request: Request, name: str) -> None:
     """Run a stage and print its summary, or print its plan."""
     if request.dry_run:
         say_plans(request, [name])
-    else:
-        say(*str(stage(request.data, request.params, request.scheduler)).split("\n"))
+        return
+    stage = STAGES.get(name) or partial(run_frames, name)
+    say(*str(stage(request.data, request.params, request.scheduler)).split("\n"))
+
+
+def require_whole_walks(summary: DatasetSummary) -> None:
+    """Raise `StageError` with the names of walks that have rejected frames."""
+    if summary.walks:
+        named = ", ".join(
+            f"{scene}/{walk} ({count} frames)" for (scene, walk), count in summary.walks.items()
+        )
+        raise StageError(
+            f"dataset: rejected frames in {len(summary.walks)} walks: {named}; the rest is packed. "
+            "dataset.checks has the limits; whole_walks rejects such walks as a whole"
+        )
+
+
+def summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
+    """Return rows, splits, size and rejections of a packed dataset as lines of text."""
+    splits = ", ".join(
+        f"{split} {rows} of {summary.scenes[split]} scenes" for split, rows in summary.rows.items()
+    )
+    lines = [
+        f"{summary.sampled} views sampled, {summary.total} rows ({splits})",
+        f"{len(summary.files)} shards, {summary.bytes / 1e6:.1f} MB in {folder}",
+    ]
+    if not summary.packed:
+        lines.append("up to date: kept as it was packed before")
+    if summary.rejected:
+        reasons = ", ".join(f"{reason} {count}" for reason, count in summary.rejected.items())
+        lines.append(f"rejected: {reasons}; see {folder / 'rejected.csv'}")
+    return lines

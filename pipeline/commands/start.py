@@ -1,9 +1,9 @@
-"""Announcement of a rendering command: its main settings, and what its stages will do."""
+"""Announcement of a rendering command: its main settings, and the plans of its stages."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from dask.system import cpu_count
@@ -11,10 +11,13 @@ from dask.system import cpu_count
 from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.costs.forecast import SCENE_STAGES
 from pbrnet.pipeline.dataset.pack import is_packed
-from pbrnet.pipeline.farm.settings import FarmParams
+from pbrnet.pipeline.farm.cluster import scheduler_address
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import GroundTruthParams
-from pbrnet.pipeline.stages.plans import plan_stages
-from pbrnet.pipeline.stages.runner import plan_line
+from pbrnet.pipeline.stages.cameras import plan_cameras
+from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, plan_frames
+from pbrnet.pipeline.stages.runner import NOTHING_PENDING, Pending, StagePlan, Target, plan_line
+from pbrnet.pipeline.stages.scenes import plan_scenes
 from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.errors import InputError
@@ -22,14 +25,8 @@ from pbrnet.scenes.errors import InputError
 _TRUTHS = {"shading", "color", "light"}  # of one trace, which the forecast calls "truth"
 
 
-def say_start(request: Request, stages: Collection[str] = ()) -> None:
-    """Print on stderr what matters of a run that is about to start; see `start_lines`."""
-    for line in start_lines(request, stages):
-        say(line, err=True)
-
-
 def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
-    """Return lines about images, samples, views and workers of a run.
+    """Return lines about images, samples, views and workers of a run that is about to start.
 
     `stages`: the kinds of frames that are made, and `scenes` and `cameras`; all if empty.
     """
@@ -50,7 +47,9 @@ def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
         views = scenes * params.cameras.most_views
         words = f"at most {views:,} of {scenes:,} scenes" if scenes else ""
     lines += [f"views: {words}"] if words else []
-    return [*lines, f"workers: {_workers(params.farm, request.scheduler)}"]
+    address = scheduler_address(request.scheduler)
+    local = f"up to {params.farm.workers or cpu_count()} on this machine"
+    return [*lines, f"workers: {f'from the dask scheduler {address}' if address else local}"]
 
 
 def _samples(truth: GroundTruthParams) -> str:
@@ -73,13 +72,6 @@ def _counted(data: Path) -> tuple[int, int]:
         return 0, 0
 
 
-def _workers(params: FarmParams, scheduler: str | None) -> str:
-    address = scheduler or os.environ.get("DASK_SCHEDULER_ADDRESS")
-    if address:
-        return f"from the dask scheduler {address}"
-    return f"up to {params.workers or cpu_count()} on this machine"
-
-
 def say_plans(request: Request, names: Iterable[str]) -> None:
     """Print what stages will make, keep and remove: as output if that is all, else on stderr."""
     names, changes = list(names), False
@@ -95,3 +87,40 @@ def say_plans(request: Request, names: Iterable[str]) -> None:
         if not request.params.assets.enabled:
             raise
         say(f"not known before the catalogues are available: {error}", err=not request.dry_run)
+
+
+def plan_stages(names: Iterable[str], data: Path, params: Params) -> Iterator[StagePlan]:
+    """Yield what stages of these names will do one after the other, from `scenes` to frames.
+
+    A stage whose scenes or cameras are made before it has at most as many files to make as it has
+    views per scene. Checksums are left to the stages.
+    """
+    pending, data = NOTHING_PENDING, Path(data).resolve()
+    params = replace(params, farm=replace(params.farm, checksums=False))
+    for name in names:
+        if name == "scenes":
+            plan = plan_scenes(data, params)
+            gone = frozenset(folder.name for folder in plan.orphans)
+            pending = Pending(_changed(plan), gone)
+        elif name == "cameras":
+            plan = plan_cameras(data, params, pending)[0]
+            plan.later = [Target(data, name, scene) for scene in sorted(pending.changed)]
+            pending = Pending(pending.changed | _changed(plan), pending.gone)
+        elif name in FRAME_STAGES:
+            plan = plan_frames(name, data, params, pending)[0]
+            plan.later = [
+                Target(data, kind, scene, f"view {number}")
+                for scene in sorted(pending.changed)
+                for number in range(params.cameras.most_views)
+                for kind in FRAME_STAGES[name]
+                if kind in params.kinds
+            ]
+        else:
+            continue
+        yield plan
+
+
+def _changed(plan: StagePlan) -> frozenset[str]:
+    """Return the scenes that a stage makes or puts back from the trash."""
+    made = {target.scene_id for targets in plan.targets.values() for target in targets}
+    return frozenset(made | {path.name.removesuffix(".json") for path in plan.returning})

@@ -57,6 +57,16 @@ def instruction_set() -> str:
     return "AVX2" if found & {"X86_V3", "AVX2"} else platform.machine()
 
 
+def processor() -> str:
+    """Return the processor's name."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
 def scene_digest(folder: Path) -> str:
     """Return 64 hex digits over all files of a scene folder, but for the stage's own keys.
 

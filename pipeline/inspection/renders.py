@@ -96,10 +96,7 @@ def quick_renders(scene: Scene, views: Sequence[View], count: int = 2) -> list[t
         ),
         groundtruth=_QUICK,
     )
-    found = (
-        views
-        or sample_cameras(opened, opened.scene, ViewParams(params.cameras, params.image), 0).views
-    )
+    found = views or sample_cameras(opened, ViewParams(params.cameras, params.image), 0).views
     pictures, settings = [], settings_of(params, ["color"])
     for view in _best_views(found, count):
         seed = derive(0, view.view_id)

@@ -10,14 +10,13 @@ centre, noise-free and past clear glass as in the inputs.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from pbrnet.pipeline.channels import NORMAL, RGB, Kind
-from pbrnet.pipeline.frames import Channels, Result
+from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.denoise import SUBPIXELS, Image, denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import panorama_launch, render_blocks
 from pbrnet.pipeline.passes.illumination import Panorama
@@ -48,14 +47,6 @@ def settings(
     denoiser = None if truth.denoise == "none" else denoiser_version()
     trace = replace(truth, spp=panorama.spp, noise=0.0, min_spp=1, train_spp=0, joint=True)
     return {"environment": EnvironmentSettings(panorama, trace, denoiser)}
-
-
-def render(
-    scene: RenderScene, view: View, settings: Mapping[Kind, EnvironmentSettings], seed: int
-) -> dict[Kind, Result]:
-    """Render the frame; see `render_environment`."""
-    own = settings["environment"]
-    return {"environment": render_environment(scene, view, own.panorama, own.trace, seed)}
 
 
 def render_environment(

@@ -123,8 +123,8 @@ def render_both(
     keep their bits. Requires `integrator.available()`. Raises `InputError` as `render_truth` does,
     and for a material that has no neutral twin.
     """
-    table = partner_table(render_scene.twins(albedo))
-    parts = LightParts(render_scene.lobes(), groups) if light else NoParts()
+    table = partner_table(render_scene.materials.twins(albedo))
+    parts = LightParts(render_scene.materials.lobes(), groups) if light else NoParts()
     lights = _view_lights(render_scene, view, params, seed)
     panes = panes_of(render_scene.scene.portals)
     path = JointPath(table, params.max_depth, params.rr_depth, lights, parts, panes)

@@ -21,14 +21,13 @@ glass reflects or absorbs.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from pbrnet.pipeline.channels import TINT, Kind
-from pbrnet.pipeline.frames import Channels, Result
+from pbrnet.pipeline.channels import TINT
+from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.outdoors.radiance import outdoor_radiance
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render import raycast
@@ -46,13 +45,6 @@ _PROBE_WIDTH = 128  # columns of the coarse panorama that searches for openings
 _BEHIND = 0.02  # metres beyond a portal from which surfaces are outdoors: no frame or closed leaf
 _SHADED = 4096  # rays of a panorama for which the light of surfaces outdoors is computed, about
 _GOLDEN = (0.7548776662466927, 0.5698402909980532)  # R2 sequence: 1/g, 1/g^2, g^3 = g + 1
-
-
-def render(
-    scene: RenderScene, view: View, settings: Mapping[Kind, IlluminationParams], seed: int
-) -> dict[Kind, Result]:
-    """Render the frame; see `render_illumination`."""
-    return {"illumination": (render_illumination(scene, view, settings["illumination"]), {})}
 
 
 def render_illumination(

@@ -7,12 +7,13 @@ bump and normal maps (the normal is the interpolated vertex normal).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from pbrnet.pipeline.channels import channels_of
+from pbrnet.pipeline.channels import Kind, channels_of
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.scene import RenderScene
@@ -21,6 +22,7 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, BoolArray, Float64Array
 from pbrnet.scenes.geometry.directions import turned, unit
 
+S = TypeVar("S")
 _MIN_DEPTH = 1e-5  # metres
 
 
@@ -104,12 +106,19 @@ def render_inputs(render_scene: RenderScene, view: View) -> Channels:
 
 def inputs_of(surfaces: VisibleSurfaces) -> Channels:
     """Return the channels of an `inputs` frame from surfaces that were traced with colours."""
-    view = surfaces.view
+    return channels_by("inputs", surfaces.view, RENDERERS, surfaces)
+
+
+def channels_by(
+    kind: Kind, view: View, renderers: Mapping[str, Callable[[S], AnyArray]], source: S
+) -> Channels:
+    """Return the channels of a kind of frame that `renderers` make of `source`, each (H, W)."""
     shape = (view.height, view.width)
     bands: Channels = {}
-    for channel in channels_of("inputs"):
-        values = RENDERERS[channel.name](surfaces).reshape(*shape, len(channel.bands))
-        bands |= {name: values[..., index] for index, name in enumerate(channel.bands)}
+    for channel in channels_of(kind):
+        if channel.name in renderers:
+            values = renderers[channel.name](source).reshape(*shape, len(channel.bands))
+            bands |= {name: values[..., index] for index, name in enumerate(channel.bands)}
     return bands
 
 

@@ -14,9 +14,8 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pbrnet.pipeline.channels import channels_of
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.passes.inputs import VisibleSurfaces, object_index
+from pbrnet.pipeline.passes.inputs import VisibleSurfaces, channels_by, object_index
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
@@ -66,12 +65,7 @@ def labels_of(surfaces: VisibleSurfaces) -> tuple[Channels, dict[str, Any]]:
     The tables are `instances`, `light_sources` and `material_names`; see `describe_instances` and
     `describe_lights`.
     """
-    view = surfaces.view
-    bands: Channels = {}
-    for channel in channels_of("labels"):
-        values = RENDERERS[channel.name](surfaces)
-        bands[channel.bands[0]] = values.reshape(view.height, view.width)
-    return bands, {
+    return channels_by("labels", surfaces.view, RENDERERS, surfaces), {
         "instances": describe_instances(surfaces),
         "light_sources": describe_lights(surfaces.scene),
         "material_names": list(surfaces.scene.table.names),

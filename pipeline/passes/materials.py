@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.pipeline.channels import channels_of
 from pbrnet.pipeline.frames import Channels
-from pbrnet.pipeline.passes.inputs import VisibleSurfaces, facing_normals
+from pbrnet.pipeline.passes.inputs import VisibleSurfaces, channels_by, facing_normals
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.materials import MaterialValues
 from pbrnet.scenes.arrays import AnyArray, BoolArray
@@ -117,11 +116,6 @@ def materials_of(
     surfaces: VisibleSurfaces, channels: Collection[str] = tuple(RENDERERS)
 ) -> tuple[Channels, dict[str, Any]]:
     """Return some channels of a `materials` frame, each (H, W), and the names of the materials."""
-    materials, view = VisibleMaterials(surfaces), surfaces.view
-    shape = (view.height, view.width)
-    bands: Channels = {}
-    for channel in channels_of("materials"):
-        if channel.name in channels:
-            values = RENDERERS[channel.name](materials).reshape(*shape, len(channel.bands))
-            bands |= {name: values[..., index] for index, name in enumerate(channel.bands)}
+    chosen = {name: make for name, make in RENDERERS.items() if name in channels}
+    bands = channels_by("materials", surfaces.view, chosen, VisibleMaterials(surfaces))
     return bands, {"material_names": list(surfaces.scene.table.names)}

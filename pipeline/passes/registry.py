@@ -69,6 +69,13 @@ class Trace(Generic[S]):
         return tuple(self.keys)
 
 
+def _single(
+    kind: Kind, make: Callable[[RenderScene, View, Any, int], Result]
+) -> Callable[[RenderScene, View, Mapping[Kind, Any], int], dict[Kind, Result]]:
+    """Return the rendering of a trace that makes one kind of frame."""
+    return lambda scene, view, settings, seed: {kind: make(scene, view, settings[kind], seed)}
+
+
 _TRUTH = ("groundtruth", "inputs")  # inputs guide the denoiser
 TRACES: tuple[Trace[Any], ...] = (
     Trace(
@@ -84,12 +91,12 @@ TRACES: tuple[Trace[Any], ...] = (
     Trace(
         {"illumination": ("illumination",)},
         lambda params: {"illumination": replace(params.illumination, shadow_rays=0)},
-        illumination.render,
+        _single("illumination", lambda *of: (illumination.render_illumination(*of[:3]), {})),
     ),
     Trace(
         {"visibility": ("visibility", "illumination", "inputs")},
         lambda params: {"visibility": params.illumination},
-        visibility.render,
+        _single("visibility", lambda *of: (visibility.render_visibility(*of[:3]), {})),
     ),
     Trace(
         {"shading": _TRUTH, "color": _TRUTH, "light": ("light", *_TRUTH)},
@@ -108,13 +115,23 @@ TRACES: tuple[Trace[Any], ...] = (
     Trace(
         {"environment": ("environment", *_TRUTH)},
         lambda params: environment.settings(params.groundtruth, params.environment),
-        environment.render,
+        _single(
+            "environment",
+            lambda scene, view, own, seed: environment.render_environment(
+                scene, view, own.panorama, own.trace, seed
+            ),
+        ),
         seed="environment",
     ),
     Trace(
         {"transport": ("transport", "guides")},
         lambda params: transport.settings(params.transport),
-        transport.render,
+        _single(
+            "transport",
+            lambda scene, view, own, seed: transport.render_transport(
+                scene, view, own.transport, seed
+            ),
+        ),
         seed="transport",
     ),
 )

@@ -12,14 +12,13 @@ reflectance has a filter of its own (`pbrnet.pipeline.transport.smoothing`), whi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT, Kind
-from pbrnet.pipeline.frames import Channels, Result
+from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.denoise import Quality, denoise, denoiser_version
 from pbrnet.pipeline.passes.truth import Preparation, prepare
 from pbrnet.pipeline.pathtrace import integrator
@@ -91,13 +90,6 @@ class TransportSettings:
 def settings(params: TransportParams) -> dict[Kind, TransportSettings]:
     """Return the settings of a `transport` frame."""
     return {"transport": TransportSettings(params, denoiser_version())}
-
-
-def render(
-    scene: RenderScene, view: View, settings: Mapping[Kind, TransportSettings], seed: int
-) -> dict[Kind, Result]:
-    """Render the frame; see `render_transport`."""
-    return {"transport": render_transport(scene, view, settings["transport"].transport, seed)}
 
 
 def render_transport(
@@ -200,7 +192,7 @@ def surfels_for(pixels: int) -> int:
 
 def _launcher(render_scene: RenderScene) -> TransportLauncher:
     """Return the launcher of an open scene; a new one if its materials were made anew."""
-    render_scene.lobes()
+    render_scene.materials.lobes()
     found = _LAUNCHERS.get(render_scene.materials)
     if found is None or found.version != render_scene.materials.version:
         found = TransportLauncher(render_scene)

@@ -198,7 +198,7 @@ def _grey(settings: TruthSettings) -> float:
 
 def _has_twin(scene: RenderScene, settings: TruthSettings) -> bool:
     try:
-        scene.twins(_grey(settings))
+        scene.materials.twins(_grey(settings))
     except InputError:
         return False
     return True

@@ -9,12 +9,10 @@ the camera, nor indirect light.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from pbrnet.pipeline.channels import TINT, Kind
-from pbrnet.pipeline.frames import Channels, Result
+from pbrnet.pipeline.channels import TINT
+from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import facing_normals
 from pbrnet.pipeline.passes.panorama_lights import sources, unshadowed_irradiance
@@ -32,13 +30,6 @@ _WINDOW = (0.5, 1.0, 1.0, 1.0, 0.5)  # weights of the 5 x 5 neighbourhood, per a
 _MIN_COSINE = 0.9  # between the normals of one surface
 _MAX_OFFSET = 0.01  # of the depth: distance of a surface from the pixel's tangent plane
 _TOLERANCE = 0.02  # metres before a source's mean position within which a ray has arrived
-
-
-def render(
-    scene: RenderScene, view: View, settings: Mapping[Kind, IlluminationParams], seed: int
-) -> dict[Kind, Result]:
-    """Render the frame; see `render_visibility`."""
-    return {"visibility": (render_visibility(scene, view, settings["visibility"]), {})}
 
 
 def render_visibility(

@@ -1,4 +1,4 @@
-"""Entry to the renderer: Mitsuba variant, scenes opened for rendering, object id images, rays.
+"""Entry to the renderer: Mitsuba variant, scenes opened for rendering, rays.
 
 Call `set_variant` in each thread that renders, before anything else here.
 """
@@ -103,17 +103,6 @@ class RenderScene:
         """
         return replace(self, albedo=albedo)
 
-    def twins(self, albedo: float) -> list[tuple[Any, Any]]:
-        """Return every shape's BSDF with its neutral twin in the grey `albedo`.
-
-        Raises `InputError` for a material that has no neutral twin.
-        """
-        return self.materials.twins(albedo)
-
-    def lobes(self) -> list[tuple[Any, Any, Any]]:
-        """Return every shape's BSDF with its diffuse lobe and its reflectance twin."""
-        return self.materials.lobes()
-
     def apply_materials(self) -> None:
         """Give the shared shapes this form's materials, unless they have them already.
 
@@ -196,19 +185,6 @@ def free_memory() -> None:
     dr.flush_kernel_cache()
     if hasattr(psutil, "heap_trim"):  # absent where the C library does not support it
         psutil.heap_trim()
-
-
-def render_ids(
-    render_scene: RenderScene,
-    poses: npt.ArrayLike,
-    rays: npt.ArrayLike,
-) -> npt.NDArray[np.uint32]:
-    """Return object index + 1 along every ray (0: none), uint32 (N, H, W).
-
-    `poses` (N, 4, 4) are camera_to_world (OpenCV); `rays` (H, W, 3), in the camera's axes, are
-    shared. Rays pass clear glass. All cameras are traced together.
-    """
-    return raycast.object_ids(render_scene.geometry, poses, rays)
 
 
 def cast(

@@ -115,9 +115,9 @@ def sample_scene(job: CameraJob) -> dict[str, Any]:
     """Sample one scene's cameras, or take those of another scene, and write its camera file."""
     opened, opening = _opened(job.scene_folder, job.scene_digest)
     if job.shared is None:
-        cameras = make_cameras(opened, opened.scene, job.params, job.seed, job.trajectories)
+        cameras = make_cameras(opened, job.params, job.seed, job.trajectories)
     else:
-        cameras = take_cameras(opened, opened.scene, job.params, job.shared)
+        cameras = take_cameras(opened, job.params, job.shared)
     sent: dict[str, SentFile] = {}
     with writing(job.path, sent, "cameras") as path:
         fingerprint = job.fingerprint[renderer_version()]

@@ -39,7 +39,9 @@ class TransportLauncher:
     """Tables and recorded launches of one open scene, kept between its views."""
 
     def __init__(self, render_scene: RenderScene) -> None:
-        self._lobes = partner_table([(own, lobe) for own, lobe, _ in render_scene.lobes()])
+        self._lobes = partner_table(
+            [(own, lobe) for own, lobe, _ in render_scene.materials.lobes()]
+        )
         self._tables = ShapeTables(render_scene.geometry)
         self._scene = render_scene.neutral(None).mitsuba
         self._panes = panes_of(render_scene.scene.portals)

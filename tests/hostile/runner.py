@@ -31,7 +31,7 @@ _HARMLESS = ("/dev/null", "/dev/shm/", "/proc/", "/dev/tty", "/dev/full")
 _PRELOADED = (
     "pbrnet.pipeline.cli",
     "pbrnet.pipeline.commands.import_scene",
-    "pbrnet.pipeline.commands.data",
+    "pbrnet.pipeline.commands.inspect",
     "pbrnet.pipeline.commands.cost",
     "pbrnet.pipeline.commands.stages",
     "pbrnet.model.commands.doctor",

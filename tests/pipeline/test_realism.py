@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from pbrnet.pipeline.commands.data import inspect
+from pbrnet.pipeline.commands.inspect import inspect
 from pbrnet.pipeline.inspection.realism import (
     FIGURES,
     class_pixels,

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from pbrnet.pipeline.cli import cli
-from pbrnet.pipeline.commands import run
+from pbrnet.pipeline.commands import stages as commands
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.scenes.errors import MachineError
 
@@ -31,7 +31,7 @@ def stages(monkeypatch: pytest.MonkeyPatch, **failing: Exception) -> list[tuple[
 
         return made
 
-    monkeypatch.setattr(run, "STAGES", {name: stage(name) for name in run.STAGES})
+    monkeypatch.setattr(commands, "STAGES", {name: stage(name) for name in commands.STAGES})
     return calls
 
 
@@ -44,7 +44,7 @@ def test_every_stage_runs_once_and_in_order(folder: Path, monkeypatch: pytest.Mo
     calls = stages(monkeypatch)
     done = invoke(folder)
     assert done.exit_code == 0, done.output
-    assert calls == [(name, folder / "d", 5) for name in run.STAGES]
+    assert calls == [(name, folder / "d", 5) for name in commands.STAGES]
     assert "[7/7] dataset" in done.output and "groundtruth: 1 made" in done.output
     calls.clear()
     assert invoke(folder, "--until", "cameras", "--seed", "7").exit_code == 0
@@ -61,7 +61,7 @@ def test_failed_views_do_not_stop_the_others_but_are_told(
     calls = stages(monkeypatch, inputs=StageError("inputs: 1 failed, 8 made"))
     done = invoke(folder)
     assert isinstance(done.exception, StageError) and done.exception.exit_code == 1
-    assert len(calls) == len(run.STAGES), "the dataset has what there is"
+    assert len(calls) == len(commands.STAGES), "the dataset has what there is"
     assert "inputs: 1 failed, 8 made" in done.output
 
 

@@ -178,7 +178,7 @@ def cameras() -> str:
     with tempfile.TemporaryDirectory() as folder:
         opened, _ = recorded.recorded_room(Path(folder) / "living")
         params = replace(recorded.PARAMS, cameras=pbrs_cameras(min_objects=1, grid=0.5))
-        found = make_cameras(opened, opened.scene, view_params(params), 7)
+        found = make_cameras(opened, view_params(params), 7)
     return digest_bytes(json.dumps(plain(found), sort_keys=True).encode())[:16]
 
 

@@ -63,8 +63,7 @@ from pbrnet.model.studies.time.results import (
 )
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import Size
-from pbrnet.pipeline.commands.release import processor
-from pbrnet.pipeline.farm.versions import scene_digest
+from pbrnet.pipeline.farm.versions import processor, scene_digest
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import denoise, denoiser_version

@@ -133,6 +133,7 @@ def object_ids(
     """Return object index + 1 along every ray, 0 for none: uint32 (N, H, W).
 
     `poses` (N, 4, 4) are camera_to_world, OpenCV; all cameras share `rays` (H, W, 3) in their axes.
+    Rays pass clear glass.
     """
     poses = np.asarray(poses, dtype=np.float64).reshape(-1, 4, 4)
     rays = np.asarray(rays, dtype=np.float64)

@@ -61,7 +61,7 @@ def visible_share(rs: RenderScene, one: View, other: View) -> float:
 
 def test_a_set_overlaps_by_its_median(room: RenderScene) -> None:
     params = pbrs_params(cameras=OPTIONS, image=ImageParams(96, 72))
-    file = make_cameras(room, room.scene, view_params(params), 0)
+    file = make_cameras(room, view_params(params), 0)
     members = [view for view in file.views if view.view_set]
     assert len(members) == 4 and {view.view_set for view in members} == {"set-living"}
     assert {view.room for view in members} == {"living"}
@@ -80,11 +80,11 @@ def test_a_set_overlaps_by_its_median(room: RenderScene) -> None:
 
 
 def test_sets_change_no_sampled_view_and_are_left_out_if_impossible(room: RenderScene) -> None:
-    plain = make_cameras(room, room.scene, view_params(pbrs_params()), 0)
-    file = make_cameras(room, room.scene, view_params(pbrs_params(cameras=OPTIONS)), 0)
+    plain = make_cameras(room, view_params(pbrs_params()), 0)
+    file = make_cameras(room, view_params(pbrs_params(cameras=OPTIONS)), 0)
     kept = [view for view in file.views if not view.view_id.startswith("set-")]
     assert [replace(view, view_set="", set_overlap=0.0) for view in kept] == list(plain.views)
     assert sum(bool(view.view_set) for view in kept) == 1
     impossible = replace(OPTIONS, overlap=0.95, overlap_views=16)
-    file = make_cameras(room, room.scene, view_params(pbrs_params(cameras=impossible)), 0)
+    file = make_cameras(room, view_params(pbrs_params(cameras=impossible)), 0)
     assert file.views == plain.views and file.stored_left_out == {"set-living": NO_SET}

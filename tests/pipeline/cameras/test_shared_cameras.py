@@ -34,8 +34,8 @@ def room(folder: Path, *more: Block) -> RenderScene:
 def test_a_scene_of_the_same_shape_has_the_same_cameras(tmp_path: Path) -> None:
     params = pbrs_params(cameras=EVERYTHING)
     one, other = (room(tmp_path / name) for name in ("one", "other"))
-    own = make_cameras(one, one.scene, view_params(params), 0)
-    taken = take_cameras(other, other.scene, view_params(params), own.views)
+    own = make_cameras(one, view_params(params), 0)
+    taken = take_cameras(other, view_params(params), own.views)
     assert [replace(view, scene_id="one") for view in taken.views] == list(own.views)
     assert any(view.view_set for view in own.views) and any(view.trajectory for view in own.views)
     assert taken.rejected == {} and taken.stored_left_out == own.stored_left_out
@@ -44,7 +44,7 @@ def test_a_scene_of_the_same_shape_has_the_same_cameras(tmp_path: Path) -> None:
 def test_a_camera_without_room_is_left_out(tmp_path: Path) -> None:
     params = pbrs_params(cameras=replace(EVERYTHING, stereo_baseline=0.0, overlap_views=0))
     one = room(tmp_path / "one")
-    own = make_cameras(one, one.scene, view_params(params), 0)
+    own = make_cameras(one, view_params(params), 0)
     single = next(view for view in own.views if not view.trajectory)
     middle = next(view for view in own.views if view.frame == 12)
     posts = [
@@ -52,7 +52,7 @@ def test_a_camera_without_room_is_left_out(tmp_path: Path) -> None:
         for n, view in enumerate((single, middle))
     ]
     other = room(tmp_path / "other", *posts)
-    taken = take_cameras(other, other.scene, view_params(params), own.views)
+    taken = take_cameras(other, view_params(params), own.views)
     ids = {view.view_id for view in taken.views}
     assert single.view_id not in ids and not any(view.trajectory for view in taken.views)
     assert taken.stored_left_out == {"walk-00": TOO_CLOSE}

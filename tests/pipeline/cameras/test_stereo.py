@@ -34,7 +34,7 @@ def pairs(file: CameraFile) -> list[tuple[View, View]]:
 
 
 def test_each_view_has_a_partner_to_its_right(room: RenderScene) -> None:
-    file = make_cameras(room, room.scene, view_params(pbrs_params(cameras=OPTIONS)), 0)
+    file = make_cameras(room, view_params(pbrs_params(cameras=OPTIONS)), 0)
     found = pairs(file)
     assert len(found) >= 2 and len(file.views) == 2 * len(found) + len(file.stored_left_out)
     for left, right in found:
@@ -50,9 +50,7 @@ def test_each_view_has_a_partner_to_its_right(room: RenderScene) -> None:
 
 def test_disparity_follows_from_depth(room: RenderScene) -> None:
     """A point at column x of the left image is at x - focal * baseline / depth of the right one."""
-    left, right = pairs(
-        make_cameras(room, room.scene, view_params(pbrs_params(cameras=OPTIONS)), 0)
-    )[0]
+    left, right = pairs(make_cameras(room, view_params(pbrs_params(cameras=OPTIONS)), 0))[0]
     small = replace(left, width=64, height=48, K=((40, 0, 32), (0, 40, 24), (0, 0, 1)))
     depth = render_inputs(room, small)["Z"]
     found = reproject(depth, small, right.pose)
@@ -65,7 +63,7 @@ def test_disparity_follows_from_depth(room: RenderScene) -> None:
 
 def test_a_pair_of_walks_is_two_trajectories(room: RenderScene) -> None:
     options = pbrs_cameras(walks=1, stereo_baseline=0.02, clearance=0.03)
-    file = make_cameras(room, room.scene, view_params(pbrs_params(cameras=options)), 0)
+    file = make_cameras(room, view_params(pbrs_params(cameras=options)), 0)
     walk = [pair for pair in pairs(file) if pair[0].trajectory]
     assert len(walk) == 24
     for left, right in walk:
@@ -80,7 +78,7 @@ def test_a_partner_behind_a_wall_is_left_out(room: RenderScene) -> None:
     source = {"kind": "test", "views": [stored, turned]}
     scene = replace(room.scene, source=source)
     options = pbrs_cameras(stereo_baseline=0.5, min_objects=50)
-    views = make_cameras(room, scene, view_params(pbrs_params(cameras=options)), 0)
+    views = make_cameras(replace(room, scene=scene), view_params(pbrs_params(cameras=options)), 0)
     assert views.stored_left_out["stored-turned-right"] == TOO_CLOSE
     (pair,) = pairs(views)
     assert pair[0].view_id == "stored-corner"
@@ -94,8 +92,8 @@ def test_pairs_change_no_view(room: RenderScene) -> None:
         return [replace(view, stereo_partner="", stereo_offset=0.0) for view in kept]
 
     without = make_cameras(
-        room, room.scene, view_params(pbrs_params(cameras=replace(OPTIONS, stereo_baseline=0.0))), 0
+        room, view_params(pbrs_params(cameras=replace(OPTIONS, stereo_baseline=0.0))), 0
     )
-    assert bare(
-        make_cameras(room, room.scene, view_params(pbrs_params(cameras=OPTIONS)), 0)
-    ) == list(without.views)
+    assert bare(make_cameras(room, view_params(pbrs_params(cameras=OPTIONS)), 0)) == list(
+        without.views
+    )

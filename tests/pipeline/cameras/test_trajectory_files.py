@@ -77,7 +77,7 @@ def test_frames_that_collide_are_named_or_their_path_is_left_out(tmp_path: Path)
     for way in ("warn", "reject", "accept"):
         options = pbrs_cameras(views_per_room=1, collisions=way)  # type: ignore[arg-type]
         params = pbrs_params(image=ImageParams(32, 24), cameras=options)
-        files[way] = make_cameras(scene, scene.scene, view_params(params), 0, given)
+        files[way] = make_cameras(scene, view_params(params), 0, given)
     frames = {way: Counter(v.trajectory for v in file.views) for way, file in files.items()}
     assert frames["warn"]["path-00"] == frames["accept"]["path-00"] == 20
     assert [frames[way]["path-01"] for way in files] == [20] * 3

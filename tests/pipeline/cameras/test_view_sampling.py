@@ -34,7 +34,7 @@ def _opened(folder: Path, **options: object) -> RenderScene:
 
 
 def _sample(rs: RenderScene, params: Params = PARAMS, seed: int = 0) -> CameraFile:
-    return sample_cameras(rs, rs.scene, view_params(params), seed)
+    return sample_cameras(rs, view_params(params), seed)
 
 
 def _with_rooms(rs: RenderScene, *rooms: Room) -> RenderScene:
@@ -66,7 +66,8 @@ def test_an_empty_room_is_seen_by_its_building(living: RenderScene, tmp_path: Pa
     """Structure counts only where no candidate sees three pieces of furniture."""
     bare = replace(living.scene, objects=living.scene.objects[:6])
     assert all(part.is_structure for part in bare.objects)
-    empty = sample_cameras(_opened(tmp_path / "bare", blocks=[]), bare, view_params(PARAMS), 0)
+    opened = replace(_opened(tmp_path / "bare", blocks=[]), scene=bare)
+    empty = sample_cameras(opened, view_params(PARAMS), 0)
     assert empty.unfurnished and len(empty.views) >= 3
     assert len(empty.views) + sum(empty.rejected.values()) == empty.candidates
     for view in empty.views:

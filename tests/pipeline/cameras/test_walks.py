@@ -48,7 +48,7 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> RenderScene:
 
 def walks(rs: RenderScene, options: CameraParams, seed: int = 0) -> list[list[View]]:
     """The frames of each walk, in order."""
-    views = make_cameras(rs, rs.scene, view_params(pbrs_params(cameras=options)), seed).views
+    views = make_cameras(rs, view_params(pbrs_params(cameras=options)), seed).views
     names = sorted({view.trajectory for view in views} - {""})
     return [[view for view in views if view.trajectory == name] for name in names]
 
@@ -97,11 +97,11 @@ def test_walks_pass_an_open_door_and_no_shut_one(flat: RenderScene, tmp_path: Pa
 
 def test_walks_change_no_sampled_view(flat: RenderScene) -> None:
     params = pbrs_params(cameras=OPTIONS)
-    plain = sample_cameras(flat, flat.scene, view_params(pbrs_params()), 0)
-    file = make_cameras(flat, flat.scene, view_params(params), 0)
+    plain = sample_cameras(flat, view_params(pbrs_params()), 0)
+    file = make_cameras(flat, view_params(params), 0)
     assert tuple(view for view in file.views if not view.trajectory) == plain.views
-    assert make_cameras(flat, flat.scene, view_params(pbrs_params()), 0) == plain
-    assert make_cameras(flat, flat.scene, view_params(params), 0) == file
+    assert make_cameras(flat, view_params(pbrs_params()), 0) == plain
+    assert make_cameras(flat, view_params(params), 0) == file
     first = walks(flat, replace(OPTIONS, walks=1))
     assert first[0] == walks(flat, OPTIONS)[0], "a further walk changes no other"
     assert first != walks(flat, replace(OPTIONS, walks=1), seed=1)
@@ -109,6 +109,6 @@ def test_walks_change_no_sampled_view(flat: RenderScene) -> None:
 
 def test_a_scene_without_free_floor_has_no_walk(tmp_path: Path) -> None:
     full = two_rooms(tmp_path / "full", Block("heap", (0.0, 0.0, 0.0), (6.0, 3.0, 0.4)))
-    file = make_cameras(full, full.scene, view_params(pbrs_params(cameras=OPTIONS)), 0)
+    file = make_cameras(full, view_params(pbrs_params(cameras=OPTIONS)), 0)
     assert file.stored_left_out == {"walk-00": NO_WALK, "walk-01": NO_WALK}
     assert not any(view.trajectory for view in file.views)

@@ -22,7 +22,7 @@ from click.testing import CliRunner
 
 from pbrnet.pipeline.channels import TINT, kinds_of_sets
 from pbrnet.pipeline.cli import cli
-from pbrnet.pipeline.commands.data import require_whole_walks, summary_lines
+from pbrnet.pipeline.commands.stages import require_whole_walks, summary_lines
 from pbrnet.pipeline.dataset.checks import (
     REASONS,
     black_share,

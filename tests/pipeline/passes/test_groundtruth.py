@@ -271,7 +271,8 @@ from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.settings import IlluminationParams
-from pbrnet.pipeline.render.scene import open_scene, render_ids, set_variant
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.scenes.contract import load_scene
 from tests.fixtures.params import plain_truth
 from tests.fixtures.render import make_view
@@ -288,7 +289,7 @@ frames = {
     "illumination": render_illumination(rs, view, IlluminationParams(width=80)),
     "color": render_truth(rs, view, params, 7)[0],
     "shading": render_truth(rs.neutral(0.5), view, params, 7)[0],
-    "ids": {"ids": render_ids(rs, view.pose[None], view.rays())[0]},
+    "ids": {"ids": raycast.object_ids(rs.geometry, view.pose[None], view.rays())[0]},
 }
 np.savez(out, **{f"{kind} {name}": v for kind, c in frames.items() for name, v in c.items()})
 """

@@ -7,7 +7,8 @@ import pytest
 
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import facing_normals, render_inputs
-from pbrnet.pipeline.render.scene import cast, open_scene, render_ids
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import cast, open_scene
 from pbrnet.pipeline.render.scene_geometry import Hits
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.errors import InputError
@@ -180,7 +181,7 @@ def test_ids_of_many_cameras_are_those_of_the_inputs(tmp_path: Path) -> None:
     scene = open_scene(write_scene(tmp_path / "s", body, objects))
     views = [make_view((0, -1, 1.4), (x, 1, -0.2)) for x in (-1.0, -0.3, 0.2, 0.8)]
     poses = np.stack([view.pose for view in views])
-    ids = render_ids(scene, poses, views[0].rays())
+    ids = raycast.object_ids(scene.geometry, poses, views[0].rays())
     assert ids.shape == (4, 24, 32) and ids.dtype == np.uint32
     assert set(np.unique(ids)) == {0, 1, 2, 3}
     for view, image in zip(views, ids, strict=True):

@@ -106,7 +106,7 @@ def test_sampled_panoramas_stand_level_and_differ(tmp_path: Path, wavefront: str
     write_room(tmp_path / "living")
     scene = open_scene(load_scene(tmp_path / "living"))
     params = replace(PARAMS, cameras=pbrs_cameras(views_per_room=6))
-    views = sample_cameras(scene, scene.scene, view_params(params), 0).views
+    views = sample_cameras(scene, view_params(params), 0).views
     assert views and all(view.K == () and view.pose[2, 2] == 0 for view in views)
     assert [view.width for view in views] == [WIDTH] * len(views)
     with pytest.raises(InputError, match="is equirectangular and has no K"):

@@ -71,6 +71,6 @@ def test_calls_meet_no_material_that_only_another_one_holds() -> None:
 
 def test_materials_that_differ_in_colour_alone_have_one_neutral_twin(tmp_path: Path) -> None:
     scene = room(tmp_path / "room", [0.3, 0.3, 0.4])
-    twins = {own.ptr: neutral.ptr for own, neutral in scene.twins(0.5)}
+    twins = {own.ptr: neutral.ptr for own, neutral in scene.materials.twins(0.5)}
     # Of the walls, of two balls together, of the third, and of the lamp.
     assert len(set(twins.values())) == 4

@@ -15,6 +15,7 @@ from click.testing import CliRunner
 
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.commands import stages
+from pbrnet.pipeline.commands.start import plan_stages
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, holds, read_frame, read_meta
@@ -23,7 +24,6 @@ from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
-from pbrnet.pipeline.stages.plans import plan_stages
 from pbrnet.pipeline.stages.runner import StageError, plan_line
 from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.pipeline.views import ImageParams, load_cameras, save_cameras

@@ -11,7 +11,8 @@ from PIL import Image
 from shapely.geometry import Point, Polygon
 
 from pbrnet.pipeline.cameras.view_sampling import score_ids
-from pbrnet.pipeline.render.scene import open_scene, render_ids, set_variant
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.views import ImageParams, intrinsics_of
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Scene
@@ -198,7 +199,9 @@ def test_released_cameras_see_what_the_release_says(released: Scene) -> None:
     assert len(views) == 8
     image = ImageParams(width=SIZE[0], height=SIZE[1], half_fov_x=0.5534)
     poses = np.array([view["camera_to_world"] for view in views])
-    ids = render_ids(open_scene(released), poses, pixel_directions(intrinsics_of(image), *SIZE))
+    ids = raycast.object_ids(
+        open_scene(released).geometry, poses, pixel_directions(intrinsics_of(image), *SIZE)
+    )
     glazed = np.stack([_with_panes(released, view, pose, intrinsics_of(image))
                        for view, pose in zip(ids, poses, strict=True)])  # fmt: skip
     rooms = {room.id: room for room in released.rooms}

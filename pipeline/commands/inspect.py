@@ -1,4 +1,4 @@
-"""`pbrnet dataset` and `pbrnet inspect`: packing of frames, description of files."""
+"""`pbrnet inspect`: description of files."""
 
 from __future__ import annotations
 
@@ -9,68 +9,16 @@ import click
 from pbrnet.pipeline.commands.options import (
     FILE,
     PATH,
-    Request,
-    common_options,
     idle_seed_option,
     json_option,
 )
-from pbrnet.pipeline.dataset.description.card import DatasetSummary
-from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.shards import verify_sums
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.inspection.datasets import inspect_diversity, inspect_realism
 from pbrnet.pipeline.inspection.describe import inspect_path
 from pbrnet.pipeline.inspection.scenes import with_leaks
-from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.files import atomic_file
-
-
-@click.command(
-    epilog="""\b
-Examples:
-  pbrnet dataset                       pack the frames in data/
-  pbrnet dataset --data /mnt/big/data  pack the frames of another data folder
-
-Views that fail a check are listed with the reason in data/dataset/rejected.csv. Exit code 1 if a
-walk has rejected frames."""
-)
-@common_options
-def dataset(request: Request) -> None:
-    """Check the frames of every view and pack them into Parquet shards with a dataset card."""
-    summary = pack_dataset(request.data, request.params)
-    for line in summary_lines(summary, request.data / "dataset"):
-        say(line)
-    require_whole_walks(summary)
-
-
-def require_whole_walks(summary: DatasetSummary) -> None:
-    """Raise `StageError` with the names of walks that have rejected frames."""
-    if summary.walks:
-        named = ", ".join(
-            f"{scene}/{walk} ({count} frames)" for (scene, walk), count in summary.walks.items()
-        )
-        raise StageError(
-            f"dataset: rejected frames in {len(summary.walks)} walks: {named}; the rest is packed. "
-            "dataset.checks has the limits; whole_walks rejects such walks as a whole"
-        )
-
-
-def summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
-    """Return rows, splits, size and rejections of a packed dataset as lines of text."""
-    splits = ", ".join(
-        f"{split} {rows} of {summary.scenes[split]} scenes" for split, rows in summary.rows.items()
-    )
-    lines = [
-        f"{summary.sampled} views sampled, {summary.total} rows ({splits})",
-        f"{len(summary.files)} shards, {summary.bytes / 1e6:.1f} MB in {folder}",
-    ]
-    if not summary.packed:
-        lines.append("up to date: kept as it was packed before")
-    if summary.rejected:
-        reasons = ", ".join(f"{reason} {count}" for reason, count in summary.rejected.items())
-        lines.append(f"rejected: {reasons}; see {folder / 'rejected.csv'}")
-    return lines
 
 
 @click.command(
