@@ -5,8 +5,9 @@ heights, and the planar openings through which they see outdoors.
 
 A horizontal section a little below a ceiling shows the walls and little else: lintels close the
 doors there, and furniture seldom reaches so high. The free areas of that section, under a ceiling
-and over a floor, are the rooms. Openings are searched wall by wall with a grid of rays straight
-outwards; connected rays that leave the building form an opening. World: metres, Z up.
+and over a floor, are the rooms, parted where a doorway reaches up to the ceiling. Openings are
+searched wall by wall with a grid of rays straight outwards; connected rays that leave the building
+form an opening. World: metres, Z up.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from shapely.geometry import Point, Polygon
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.geometry.directions import fibonacci_sphere, horizontal_directions
+from pbrnet.scenes.geometry.doorways import parts_at_doorways
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.geometry.regions import (
     buffered,
@@ -437,8 +439,12 @@ def _free_areas(corners: Float64Array, level: float) -> list[Polygon]:
         # Buffering the union of the lines takes a hundred times as long.
         lines = shapely.linestrings(slice_segments(corners, level - drop))
         walls = thickened(lines, _HALF_GAP, cap_style="square")
-        free = difference(cover, walls)
-        for part in polygon_parts(free):
+        free = [
+            part
+            for region in polygon_parts(difference(cover, walls))
+            for part in parts_at_doorways(region)
+        ]
+        for part in free:
             grown = buffered(
                 buffered(part, -_HALF_CAVITY),
                 _HALF_CAVITY + _HALF_GAP,

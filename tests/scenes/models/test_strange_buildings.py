@@ -12,7 +12,7 @@ from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import with_visible_space
 from pbrnet.scenes.registry import import_scene
-from tests.fixtures.buildings import Building, Part, block, part, slab, walls
+from tests.fixtures.buildings import Building, Part, block, part, slab, two_rooms, walls
 from tests.fixtures.rooms import Block, write_obj
 
 pytestmark = pytest.mark.usefixtures("few_walks")
@@ -192,3 +192,14 @@ def test_a_room_ends_at_its_windows_though_no_pane_is_in_them(has_backdrop: bool
     (room,) = with_visible_space(RayCaster(corners), corners, [], np.array([4.0, 3.0, 1.5]))
     assert room.floor.area == pytest.approx(48.0, rel=0.02)
     assert room.guessed and room.ceiling_z == pytest.approx(3.05, abs=0.06)
+
+
+@pytest.mark.parametrize("has_ceiling", [True, False])
+def test_a_doorway_without_a_lintel_parts_two_rooms(tmp_path: Path, has_ceiling: bool) -> None:
+    """As in floor plans drawn upwards: gaps from floor to ceiling, or walls that are open above."""
+    building = two_rooms((1.5, 2.4, 0.0, 2.7))
+    parts = [each for each in building.parts if has_ceiling or each.name != "Ceiling"]
+    scene = imported(parts, tmp_path, suffix=".glb")
+    assert sorted(areas(scene)) == [pytest.approx(area, rel=0.03) for area in (12.0, 16.0)]
+    assert [portal.kind for portal in scene.portals] == ["window"]
+    assert all(room.has_light for room in scene.rooms)
