@@ -36,7 +36,10 @@ def color_map(values: FloatingArray, low: float, high: float, name: str = "virid
 
 
 def depth_picture(depth: FloatingArray, valid: npt.NDArray[np.generic] | None = None) -> Picture:
-    """Draw depth (H, W) in metres, logarithmic: near is bright, far violet, no surface grey."""
+    """Draw depth or distance (H, W) in metres, logarithmic: near is bright, far violet.
+
+    Pixels without a surface, or without a light, are grey.
+    """
     depth = np.asarray(depth, dtype=np.float64)
     there = depth > 0 if valid is None else np.asarray(valid) > 0
     # Logarithmic, so that distant houses outdoors do not use up the colours of the room.
@@ -76,11 +79,6 @@ def intensity_picture(intensity: FloatingArray, decades: float = 4.0) -> Picture
     picture = color_map(logarithm + 0.25 * decades, 0, 1.25 * decades, "inferno")
     picture[intensity <= 0] = NOTHING
     return picture
-
-
-def distance_picture(distance: FloatingArray) -> Picture:
-    """Draw panorama distance (h, w) in metres to the light: near is bright, no light grey."""
-    return depth_picture(distance)
 
 
 def tint_picture(tint: FloatingArray) -> Picture:

@@ -1,17 +1,27 @@
-"""List of a stage's failures, and the lock on a data folder."""
+"""Upkeep of a data folder: its lock, the list of a stage's failures, and its trash.
+
+`DATA/trash` keeps what no view asks for any more for a while. A file or folder lies there under its
+path in the data folder. It is put back when it is wanted again, and removed `farm.trash_days` after
+it was put there.
+"""
 
 from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from pbrnet.scenes.errors import MachineError, PbrnetError
 from pbrnet.scenes.files import machine_errors, write_json
+
+_DAY = 86_400.0
+_FLAT = ("scenes", "cameras")  # their entries lie one folder deep, others two
 
 
 @dataclass(frozen=True)
@@ -67,3 +77,78 @@ def data_lock(data: Path, stage: str) -> Iterator[None]:
             holder = f"'pbrnet {stage}' (process {os.getpid()} on {os.uname().nodename})"
             stream.write(holder.encode())
         yield
+
+
+class Trash:
+    """The trash of the folder `data`; entries stay for `days`, 0: they are removed at once."""
+
+    def __init__(self, data: Path, days: float) -> None:
+        self.data, self.days = data, days
+        self.folder = data / "trash"
+
+    def place(self, path: Path) -> Path:
+        """Return where `path`, a file or folder of the data folder, lies in the trash."""
+        return self.folder / path.relative_to(self.data)
+
+    def add(self, paths: Iterable[Path]) -> None:
+        """Move files or folders into the trash; they replace what lies there under their names."""
+        for path in paths:
+            place = self.place(path)
+            _remove(place)
+            if self.days:
+                place.parent.mkdir(parents=True, exist_ok=True)
+                path.replace(place)
+                os.utime(place)
+            else:
+                _remove(path)
+
+    def put_back(self, paths: Iterable[Path]) -> None:
+        """Move files or folders from the trash to `paths`, over what is out of date there."""
+        for path in paths:
+            _remove(path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.place(path).replace(path)
+
+    def sweep(self) -> None:
+        """Remove the entries whose time is over, and empty folders."""
+        oldest = time.time() - self.days * _DAY
+        for entry in self._entries():
+            if entry.stat().st_mtime <= oldest:
+                _remove(entry)
+        for folder, _, _ in os.walk(self.folder, topdown=False):
+            with suppress(OSError):  # not empty
+                Path(folder).rmdir()
+
+    def described(self) -> str:
+        """Return number and size of the entries, and how long they stay; "" if there are none."""
+        entries = list(self._entries())
+        if not entries:
+            return ""
+        size = size_text(entries)
+        return (
+            f"trash: {len(entries)} files or folders, {size}, in {self.folder}, each kept for "
+            f"{self.days:g} days (farm.trash_days); --remove-orphans empties it"
+        )
+
+    def _entries(self) -> Iterator[Path]:
+        for folder in sorted(self.folder.glob("*/")):
+            yield from sorted(folder.glob("*" if folder.name in _FLAT else "*/*"))
+
+
+def size_text(paths: Iterable[Path]) -> str:
+    """Return the size of files and folders, like `3.4 MB`."""
+    size = sum(_size(path) for path in paths) / 1e6
+    return f"{size / 1000:,.1f} GB" if size >= 1000 else f"{size:.1f} MB"
+
+
+def _size(path: Path) -> int:
+    if path.is_dir() and not path.is_symlink():
+        return sum(file.lstat().st_size for file in path.rglob("*") if not file.is_dir())
+    return path.lstat().st_size if path.exists() else 0
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

@@ -12,7 +12,6 @@ from pbrnet.pipeline.images import (
     Picture,
     contact_sheet,
     depth_picture,
-    distance_picture,
     enlarge,
     fit,
     flow_picture,
@@ -102,7 +101,7 @@ def draw(name: str, row: Mapping[str, Any]) -> Picture:
         return tint_picture(values)
     if name in _SHARES:
         return share_picture(values)
-    return distance_picture(values) if name == "distance" else reflectance_picture(values)
+    return depth_picture(values) if name == "distance" else reflectance_picture(values)
 
 
 def light_pictures(row: Mapping[str, Any]) -> list[tuple[str, Picture]]:

@@ -1,7 +1,8 @@
 """Checks that reject views from the dataset, each with a named reason and its measured value.
 
-`load_frames` reads a view's frames and reports missing or damaged ones; `check_frames` is a pure
-function of pixels and limits. Every rejected view is listed in `rejected.csv`.
+`load_frames` reads a view's frames and reports missing or damaged ones; `check_surfaces` and
+`check_light` are pure functions of pixels and limits. Every rejected view is listed in
+`rejected.csv`.
 
 A panorama without any light is not rejected: a room lit through an open door is a valid view, and
 the dataset card counts such views.
@@ -131,28 +132,6 @@ def load_frames(
     return frames
 
 
-def check_frames(
-    view: View,
-    frames: Mapping[Kind, Frame],
-    size: Size,
-    panorama: Size,
-    limits: CheckParams,
-    neighbours: dict[str, Channels] | None = None,
-    environment: Size = (256, 128),
-    lights: int = 0,
-) -> Rejection | None:
-    """Return the first reason to reject these frames, or None.
-
-    `size`, `panorama` and `environment` are (width, height) of the dataset's images, panoramas of
-    lights and panoramas of the environment. Noisy frames and panoramas are not rejected for their
-    noise. `neighbours` holds the inputs of the next (`forward`) and the previous frame of a
-    trajectory, where they are known. `lights` is the dataset's number of light groups.
-    """
-    return check_surfaces(view, frames, size, limits, neighbours or {}) or check_light(
-        view, frames, size, panorama, limits, environment, lights
-    )
-
-
 def check_light(
     view: View,
     frames: Mapping[Kind, Frame],
@@ -162,7 +141,12 @@ def check_light(
     environment: Size,
     lights: int,
 ) -> Rejection | None:
-    """Return the first reason to reject the frames with light, or None; see `check_frames`."""
+    """Return the first reason to reject the frames with light, or None.
+
+    `size`, `panorama` and `environment` are (width, height) of the dataset's images, panoramas of
+    lights and panoramas of the environment. Noisy frames and panoramas are not rejected for their
+    noise. `lights` is the dataset's number of light groups.
+    """
     others = {kind: frame for kind, frame in frames.items() if kind not in SURFACES}
     renders = {kind: frames[kind].rgb for kind in TRUTHS if kind in frames}
     stored = {kind: image / frames[kind].radiance_scale for kind, image in renders.items()}
@@ -188,7 +172,11 @@ def check_surfaces(
     limits: CheckParams,
     neighbours: dict[str, Channels],
 ) -> Rejection | None:
-    """Return the first reason to reject the frames without light, or None; see `check_frames`."""
+    """Return the first reason to reject the frames without light, or None.
+
+    `neighbours` holds the inputs of the next (`forward`) and the previous frame of a trajectory,
+    where they are known.
+    """
     seen = {kind: frames[kind] for kind in SURFACES if kind in frames}
     inputs = frames["inputs"].channels
     return (

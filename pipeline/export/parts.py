@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib
 import shutil
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -126,14 +125,11 @@ def run_export(form: Format, job: Job) -> Exported:
                     kept += 1
                     progress.advance(part.views)
                     continue
-                with _writing(part, target) as path:
+                writing = atomic_directory if part.is_folder else atomic_file
+                with writing(target) as path:
                     part.write(path, progress.advance)
         form.finish(job)
     return Exported(sum(part.views for part in parts), len(parts), kept)
-
-
-def _writing(part: Part, target: Path) -> AbstractContextManager[Path]:
-    return atomic_directory(target) if part.is_folder else atomic_file(target)
 
 
 def _record(form: Format, job: Job) -> dict[str, Any]:

@@ -44,10 +44,9 @@ from distributed import Client, LocalCluster, Nanny
 from distributed.utils import get_mp_context, silence_logging_cmgr
 
 from pbrnet.pipeline.farm.dispatch import Dispatch
-from pbrnet.pipeline.farm.scheduling import Item
 from pbrnet.pipeline.farm.settings import VISIBLE_CARDS, FarmParams
 from pbrnet.pipeline.farm.transfer import TransferServer, TransferService
-from pbrnet.pipeline.farm.worker import Outcome
+from pbrnet.pipeline.farm.worker import Item, Outcome
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import MachineError, ParameterError
 

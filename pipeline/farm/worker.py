@@ -29,7 +29,6 @@ from dask.utils import format_bytes
 from distributed import Reschedule, get_worker
 from distributed.core import Status
 
-from pbrnet.pipeline.farm.scheduling import Item
 from pbrnet.pipeline.farm.settings import VISIBLE_CARDS
 from pbrnet.scenes.errors import MachineError
 
@@ -39,6 +38,20 @@ _SETTLED = 3  # scenes after which a process has loaded everything that all scen
 _GROWTH = 1.5  # factor over the settled memory
 _MIN_GROWTH = 256 << 20  # bytes over the settled memory: less is not worth a new process
 _CLOSING = 10.0  # seconds
+
+
+@dataclass(frozen=True)
+class Item:
+    """A unit of work.
+
+    `payload` is the argument of the work function; `group` names the costly state (an opened
+    scene) that items share; `weight` is the expected duration, in any unit.
+    """
+
+    key: str
+    group: str
+    payload: Any
+    weight: float = 1.0
 
 
 @dataclass(frozen=True)

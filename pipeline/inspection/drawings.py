@@ -32,7 +32,6 @@ from pbrnet.pipeline.images import (
     color_map,
     contact_sheet,
     depth_picture,
-    distance_picture,
     enlarge,
     fit,
     flow_picture,
@@ -128,7 +127,7 @@ def draw_frame(frame: Frame) -> Picture:
         span = f"{lit.min():.2f} to {lit.max():.2f} m" if lit.size else "no light source"
         pictures += [
             (f"intensity, log, up to {intensity.max():.4g}", intensity_picture(intensity)),
-            (f"distance, {span}", distance_picture(distance)),
+            (f"distance, {span}", depth_picture(distance)),
         ]
     if set(TINT) <= names:
         pictures.append(("tint", tint_picture(frame.stack(*TINT))))
@@ -305,7 +304,7 @@ def _channel_picture(channel: Channel, frame: Frame) -> tuple[str, Picture]:
         return channel.name, reflectance_picture(values)
     low, high = float(values.min()), float(values.max())
     if channel.unit == "metre":
-        return f"{channel.name}, up to {high:.2f} m", distance_picture(values[..., 0])
+        return f"{channel.name}, up to {high:.2f} m", depth_picture(values[..., 0])
     # From 0 to at least 1, so that equal shares and masks look alike in all frames.
     label = f"{channel.name}, {low:.4g} to {high:.4g}"
     return label, color_map(values[..., 0], min(low, 0), max(high, 1))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from shapely.geometry import Polygon
@@ -17,14 +16,13 @@ from pbrnet.pipeline.inspection.drawings import (
     draw_plan,
     draw_scene,
 )
-from pbrnet.pipeline.inspection.sections import Inspection, Table, rows_of
+from pbrnet.pipeline.inspection.sections import Inspection, Table, facts_of, rows_of
 from pbrnet.pipeline.inspection.sizes import scene_sizes
 from pbrnet.pipeline.render.leaks import find_leaks
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.assets.index import (
     PREVIEW,
-    Asset,
     AssetIndex,
     IndexEntry,
     load_asset,
@@ -149,41 +147,73 @@ def inspect_assets(folder: Path) -> Inspection:
         "assets",
         f"Furniture catalogues: {len(index.pieces)} of {total} pieces usable, "
         f"from {len(index.libraries)} libraries",
-        describe_index(index),
+        {
+            "Libraries": [
+                {**row, "from": library.package or library.file}
+                for row, library in zip(
+                    rows_of(
+                        index.libraries, "library=key", "pieces", "usable", "version", "licence"
+                    ),
+                    index.libraries,
+                    strict=True,
+                )
+            ],
+            "Categories": dict(Counter(piece.category for piece in index.pieces).most_common()),
+            "Licences": dict(Counter(piece.licence for piece in index.pieces).most_common()),
+            "Can stand in for": {
+                kind: len(pieces)
+                for kind, pieces in build_kind_index(index).kinds.items()
+                if pieces
+            },
+            "Triangles": _triangles(index.pieces),
+            "Refused": rows_of(index.refused, "piece=key", "name", "reason"),
+        },
         lambda: draw_index(index),
     )
 
 
 def inspect_piece(folder: Path) -> Inspection:
-    """Describe one converted catalogue piece; draw its preview."""
+    """Describe a converted piece: sizes, provenance, parts, support surfaces; draw its preview."""
     asset = load_asset(folder)
+    piece, origin = asset.piece, asset.provenance
     return Inspection(
         "piece",
-        f"Catalogue piece {asset.piece.key}: {asset.piece.name}, {counted(asset.parts, 'part')}",
-        describe_asset(asset),
-        lambda: draw_asset(folder),
-    )
-
-
-def describe_index(index: AssetIndex) -> dict[str, Any]:
-    """Return sections on libraries, pieces by category and licence, and refused pieces."""
-    return {
-        "Libraries": [
-            {**row, "from": library.package or library.file}
-            for row, library in zip(
-                rows_of(index.libraries, "library=key", "pieces", "usable", "version", "licence"),
-                index.libraries,
-                strict=True,
-            )
-        ],
-        "Categories": dict(Counter(piece.category for piece in index.pieces).most_common()),
-        "Licences": dict(Counter(piece.licence for piece in index.pieces).most_common()),
-        "Can stand in for": {
-            kind: len(pieces) for kind, pieces in build_kind_index(index).kinds.items() if pieces
+        f"Catalogue piece {piece.key}: {piece.name}, {counted(asset.parts, 'part')}",
+        {
+            "General": {
+                "name": piece.name,
+                "category": f"{piece.category} ({piece.group})",
+                "size m": " x ".join(f"{side:.3f}" for side in piece.size),
+                "elevation m": piece.elevation,
+                "light sources": len(piece.lights),
+                "lumens": round(asset.lumens),
+                "boxes": len(asset.boxes),
+            },
+            "Provenance": {
+                **facts_of(piece, "creator", "licence"),
+                "library": f"{origin.library} {origin.version}",
+                "file": f"{origin.file}, SHA-256 {origin.sha256}",
+                **facts_of(origin, "package", "provider"),
+            },
+            "Parts": [
+                {**row, "texture": row["texture"] or ""}
+                for row in rows_of(asset.parts, "mesh", "kind", "triangles", "texture", "lumens")
+            ],
+            "Support surfaces": [
+                {
+                    "height m": level.z,
+                    "size m": f"{2 * level.half_x:.2f} x {2 * level.half_y:.2f}",
+                    "headroom m": level.headroom,
+                }
+                for level in asset.levels
+            ],
+            "Checks": facts_of(
+                asset.checks, "triangles", "dropped", "size error m=size_error", "textures"
+            ),
+            "Changed or lost": list(asset.checks.notes),
         },
-        "Triangles": _triangles(index.pieces),
-        "Refused": rows_of(index.refused, "piece=key", "name", "reason"),
-    }
+        lambda: enlarge(_preview(folder), 448),
+    )
 
 
 def _triangles(pieces: tuple[IndexEntry, ...]) -> dict[str, int]:
@@ -191,49 +221,6 @@ def _triangles(pieces: tuple[IndexEntry, ...]) -> dict[str, int]:
     if not counts:
         return {}
     return {"median": counts[len(counts) // 2], "most": counts[-1], "together": sum(counts)}
-
-
-def describe_asset(asset: Asset) -> dict[str, Any]:
-    """Return sections on a piece: sizes, provenance, parts, support surfaces and checks."""
-    piece, origin = asset.piece, asset.provenance
-    return {
-        "General": {
-            "name": piece.name,
-            "category": f"{piece.category} ({piece.group})",
-            "size m": " x ".join(f"{side:.3f}" for side in piece.size),
-            "elevation m": piece.elevation,
-            "light sources": len(piece.lights),
-            "lumens": round(asset.lumens),
-            "boxes": len(asset.boxes),
-        },
-        "Provenance": {
-            "creator": piece.creator,
-            "licence": piece.licence,
-            "library": f"{origin.library} {origin.version}",
-            "file": f"{origin.file}, SHA-256 {origin.sha256}",
-            "package": origin.package,
-            "provider": origin.provider,
-        },
-        "Parts": [
-            {**row, "texture": row["texture"] or ""}
-            for row in rows_of(asset.parts, "mesh", "kind", "triangles", "texture", "lumens")
-        ],
-        "Support surfaces": [
-            {
-                "height m": level.z,
-                "size m": f"{2 * level.half_x:.2f} x {2 * level.half_y:.2f}",
-                "headroom m": level.headroom,
-            }
-            for level in asset.levels
-        ],
-        "Checks": {
-            "triangles": asset.checks.triangles,
-            "dropped": asset.checks.dropped,
-            "size error m": asset.checks.size_error,
-            "textures": asset.checks.textures,
-        },
-        "Changed or lost": list(asset.checks.notes),
-    }
 
 
 def draw_index(index: AssetIndex) -> Picture:
@@ -259,11 +246,6 @@ def draw_index(index: AssetIndex) -> Picture:
     for top, strip in zip(tops, strips, strict=False):
         sheet[top : top + len(strip), : strip.shape[1]] = strip
     return sheet
-
-
-def draw_asset(folder: Path) -> Picture:
-    """Draw the piece's preview, enlarged."""
-    return enlarge(_preview(folder), 448)
 
 
 def _preview(folder: Path) -> Picture:

@@ -16,9 +16,14 @@ Section = dict[str, Any] | Table | list[str]
 
 
 def rows_of(items: Iterable[object], *columns: str) -> Table:
-    """Return a table of attributes; a column is named after its own, or by `name=attribute`."""
+    """Return the `facts_of` items as a table."""
+    return [facts_of(item, *columns) for item in items]
+
+
+def facts_of(item: object, *columns: str) -> dict[str, Any]:
+    """Return attributes of an item by name; another name is given by `name=attribute`."""
     pairs = [column.rpartition("=")[::2] for column in columns]
-    return [{name or key: getattr(item, key) for name, key in pairs} for item in items]
+    return {name or key: getattr(item, key) for name, key in pairs}
 
 
 @dataclass(frozen=True)

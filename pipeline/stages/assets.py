@@ -15,16 +15,15 @@ from pathlib import Path
 from typing import Any
 
 from pbrnet.pipeline.farm.cluster import Farm
-from pbrnet.pipeline.farm.scheduling import Item
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.versions import code_version
+from pbrnet.pipeline.farm.worker import Item
 from pbrnet.pipeline.farm.workspace import open_workspace
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
-from pbrnet.pipeline.records import data_lock
+from pbrnet.pipeline.records import Trash, data_lock
 from pbrnet.pipeline.stages.render_jobs import use_code
-from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.pipeline.terminal import lines_of
 from pbrnet.scenes.assets.index import (
     AssetIndex,

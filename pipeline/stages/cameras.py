@@ -20,7 +20,7 @@ from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.records import Failure, data_lock
+from pbrnet.pipeline.records import Failure, Trash, data_lock
 from pbrnet.pipeline.stages.render_jobs import CameraJob, sample_scene
 from pbrnet.pipeline.stages.runner import (
     NOTHING_PENDING,
@@ -35,7 +35,6 @@ from pbrnet.pipeline.stages.runner import (
     list_scenes,
     scene_digests,
 )
-from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.pipeline.views import CameraFile, load_cameras
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError

@@ -29,7 +29,7 @@ from pbrnet.pipeline.passes.registry import (
     settings_of,
     trace_seed,
 )
-from pbrnet.pipeline.records import Failure, data_lock
+from pbrnet.pipeline.records import Failure, Trash, data_lock
 from pbrnet.pipeline.splits import split_sampling
 from pbrnet.pipeline.stages.cameras import camera_fingerprints
 from pbrnet.pipeline.stages.render_jobs import FrameJob, render_frames
@@ -48,7 +48,6 @@ from pbrnet.pipeline.stages.runner import (
     scene_digests,
     threaded,
 )
-from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import ImageParams, View, load_cameras
 from pbrnet.scenes.errors import InputError

@@ -22,18 +22,16 @@ from dask.system import cpu_count
 from pbrnet.pipeline.costs.forecast import ViewSize, estimator, seconds_of
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.cluster import Farm, scheduler_address
-from pbrnet.pipeline.farm.scheduling import Item
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.transfer import TransferService
 from pbrnet.pipeline.farm.versions import code_version, scene_digest
-from pbrnet.pipeline.farm.worker import Outcome
+from pbrnet.pipeline.farm.worker import Item, Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
 from pbrnet.pipeline.progress import Progress, span
-from pbrnet.pipeline.records import Failure, save_failures
+from pbrnet.pipeline.records import Failure, Trash, save_failures, size_text
 from pbrnet.pipeline.render.scene import renderer_version
 from pbrnet.pipeline.render.variants import accepted, card_ids, choose
 from pbrnet.pipeline.stages.render_jobs import use_code, use_renderer
-from pbrnet.pipeline.stages.trash import Trash, size_text
 from pbrnet.pipeline.terminal import lines_of, say
 from pbrnet.scenes.contract import Scene, load_scene, scene_folders
 from pbrnet.scenes.errors import InputError, PbrnetError

@@ -15,11 +15,10 @@ from pbrnet.pipeline.farm.versions import STAGE_FILES_KEY, STAGE_KEY
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.records import Failure, data_lock
+from pbrnet.pipeline.records import Failure, Trash, data_lock
 from pbrnet.pipeline.stages.limits import Limits
 from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, begin, execute, finish
 from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant, make_scene
-from pbrnet.pipeline.stages.trash import Trash
 from pbrnet.scenes.assets.index import INDEX, load_index
 from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.errors import InputError, ParameterError

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from pbrnet.pipeline.dataset.checks import check_frames
+from pbrnet.pipeline.dataset.checks import check_light, check_surfaces
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import Channels, Frame, frame_path
@@ -106,6 +106,7 @@ def test_wrong_panoramas_reject_a_view(spoil: Callable[[Channels], None], reason
     spoil(panorama)
     frames = {kind: Frame(pixels, meta) for kind, pixels in box_frames(view, WANTED).items()}
     frames["environment"] = Frame(panorama, meta)
-    sizes, limits = ((32, 24), (32, 16)), CheckParams()
-    found = check_frames(view, frames, *sizes, limits, environment=(48, 24))
+    size, limits = (32, 24), CheckParams()
+    found = check_surfaces(view, frames, size, limits, {})
+    found = found or check_light(view, frames, size, (32, 16), limits, (48, 24), 0)
     assert (found.reason if found else None) == reason

@@ -27,7 +27,8 @@ from pbrnet.pipeline.dataset.checks import (
     REASONS,
     black_share,
     blown_share,
-    check_frames,
+    check_light,
+    check_surfaces,
     firefly_share,
 )
 from pbrnet.pipeline.dataset.columns import dataset_columns
@@ -521,9 +522,11 @@ def test_nan_is_refused_even_where_another_program_wrote_it() -> None:
     meta = {"view": {"scene_id": view.scene_id, "view_id": view.view_id}}
     meta["view"] |= {"camera_to_world": view.camera_to_world, "K": view.K}
     frames = {kind: Frame(pixels, meta) for kind, pixels in box_frames(view, params).items()}
-    assert check_frames(view, frames, SIZE, PANORAMA, CheckParams()) is None
+    assert check_surfaces(view, frames, SIZE, CheckParams(), {}) is None
+    others = (SIZE, PANORAMA, CheckParams(), (256, 128), 0)
+    assert check_light(view, frames, *others) is None
     frames["shading"].channels["G"] = np.full((24, 32), np.nan)
-    wrong = check_frames(view, frames, SIZE, PANORAMA, CheckParams())
+    wrong = check_light(view, frames, *others)
     assert wrong is not None and wrong.reason == "not_finite" and "768 pixels" in wrong.detail
 
 

@@ -17,10 +17,9 @@ from distributed import Future
 
 from pbrnet.pipeline.farm import cluster
 from pbrnet.pipeline.farm.cluster import Farm
-from pbrnet.pipeline.farm.dispatch import Dispatch, Liveness
-from pbrnet.pipeline.farm.scheduling import BatchQueue, Item
+from pbrnet.pipeline.farm.dispatch import BatchQueue, Dispatch, Liveness
 from pbrnet.pipeline.farm.settings import FarmParams
-from pbrnet.pipeline.farm.worker import Outcome, WorkerHistory
+from pbrnet.pipeline.farm.worker import Item, Outcome, WorkerHistory
 from pbrnet.scenes.errors import MachineError, ParameterError
 from tests.fixtures.dask_processes import dask_cluster, workers_of
 from tests.fixtures.farm import no_setup, work

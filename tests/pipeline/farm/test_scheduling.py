@@ -8,7 +8,8 @@ import pytest
 
 from pbrnet.pipeline.costs.forecast import estimator
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
-from pbrnet.pipeline.farm.scheduling import BatchQueue, Item
+from pbrnet.pipeline.farm.dispatch import BatchQueue
+from pbrnet.pipeline.farm.worker import Item
 
 
 def _makespan(items: list[Item], seconds: dict[str, float], workers: int, opening: float) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pbrnet.pipeline.stages.trash import Trash
+from pbrnet.pipeline.records import Trash
 
 FRAME, SCENE = "color/one/a.exr", "scenes/one"
 
