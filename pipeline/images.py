@@ -22,6 +22,7 @@ from pbrnet.scenes.image_files import open_image
 
 Picture = UInt8Array
 
+_DECADES = 4.0
 _CHUNK = "pbrnet"  # text chunk of a PNG that describes the picture
 NOTHING = np.array([38, 38, 42], dtype=np.uint8)  # colour of pixels without surface or light
 
@@ -67,16 +68,16 @@ def reflectance_picture(reflectance: FloatingArray) -> Picture:
     return to_bytes(encode_srgb(np.clip(np.asarray(reflectance, dtype=np.float32), 0, 1)))
 
 
-def intensity_picture(intensity: FloatingArray, decades: float = 4.0) -> Picture:
-    """Draw panorama luminance (h, w), logarithmic over the `decades` below its maximum."""
+def intensity_picture(intensity: FloatingArray) -> Picture:
+    """Draw panorama luminance (h, w), logarithmic over `_DECADES` below its maximum."""
     intensity = np.asarray(intensity, dtype=np.float64)
     top = float(intensity.max(initial=0.0))
     if top <= 0:
         return np.broadcast_to(NOTHING, (*intensity.shape, 3)).copy()
-    floor = top * 10.0**-decades
+    floor = top * 10.0**-_DECADES
     # Start above the dark end of the map, so that dim sources differ from no light.
     logarithm = np.log10(np.maximum(intensity, floor) / floor)
-    picture = color_map(logarithm + 0.25 * decades, 0, 1.25 * decades, "inferno")
+    picture = color_map(logarithm + 0.25 * _DECADES, 0, 1.25 * _DECADES, "inferno")
     picture[intensity <= 0] = NOTHING
     return picture
 
@@ -95,15 +96,14 @@ def share_picture(share: FloatingArray) -> Picture:
     return to_bytes(np.repeat(np.asarray(share, dtype=np.float32)[..., None], 3, axis=-1))
 
 
-def flow_picture(flow: FloatingArray, longest: float | None = None) -> Picture:
+def flow_picture(flow: FloatingArray) -> Picture:
     """Draw flow (H, W, 2), pixels, as a colour wheel: hue is direction, paler is shorter.
 
-    Red moves right, green-yellow down. Flow of `longest` pixels has full colour; if that is not
-    given, the longest but one in a hundred.
+    Red moves right, green-yellow down. The longest flow but one in a hundred has full colour.
     """
     flow = np.asarray(flow, dtype=np.float64)
     length = np.sqrt((flow**2).sum(axis=-1))
-    full = max(longest or float(np.quantile(length, 0.99)), 1e-9)
+    full = max(float(np.quantile(length, 0.99)), 1e-9)
     hue = np.arctan2(flow[..., 1], flow[..., 0]) / (2 * np.pi) % 1
     wheel = np.stack([hue, np.clip(length / full, 0, 1), np.ones_like(hue)], axis=-1)
     from matplotlib.colors import hsv_to_rgb
@@ -125,9 +125,9 @@ def tone_picture(image: FloatingArray, exposure: Exposure) -> Picture:
     return to_bytes(tonemap(image, exposure))
 
 
-def error_picture(error: FloatingArray, high: float = 1.0) -> Picture:
-    """Draw errors (H, W) from 0 (dark) to `high` (bright)."""
-    return color_map(error, 0.0, high, "magma")
+def error_picture(error: FloatingArray) -> Picture:
+    """Draw errors (H, W) from 0 (dark) to 1 (bright)."""
+    return color_map(error, 0.0, 1.0, "magma")
 
 
 def fit(picture: Picture, width: int) -> Picture:

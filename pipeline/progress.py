@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from pbrnet.pipeline.terminal import say, visible
 
-FIRST = 3.0  # seconds until the first line
+FIRST, EVERY = 3.0, 10.0  # seconds until the first line, and between lines
 _TRUSTED = 0.2  # share of the work after which the forecast counts no more
 
 
@@ -19,7 +19,7 @@ class Progress:
     """Counter of finished items, as a context manager.
 
     On a terminal a bar with rate and remaining time is redrawn in place; elsewhere a line is
-    printed after `FIRST` seconds, then every `every` seconds, and once at the end, whether or not
+    printed after `FIRST` seconds, then every `EVERY` seconds, and once at the end, whether or not
     items are finished meanwhile. `unit` is a plural noun. `kept` of the `total` items were there
     before. `expected` is the forecast of the task's seconds.
     """
@@ -29,18 +29,17 @@ class Progress:
         total: int,
         label: str,
         unit: str = "views",
-        every: float = 10.0,
         kept: int = 0,
         expected: float | None = None,
     ) -> None:
-        self.total, self.label, self.unit, self.every = total, label, unit, every
+        self.total, self.label, self.unit = total, label, unit
         self.kept, self.expected = kept, expected
         self.done = kept
         self._note = ""  # the latest
         self._ahead: dict[str, int] = {}  # finished on workers, in batches that are not back yet
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._started = time.monotonic()
-        self._printed = self._started + FIRST - every
+        self._printed = self._started + FIRST - EVERY
         self._bar = (
             tqdm(
                 total=total, initial=kept, desc=label, unit=unit.removesuffix("s"), file=sys.stderr
@@ -117,7 +116,7 @@ class Progress:
                 self._bar.refresh()
 
     def _print_if_due(self) -> None:
-        if time.monotonic() - self._printed >= self.every:
+        if time.monotonic() - self._printed >= EVERY:
             self._print(self._note)
 
     def _print(self, note: str = "") -> None:

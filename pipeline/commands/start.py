@@ -77,7 +77,7 @@ def say_plans(request: Request, names: Iterable[str]) -> None:
     names, changes = list(names), False
     try:
         for plan in plan_stages(names, request.data, request.params):
-            say(plan_line(request.data, plan, request.params.farm), err=not request.dry_run)
+            say(plan_line(plan), err=not request.dry_run)
             changes |= bool(plan.items or plan.later or plan.orphans or plan.returning)
         if "dataset" in names:
             kept = not changes and is_packed(request.data, request.params)
@@ -122,5 +122,5 @@ def plan_stages(names: Iterable[str], data: Path, params: Params) -> Iterator[St
 
 def _changed(plan: StagePlan) -> frozenset[str]:
     """Return the scenes that a stage makes or puts back from the trash."""
-    made = {target.scene_id for targets in plan.targets.values() for target in targets}
+    made = {target.scene_id for target in plan.outputs}
     return frozenset(made | {path.name.removesuffix(".json") for path in plan.returning})

@@ -16,7 +16,7 @@ import io
 import math
 import struct
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -211,21 +211,18 @@ def image_type(path: Path, field: pa.Field) -> tuple[np.dtype[Any], tuple[int, .
     return np.dtype(name), tuple(stated)
 
 
-def images_of(
-    path: Path, table: pa.Table, name: str, rows: Sequence[int] | None = None
-) -> AnyArray:
-    """Return the images of a column, or of some rows, (N, H, W) and so on, of the type it states.
+def images_of(path: Path, table: pa.Table, name: str) -> AnyArray:
+    """Return the images of a column, (N, H, W) and so on, of the type it states.
 
     Raises `InputError` for a missing or damaged image and for one of another type or shape.
     """
     dtype, shape = image_type(path, table.schema.field(name))
     column = table.column(name)
-    wanted = range(len(column)) if rows is None else rows
     # One allocation for all: the system gives large ones in large pages, and the time of small
     # pages would be half of all.
-    whole = np.empty((len(wanted), *shape), dtype)
-    for image, row in zip(whole, wanted, strict=True):
-        fill_image(path, name, column[row], image)
+    whole = np.empty((len(column), *shape), dtype)
+    for image, cell in zip(whole, column, strict=True):
+        fill_image(path, name, cell, image)
     return whole
 
 

@@ -148,10 +148,12 @@ def draw_frame(frame: Frame) -> Picture:
     )
 
 
-def draw_previews(files: Sequence[pq.ParquetFile], most: int = _SHEET_PICTURES) -> Picture:
+def draw_previews(files: Sequence[pq.ParquetFile]) -> Picture:
     """Draw a contact sheet of previews, spread evenly over the rows."""
     total = sum(file.metadata.num_rows for file in files)
-    wanted = set(np.unique(np.linspace(0, total - 1, min(total, most)).astype(int)).tolist())
+    wanted = set(
+        np.unique(np.linspace(0, total - 1, min(total, _SHEET_PICTURES)).astype(int)).tolist()
+    )
     pictures, labels, row = [], [], 0
     columns = ["scene_id", "view_id", "split", "preview"]
     for file in files:

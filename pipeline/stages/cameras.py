@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -16,11 +15,10 @@ from pbrnet.pipeline.cameras.trajectory_files import (
     trajectories_of,
     trajectory_digests,
 )
-from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.records import Failure, Trash, data_lock
+from pbrnet.pipeline.records import Failure, data_lock
 from pbrnet.pipeline.stages.render_jobs import CameraJob, sample_scene
 from pbrnet.pipeline.stages.runner import (
     NOTHING_PENDING,
@@ -43,18 +41,17 @@ from pbrnet.scenes.files import remove_partials
 
 def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Summary:
     """Write `data/cameras/<scene_id>.json` for every scene."""
-    started = time.monotonic()
     data = Path(data).resolve()
     with data_lock(data, "cameras"):
         root = data / "cameras"
         remove_partials(root)
-        plan, scenes, renderers = plan_cameras(data, params)
-        begin(data, params.farm, plan)
+        plan, scenes = plan_cameras(data, params)
+        begin(plan)
         first = first_scenes(scenes, params.cameras)
         made: dict[Path, bool] = {}
         # Scenes that take the cameras of another scene come after those.
         for taking in (False, True):
-            part = StagePlan("cameras", "scenes", sample_scene, plan.size)
+            part = StagePlan(data, params, "cameras", "scenes", sample_scene, plan.accepted)
             for item in plan.items:
                 scene_id, job = item.group, item.payload
                 if (first[scene_id] != scene_id) != taking:
@@ -67,22 +64,22 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                         continue
                     job = replace(job, shared=load_cameras(lender).views)
                 part.add(job, *plan.targets[item.key])
-            made |= execute(data, params.farm, scheduler, part, renderers)
+            made |= execute(part, scheduler)
             plan.failures += part.failures
             plan.renderers += part.renderers
-        return finish(data, params.farm, plan, made, started, lambda: _notes(root, scenes))
+        return finish(plan, made, lambda: _notes(root, scenes))
 
 
 def plan_cameras(
     data: Path, params: Params, pending: Pending = NOTHING_PENDING
-) -> tuple[StagePlan, dict[str, Scene], tuple[str, ...]]:
-    """Return what the stage will do, its scenes, and accepted renderers; nothing is changed.
+) -> tuple[StagePlan, dict[str, Scene]]:
+    """Return what the stage will do, and its scenes; nothing is changed.
 
     `pending` scenes are left aside, as they will be others by then.
     """
     root, renderers = data / "cameras", accepted_renderers(params.farm)
-    plan = StagePlan("cameras", "scenes", sample_scene, view_size(params))
-    scenes = list_scenes(data, plan, pending.scenes)
+    plan = StagePlan(data, params, "cameras", "scenes", sample_scene, renderers)
+    scenes = list_scenes(plan, pending.scenes)
     first = first_scenes(scenes, params.cameras)
     for given in params.cameras.trajectories:
         if not (data / "scenes" / given.scene).is_dir() and given.scene not in pending.changed:
@@ -99,19 +96,18 @@ def plan_cameras(
     plan.orphans = [file for file in sorted(root.glob("*.json")) if file.stem not in spared]
     views = ViewParams(params.cameras, params.image)
     expected = camera_fingerprints(scenes, views, params.seed, digests, renderers)
-    trash = Trash(data, params.farm.trash_days)
     for scene_id, marks in expected.items():
         path = root / f"{scene_id}.json"
         if _is_current(path, marks):
             plan.kept += 1
-        elif _is_current(trash.place(path), marks):
+        elif _is_current(plan.trash.place(path), marks):
             plan.returning.append(path)
         else:
             place, own = data / "scenes" / scene_id, first[scene_id] == scene_id
             walks = _trajectories(scene_id, params.cameras) if own else ()
             job = CameraJob(path, place, digests[scene_id], views, params.seed, marks, walks)
             plan.add(job, Target(path, "cameras", scene_id))
-    return plan, scenes, renderers
+    return plan, scenes
 
 
 def first_scenes(scenes: Mapping[str, Scene], params: CameraParams) -> dict[str, str]:

@@ -7,7 +7,6 @@ leaves no stale data, and a run with nothing to do starts no worker.
 
 from __future__ import annotations
 
-import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +16,6 @@ from typing import Any
 
 from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.channels import Kind
-from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.dataset.checks import Rejection, surfaces_of
 from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import frame_path, holds
@@ -67,15 +65,14 @@ FRAME_STAGES: dict[str, tuple[Kind, ...]] = {
 
 def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = None) -> Summary:
     """Bring the frames of a stage of `FRAME_STAGES` up to date for all views of `data`."""
-    started = time.monotonic()
     data, kinds = Path(data).resolve(), FRAME_STAGES[stage]
     for kind in kinds[1:]:  # DVC expects every output folder of a stage, also an empty one
         (data / kind).mkdir(parents=True, exist_ok=True)
     with data_lock(data, stage):
-        plan, expected, renderers = plan_frames(stage, data, params)
-        begin(data, params.farm, plan)
+        plan, expected = plan_frames(stage, data, params)
+        begin(plan)
         plan.removed += sum(_tidy(data / kind) for kind in kinds)
-        made = execute(data, params.farm, scheduler, plan, renderers)
+        made = execute(plan, scheduler)
         # A worker of an earlier run may still have been alive and have overwritten a frame.
         written = {path: expected[path] for path, fine in made.items() if fine}
         for path in _stale(written, verify=False):
@@ -84,21 +81,21 @@ def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = N
             error = f"{path} was overwritten by another run; run the same command again"
             plan.failures.append(Failure(target.stage, target.scene_id, target.view_id, error))
         left = [f"left out: {scene}/{view}: {why}" for (scene, view), why in plan.left_out.items()]
-        return finish(data, params.farm, plan, made, started, lambda: left)
+        return finish(plan, made, lambda: left)
 
 
 def plan_frames(
     stage: str, data: Path, params: Params, pending: Pending = NOTHING_PENDING
-) -> tuple[StagePlan, dict[Path, ExpectedFrame], tuple[str, ...]]:
-    """Return what a stage will do, the frames it should find in the end, and accepted renderers.
+) -> tuple[StagePlan, dict[Path, ExpectedFrame]]:
+    """Return what a stage will do, and the frames it should find in the end.
 
     Nothing is changed. `pending` scenes are left aside, as they will be others by then.
     """
     kinds, renderers = FRAME_STAGES[stage], accepted_renderers(params.farm)
     wanted = [kind for kind in kinds if kind in params.kinds]
     unit = "views" if len(wanted) == 1 else "frames"
-    plan = StagePlan(stage, unit, render_frames, view_size(params))
-    scenes = list_scenes(data, plan, pending.scenes)
+    plan = StagePlan(data, params, stage, unit, render_frames, renderers)
+    scenes = list_scenes(plan, pending.scenes)
     digests = scene_digests(data, scenes)
     of_cameras = ViewParams(params.cameras, params.image)
     cameras = camera_fingerprints(scenes, of_cameras, params.seed, digests, renderers)
@@ -125,8 +122,7 @@ def plan_frames(
         plan.orphans += sorted(path for path in orphans if path.parent.name not in spared)
         plan.unsure += sum(path.parent.name in pending.changed for path in orphans)
     stale = _stale(expected, params.farm.checksums)
-    trash = Trash(data, params.farm.trash_days)
-    plan.returning = _current(trash, stale, params.farm.checksums)
+    plan.returning = _current(plan.trash, stale, params.farm.checksums)
     stale = {path: frame for path, frame in stale.items() if path not in set(plan.returning)}
     plan.kept = len(expected) - len(stale) - len(plan.returning)
     if kinds[0] in TRACED:
@@ -147,7 +143,7 @@ def plan_frames(
             trace_seed(first, view, params.seed),
         )
         plan.add(job, *(expected[path].target(path) for path in paths))
-    return plan, expected, renderers
+    return plan, expected
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from dask.system import cpu_count
 
-from pbrnet.pipeline.costs.forecast import ViewSize, estimator, seconds_of
+from pbrnet.pipeline.costs.forecast import estimator, seconds_of, view_size
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.cluster import Farm, scheduler_address
 from pbrnet.pipeline.farm.settings import FarmParams
@@ -27,6 +27,7 @@ from pbrnet.pipeline.farm.transfer import TransferService
 from pbrnet.pipeline.farm.versions import code_version, scene_digest
 from pbrnet.pipeline.farm.worker import Item, Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress, span
 from pbrnet.pipeline.records import Failure, Trash, save_failures, size_text
 from pbrnet.pipeline.render.scene import renderer_version
@@ -99,10 +100,13 @@ class StagePlan:
     lie up to date in the trash.
     """
 
+    data: Path
+    params: Params
     stage: str
     unit: str  # plural noun for the progress bar
     work: Callable[[Any], Any]
-    size: ViewSize
+    accepted: tuple[str, ...] = ()  # renderers whose files hold, see `accepted_renderers`
+    started: float = field(default_factory=time.monotonic)
     items: list[Item] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     kept: int = 0
@@ -118,6 +122,16 @@ class StagePlan:
     targets: dict[str, list[Target]] = field(default_factory=dict)  # by the item's key
     renderers: Counter[str] = field(default_factory=Counter)  # files by the renderer that made them
 
+    @property
+    def outputs(self) -> list[Target]:
+        """Targets of all items."""
+        return [target for targets in self.targets.values() for target in targets]
+
+    @property
+    def trash(self) -> Trash:
+        """Trash of the data folder."""
+        return Trash(self.data, self.params.farm.trash_days)
+
     def add(self, job: Any, *targets: Target) -> None:
         """Add an item; the files now at its targets are out of date."""
         first = targets[0]
@@ -126,11 +140,10 @@ class StagePlan:
         self.targets[key] = list(targets)
 
 
-def plan_line(data: Path, plan: StagePlan, params: FarmParams) -> str:
+def plan_line(plan: StagePlan) -> str:
     """Return what a stage makes, keeps and removes, and its time by the ledger, as text."""
-    targets = [target for targets in plan.targets.values() for target in targets]
-    again = sum(target.path.exists() for target in targets)
-    parts = [f"{len(targets)} to make" + (f" ({again} of them out of date)" if again else "")]
+    again = sum(target.path.exists() for target in plan.outputs)
+    parts = [f"{len(plan.outputs)} to make" + (f" ({again} of them out of date)" if again else "")]
     if plan.later:
         parts.append(f"at most {len(plan.later)} more after earlier stages")
     parts.append(f"{plan.kept} up to date")
@@ -141,75 +154,69 @@ def plan_line(data: Path, plan: StagePlan, params: FarmParams) -> str:
     if plan.left_out:
         parts.append(f"{len(plan.left_out)} views skipped, rejected by dataset.checks")
     if plan.orphans:
-        where = "to the trash" if params.trash_days else "to be deleted"
+        where = "to the trash" if plan.params.farm.trash_days else "to be deleted"
         parts.append(f"{len(plan.orphans)} no longer required, {size_text(plan.orphans)}, {where}")
-    seconds = plan_seconds(data, plan)
+    seconds = plan_seconds(plan)
     if seconds:
         parts.append(f"about {span(seconds)} of one core, from the ledger")
     return f"{plan.stage}: {', '.join(parts)}"
 
 
-def plan_seconds(data: Path, plan: StagePlan) -> float | None:
+def plan_seconds(plan: StagePlan) -> float | None:
     """Return the core-seconds of a plan by the ledger; None if that does not tell."""
-    targets = [target for targets in plan.targets.values() for target in targets] + plan.later
-    made = [(one.stage, one.scene_id, one.view_id) for one in targets]
-    return seconds_of(read_ledger(data), made, plan.size)
+    made = [(one.stage, one.scene_id, one.view_id) for one in (*plan.outputs, *plan.later)]
+    return seconds_of(read_ledger(plan.data), made, view_size(plan.params))
 
 
-def begin(data: Path, params: FarmParams, plan: StagePlan) -> None:
+def begin(plan: StagePlan) -> None:
     """Say on stderr what the stage will do; move orphans into the trash, others back from it."""
-    say(plan_line(data, plan, params), err=True)
-    trash = Trash(data, params.trash_days)
-    trash.put_back(plan.returning)
-    trash.add(plan.orphans)
-    trash.sweep()
+    say(plan_line(plan), err=True)
+    plan.trash.put_back(plan.returning)
+    plan.trash.add(plan.orphans)
+    plan.trash.sweep()
     plan.kept += len(plan.returning)
     plan.removed += len(plan.orphans)
 
 
-def execute(
-    data: Path,
-    params: FarmParams,
-    scheduler: str | None,
-    plan: StagePlan,
-    renderers: Collection[str] = (),
-) -> dict[Path, bool]:
+def execute(plan: StagePlan, scheduler: str | None) -> dict[Path, bool]:
     """Run the plan's items on the farm; return for each target whether it was made.
 
-    Workers of this machine have its best variant; those of a scheduler choose theirs, one of
-    `renderers`. Failures are added to the plan.
+    Workers of this machine have its best variant; those of a scheduler choose theirs, one of the
+    accepted ones. Failures are added to the plan.
     """
-    made = {target.path: False for targets in plan.targets.values() for target in targets}
+    made = {target.path: False for target in plan.outputs}
     if not plan.items:
         return made
-    ledger = Ledger(data)
-    seconds = plan_seconds(data, plan)
+    farm_params, ledger = plan.params.farm, Ledger(plan.data)
+    seconds = plan_seconds(plan)
     expected = None if seconds is None else seconds / min(cpu_count(), len(plan.items))
     with (
         Progress(
             plan.kept + len(made), plan.stage, plan.unit, kept=plan.kept, expected=expected
         ) as progress,
-        open_workspace(data, params.transfer, params.cache_mb) as workspace,
+        open_workspace(plan.data, farm_params.transfer, farm_params.cache_mb) as workspace,
     ):
         setup: Callable[[int], None] = partial(use_code, code_version(), workspace)
         service: TransferService | None = None
         needed: Path | None = workspace.token_path
         cards: tuple[str, ...] = ()
         if plan.renders:
-            variant = params.variant
+            variant = farm_params.variant
             if not scheduler_address(scheduler):
                 variant = choose(variant)
                 cards = card_ids() if variant.startswith("cuda") else ()
-            setup = partial(use_renderer, variant, renderers, code_version(), workspace)
+            setup = partial(use_renderer, variant, plan.accepted, code_version(), workspace)
             service, needed = scene_service(workspace), None
         try:
-            with Farm(params, scheduler, setup, len(plan.items), service, needed, cards) as farm:
+            with Farm(
+                farm_params, scheduler, setup, len(plan.items), service, needed, cards
+            ) as farm:
                 progress.write(farm.workers)
 
                 def finished(key: str) -> None:
                     progress.announce(key, len(plan.targets.get(key, ())))
 
-                for outcome in farm.run(plan.work, _weighted(data, plan), finished):
+                for outcome in farm.run(plan.work, _weighted(plan), finished):
                     made.update(_record(outcome, plan, ledger, progress))
         finally:
             for folder in sorted({target.parent for target in made}):
@@ -218,16 +225,13 @@ def execute(
     return made
 
 
-def _weighted(data: Path, plan: StagePlan) -> list[Item]:
+def _weighted(plan: StagePlan) -> list[Item]:
     """Return the items with their estimated seconds as weights."""
-    estimate = estimator(read_ledger(data))
+    estimate = estimator(read_ledger(plan.data))
     return [
         replace(
             item,
-            weight=sum(
-                estimate(target.stage, target.scene_id, target.view_id)
-                for target in plan.targets[item.key]
-            ),
+            weight=sum(estimate(t.stage, t.scene_id, t.view_id) for t in plan.targets[item.key]),
         )
         for item in plan.items
     ]
@@ -274,11 +278,8 @@ def _record(
 
 
 def finish(
-    data: Path,
-    params: FarmParams,
     plan: StagePlan,
     made: dict[Path, bool],
-    started: float,
     notes: Callable[[], Iterable[str]] = tuple,
 ) -> Summary:
     """Move out-of-date files that could not be made again to the trash; write the failures.
@@ -286,10 +287,9 @@ def finish(
     Raises `StageError` if there are failures. Out-of-date files go here and not before `execute`: a
     run that is started by mistake and interrupted loses only files that it has replaced.
     """
-    trash = Trash(data, params.trash_days)
-    trash.add(path for path, fine in made.items() if not fine and path.exists())
+    plan.trash.add(path for path, fine in made.items() if not fine and path.exists())
     failures = sorted(plan.failures, key=lambda f: (f.scene_id, f.view_id, f.stage))
-    save_failures(data, plan.stage, failures)
+    save_failures(plan.data, plan.stage, failures)
     count = sum(made.values())
     if failures:
         named = [f"  {failure}" for failure in failures[:_SHOWN]]
@@ -298,11 +298,11 @@ def finish(
         raise StageError(
             f"{plan.stage}: {len(failures)} failed, {count} made, {plan.kept} kept",
             *named,
-            f"The whole list is in {data / 'failures' / (plan.stage + '.json')}. Everything "
+            f"The whole list is in {plan.data / 'failures' / (plan.stage + '.json')}. Everything "
             "else is done; run the same command again to retry.",
         )
-    seconds = time.monotonic() - started
-    said = (*_mixture(plan.renderers), *notes(), trash.described())
+    seconds = time.monotonic() - plan.started
+    said = (*_mixture(plan.renderers), *notes(), plan.trash.described())
     return Summary(plan.stage, count, plan.kept, plan.removed, seconds, tuple(filter(None, said)))
 
 
@@ -330,13 +330,13 @@ def accepted_renderers(params: FarmParams) -> tuple[str, ...]:
     return tuple(renderer_version(variant) for variant in accepted(params.variant))
 
 
-def list_scenes(data: Path, plan: StagePlan, without: Collection[str] = ()) -> dict[str, Scene]:
+def list_scenes(plan: StagePlan, without: Collection[str] = ()) -> dict[str, Scene]:
     """Return all readable scenes by id; add the others to the plan's failures.
 
     Scenes of the names `without` are left aside. Raises `InputError` if there are none at all.
     """
     scenes = {}
-    for folder in scene_folders(data / "scenes"):
+    for folder in scene_folders(plan.data / "scenes"):
         if folder.name in without:
             continue
         try:
@@ -353,7 +353,7 @@ def list_scenes(data: Path, plan: StagePlan, without: Collection[str] = ()) -> d
         except InputError as error:
             plan.failures.append(Failure(plan.stage, folder.name, "", str(error)))
     if not scenes and not plan.failures and not without:
-        raise InputError(f"{data / 'scenes'}: there are no scenes; run first: pbrnet scenes")
+        raise InputError(f"{plan.data / 'scenes'}: there are no scenes; run first: pbrnet scenes")
     return scenes
 
 

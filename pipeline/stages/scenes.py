@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.farm.versions import STAGE_FILES_KEY, STAGE_KEY
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.records import Failure, Trash, data_lock
+from pbrnet.pipeline.records import Failure, data_lock
 from pbrnet.pipeline.stages.limits import Limits
 from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, begin, execute, finish
 from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant, make_scene
@@ -38,20 +36,19 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
     A scene of another tool (`pbrnet import`) is left alone and used like the others; scenes of
     this stage that the parameters no longer ask for go to the trash.
     """
-    started = time.monotonic()
     data = Path(data).resolve()
     with data_lock(data, "scenes"):
         remove_partials(data / "scenes")
         plan = plan_scenes(data, params)
-        begin(data, params.farm, plan)
-        made = execute(data, params.farm, scheduler, plan)
-        return finish(data, params.farm, plan, made, started)
+        begin(plan)
+        made = execute(plan, scheduler)
+        return finish(plan, made)
 
 
 def plan_scenes(data: Path, params: Params) -> StagePlan:
     """Return what the stage will do; nothing is changed."""
     root = data / "scenes"
-    plan = StagePlan("scenes", "scenes", make_scene, view_size(params), renders=False)
+    plan = StagePlan(data, params, "scenes", "scenes", make_scene, renders=False)
     wanted: dict[str, HomeJob | ImportJob] = {}
     jobs: list[HomeJob | ImportJob] = [*home_jobs(root, params.scenes, params.seed)]
     jobs += import_jobs(root, params.scenes, params.seed, plan.failures)
@@ -69,14 +66,13 @@ def plan_scenes(data: Path, params: Params) -> StagePlan:
             "raise scenes.homes, or import scenes with: pbrnet import"
         )
     plan.orphans = old_scenes(root, set(wanted))
-    trash = Trash(data, params.farm.trash_days)
     for scene_id, job in wanted.items():
         if is_up_to_date(job):
             plan.kept += 1
         elif stage_fingerprint(job.folder) is None and (job.folder / "scene.json").is_file():
             error = f"{job.folder} contains a scene of another tool; rename or remove it"
             plan.failures.append(Failure("scenes", scene_id, "", error))
-        elif is_up_to_date(replace(job, folder=trash.place(job.folder))):
+        elif is_up_to_date(replace(job, folder=plan.trash.place(job.folder))):
             plan.returning.append(job.folder)
         else:
             plan.add(job, Target(job.folder, "scenes", scene_id))

@@ -9,7 +9,6 @@ from click.testing import CliRunner
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.commands.start import start_lines
-from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.inspection.renders import view_at
 from pbrnet.pipeline.params import Params
@@ -73,17 +72,17 @@ def test_the_ledger_tells_the_time(tmp_path: Path) -> None:
             )
     ledger.save()
     params = Params(groundtruth=GroundTruthParams(32))
-    plan = StagePlan("groundtruth", "frames", print, view_size(params))
+    plan = StagePlan(tmp_path, params, "groundtruth", "frames", print)
     for scene in ("one", "two", "three"):
         frames = [Target(tmp_path / kind, kind, scene, "0") for kind in ("shading", "color")]
         plan.add(None, *frames)
-    said = plan_line(tmp_path, plan, params.farm)
+    said = plan_line(plan)
     assert (
         said
         == "groundtruth: 6 to make, 0 up to date, about 60 minutes of one core, from the ledger"
     )
     plan.add(None, Target(tmp_path, "inputs", "one", "0"))
-    assert "ledger" not in plan_line(tmp_path, plan, params.farm), "nothing is known about inputs"
+    assert "ledger" not in plan_line(plan), "nothing is known about inputs"
 
 
 def test_views_are_counted_where_cameras_are_there(tmp_path: Path) -> None:

@@ -198,7 +198,7 @@ def test_orphans_come_back_from_the_trash_without_rendering(
     before = files_in(data, "color", "shading")
     fewer = _alter("cameras", views_per_room=1)
     everything = files_in(data, ".")
-    plans = [plan_line(data, plan, fewer.farm) for plan in plan_stages(STAGES, data, fewer)]
+    plans = [plan_line(plan) for plan in plan_stages(STAGES, data, fewer)]
     assert files_in(data, ".") == everything, "a plan changes nothing"
     assert plans[0].startswith("cameras: 2 to make (2 of them out of date)")
     assert "at most 32 more" in plans[3] and "8 to be kept, remade or moved" in plans[3]
