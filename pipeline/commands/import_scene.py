@@ -20,7 +20,7 @@ from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError
 from pbrnet.scenes.files import sweep
-from pbrnet.scenes.importing.changes import NO_ROOM
+from pbrnet.scenes.importing.changes import NO_ROOM, UNSURE_UP
 from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.registry import SOURCES, import_scene, option_names
 from pbrnet.scenes.seeds import derive
@@ -166,7 +166,7 @@ def import_command(
     max_memory: float,
     **options: Any,
 ) -> None:
-    """Run `pbrnet import`; exit code 1 if no room was found."""
+    """Run `pbrnet import`; exit code 1 if no room was found, or the scene may lie on its side."""
     given = _given_options(path, options)
     name = scene_id if scene_id is not None else out.name
     for longest in (name, f"{name}-v{variants}" if variants else name):
@@ -191,9 +191,10 @@ def import_command(
             out, place, name, number, SceneParams(), derive(seed, "import", scene.scene_id)
         )
         say(f"variant {place}: light: {made.lighting}")
-    found = next((change for change in scene.changes if change.startswith(NO_ROOM)), "")
-    if found:
-        say(f"Warning: {path}: {found}", err=True)
+    doubts = [change for change in scene.changes if change.startswith((NO_ROOM, UNSURE_UP))]
+    for doubt in doubts:
+        say(f"Warning: {path}: {doubt}", err=True)
+    if doubts:
         click.get_current_context().exit(1)
 
 

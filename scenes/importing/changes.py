@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-# Starts the note of a scene without rooms; the command warns then, and ends with exit code 1.
+# Start notes of a scene without rooms, and of one that may lie on its side. The command warns then,
+# and ends with exit code 1.
 NO_ROOM = "NO ROOM WAS FOUND"
+UNSURE_UP = "THE UP AXIS IS NOT SURE"
 _SHOWN = 4  # details of one sentence that are listed
 
 

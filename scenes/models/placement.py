@@ -3,7 +3,8 @@
 Input: a `Model` in the file's axes and units, and the options. Output: a `Placement` with its
 reasons. The up axis is the one that the options or the file state; otherwise +Y and +Z (and +X)
 are compared by level surfaces at both ends, by parts that stand on one level, and by the shape of
-named things. For each, `scale_clues` gives the scale; the pair with the most evidence wins.
+named things; two likely ones also by what rests on something, and by the rooms that they give. For
+each, `scale_clues` gives the scale; the pair with the most evidence wins.
 """
 
 from __future__ import annotations
@@ -19,9 +20,11 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.importing.categories import category_of, words_of
+from pbrnet.scenes.importing.changes import UNSURE_UP
 from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.models.model import Model
 from pbrnet.scenes.models.options import ModelOptions
+from pbrnet.scenes.models.resting import resting_shares
 from pbrnet.scenes.reconstruction.interior import Interior, find_interior
 from pbrnet.scenes.reconstruction.orientation import upright
 from pbrnet.scenes.reconstruction.scale_clues import (
@@ -59,6 +62,9 @@ _FLAT = ("bed", "rug", "table", "desk", "sofa", "bath")
 _MOST_TRIANGLES = 400_000  # that are split into parts to see what stands on one level
 _ACROSS = 0.95  # part of a normal along an axis, from which a face lies across it
 _CLEAR_UP = 0.95  # probability of another up axis than the stated one, from which it is named
+_CONTESTED = 0.15  # times the evidence of the likeliest up axis, from which another is looked at
+_RESTING, _ROOMS = 3.0, 1.0  # natural logarithms of what things that rest, and rooms, tell
+_SURE_UP = 1.0  # the same, of the evidence for one axis over another, from which it is sure
 _SURE_NAMES = 5.0  # natural logarithm of how much names of floors, ceilings and walls tell
 _BESIDE = 0.02  # of a model's extent, from which a light stands beside it
 _SAME_HEIGHT = 0.2  # share by which a measured ceiling may differ from a room's height
@@ -81,6 +87,7 @@ class Placement:
     confidence: float
     reasons: tuple[str, ...]
     interior: Interior | None  # of a building that has rooms or may get some
+    doubt: str = ""  # a sentence, if another up axis is nearly as likely
 
     @property
     def summary(self) -> dict[str, object]:
@@ -129,10 +136,17 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
     total = sum(each[0] for each in found)
     evidence, axis, estimate, clues = max(found, key=lambda each: each[0])
     confidence = evidence / total if total > 0 else 1.0
+    doubt = ""
+    if not stated_up and named.building > _SURE_OBJECT:
+        settled = _settled_up(corners, named, {each[1]: each[0] for each in found})
+        if settled is not None:
+            confidence = settled.probability if settled.axis != axis else confidence
+            _, axis, estimate, clues = next(each for each in found if each[1] == settled.axis)
+            doubt = settled.doubt
     reasons = [_up_reason(axis, stated_up, options)]
     if model.up and options.up == "auto":
-        doubt, sentence = _doubted_up(corners, named, model.up)
-        confidence = min(confidence, 1 - doubt)
+        against, sentence = _doubted_up(corners, named, model.up)
+        confidence = min(confidence, 1 - against)
         reasons += sentence
     turned = corners @ upright(_axis(axis)).T
     extent = float(np.max(np.ptp(without_ground(turned)[0].reshape(-1, 3), axis=0)))
@@ -174,8 +188,12 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
         reasons.append("a single object, since it has no room that a person can stand in")
     else:
         reasons.append(f"a scene of its own, since it is {scale * extent:.3g} m across")
+    if is_object:
+        doubt = ""
     kind: Literal["building", "object"] = "object" if is_object else "building"
-    return Placement(kind, _axis(axis), scale, min(1.0, confidence), tuple(reasons), interior)
+    return Placement(
+        kind, _axis(axis), scale, min(1.0, confidence), tuple(reasons), interior, doubt
+    )
 
 
 def _interior(corners: Float64Array, extent: float, named: _Named, model: Model) -> Interior | None:
@@ -283,6 +301,59 @@ def _doubted_up(corners: Float64Array, named: _Named, stated: str) -> tuple[floa
         f"against it: by level surfaces, what stands on them and named things, +{best.upper()} "
         f"points up (probability {share:.0%}); if so, give --up {best}"
     ]
+
+
+@dataclass(frozen=True)
+class _SettledUp:
+    """The up axis that was decided among two likely ones, its probability, and what is in doubt."""
+
+    axis: str
+    probability: float
+    doubt: str
+
+
+def _settled_up(
+    corners: Float64Array, named: _Named, evidence: dict[str, float]
+) -> _SettledUp | None:
+    """Decide between the two likeliest up axes of a building; None where one is clear.
+
+    What rests on something and, if that is not enough, which axis gives rooms, add to the
+    `evidence` of each axis.
+    """
+    first, *others = sorted(evidence, key=lambda axis: -evidence[axis])
+    if not others or evidence[others[0]] < _CONTESTED * evidence[first]:
+        return None
+    pair = (first, others[0])
+    resting, count = resting_shares(corners)
+    logs = {
+        axis: math.log(evidence[axis])
+        + _RESTING * count / (count + 1) * float(resting["xyz".index(axis)])
+        for axis in pair
+    }
+    is_sure = abs(logs[pair[0]] - logs[pair[1]]) >= _SURE_UP
+    if not is_sure:  # a room that lies on its side may still look like one
+        for axis in pair:
+            logs[axis] += _ROOMS * _gives_rooms(corners @ upright(_axis(axis)).T, named)
+    best, other = sorted(pair, key=lambda axis: -logs[axis])
+    probability = 1 / (1 + math.exp(logs[other] - logs[best]))
+    doubt = ""
+    if not is_sure:
+        doubt = (
+            f"{UNSURE_UP}: +{best.upper()} was taken (probability {probability:.0%}), but the file "
+            f"states none, and +{other.upper()} is possible; check the plan, and give "
+            f"--up {best} or --up {other}"
+        )
+    return _SettledUp(best, probability, doubt)
+
+
+def _gives_rooms(turned: Float64Array, named: _Named) -> bool:
+    """Return whether upright triangles (F, 3, 3) have rooms at their likeliest scale."""
+    estimate, _ = _estimate(turned, named, None)
+    metres = estimate.scale * turned
+    if not _SMALLEST_SCENE < float(np.ptp(metres.reshape(-1, 3), axis=0).max()) < _LARGEST_SCENE:
+        return False
+    interior = find_interior(metres)
+    return bool(interior.rooms or interior.completion.spaces)
 
 
 def _axis(name: str) -> Float64Array:

@@ -6,13 +6,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from shapely.geometry import Polygon
 
-from pbrnet.scenes.contract import Scene
+from pbrnet.pipeline.cli import cli
+from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.importing.changes import UNSURE_UP
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import with_visible_space
 from pbrnet.scenes.registry import import_scene
-from tests.fixtures.buildings import Building, Part, block, part, slab, two_rooms, walls
+from tests.fixtures.buildings import (
+    Building,
+    Part,
+    block,
+    chair,
+    part,
+    slab,
+    sofa,
+    two_rooms,
+    walls,
+)
 from tests.fixtures.rooms import Block, write_obj
 
 pytestmark = pytest.mark.usefixtures("few_walks")
@@ -52,6 +65,33 @@ def test_names_of_floors_ceilings_and_walls_tell_what_is_up(tmp_path: Path) -> N
     assert areas(scene) == [pytest.approx(12.0, rel=0.03)]
     found = {item.name: item.category for item in scene.objects}
     assert (found["Floor"], found["Ceiling"], found["Wall_West"]) == ("floor", "ceiling", "wall")
+
+
+def unnamed(parts: list[Part]) -> list[Part]:
+    return [Part("", np.concatenate([each.quads for each in parts]))]
+
+
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_what_rests_on_something_tells_what_is_up_without_names(tmp_path: Path, up: str) -> None:
+    things = [sofa(0.6, 0.5), chair(3.0, 1.0), part("", ((1, 2, 0), (2, 2.5, 0.8)))]
+    parts = unnamed([*(Part(*each) for each in sheets().items()), *things])
+    scene = imported(parts, tmp_path, up=up, suffix=".obj")
+    assert scene.source["placement"]["up"] == up
+    assert not any(UNSURE_UP in change for change in scene.changes)
+
+
+def test_a_room_without_names_and_things_may_lie_on_its_side(tmp_path: Path) -> None:
+    parts = unnamed([Part(*each) for each in sheets().items()])
+    made = Building(tuple(parts), (), 0, up="z", suffix=".obj")
+    path, out = made.save(tmp_path / "in"), tmp_path / "out"
+    result = CliRunner().invoke(cli, ["import", str(path), "--out", str(out)])
+    assert result.exit_code == 1 and UNSURE_UP in result.output and "--up z" in result.output
+    again = CliRunner().invoke(
+        cli, ["import", str(path), "--out", str(tmp_path / "turned"), "--up", "z"]
+    )
+    assert again.exit_code == 0 and areas(load_scene(tmp_path / "turned")) == [
+        pytest.approx(12.0, rel=0.03)
+    ]
 
 
 def test_a_gltf_file_against_its_standard_is_doubted(tmp_path: Path) -> None:
