@@ -17,6 +17,7 @@ Target = Literal["shading", "color"]
 MAX_SAMPLES = 8  # per pixel, of noisy samples
 MIN_TILE = 16  # least side of a tile in pixels
 PAPER_INPUTS = ("depth", "normal", "reflectance", "intensity", "distance")
+DIRECT = "direct"  # direct light by the panorama's sources: an input of the join `position`
 GEOMETRY = ("depth", "normal", "materials")  # inputs that all bands of plus and hybrid share
 _ENCODING = "pbrnet.model.data.encoding"
 _BASELINES, _NETWORKS = "pbrnet.model.baselines", "pbrnet.model.networks"
@@ -62,6 +63,11 @@ class Method:
         """Columns beyond the paper's that a view must have."""
         found: tuple[str, ...] = imported(f"{_ENCODING}:input_columns")(self.inputs)
         return found
+
+    def inputs_with(self, panorama: str) -> tuple[str, ...]:
+        """Inputs of the network with this join of the panorama, `train.panorama`."""
+        position = panorama == "position" and "intensity" in self.inputs
+        return (*self.inputs, DIRECT) if position else self.inputs
 
     @property
     def optional_inputs(self) -> tuple[str, ...]:

@@ -88,7 +88,9 @@ class TrainParams:
     decay: Literal["constant", "cosine"] = param("cosine", "to 0 by the last step; or constant")
     exposure: Literal["own", "shared"] = param("shared", "or own, as in the paper")
     flips: bool = param(True, "mirror views at random with probability 1/2")
-    panorama: Literal["resize", "normal"] = param("normal", "or resize; see docs/networks.md")
+    panorama: Literal["resize", "normal", "position"] = param(
+        "normal", "or resize, position; see docs/networks.md"
+    )
     checkpoint_steps: int = param(500, "steps between checkpoints", within(1))
     loss: LossParams = param(LossParams(), "part-perceptual")
     shading: StageTrainParams = param(_sizes("shading"))

@@ -29,11 +29,11 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.baselines.layers import (
-    STACKED,
     InstanceNorm,
     display,
     gaussian,
     padded,
+    stack_channels,
     stacked,
 )
 from pbrnet.model.baselines.pix2pix import PatchDiscriminator
@@ -93,14 +93,15 @@ class ForwardGenerator(nn.Module):
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
-        self.generator = Generator(STACKED, 3, architecture.width, architecture.levels)
+        self.channels = stack_channels(architecture.panorama)
+        self.generator = Generator(self.channels, 3, architecture.width, architecture.levels)
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
         """Tensors of `encode` to display values (N, 3, H, W)."""
         return self.from_stack(stacked(inputs))
 
     def from_stack(self, stack: torch.Tensor) -> torch.Tensor:
-        """Real or generated stack (N, `STACKED`, H, W) to display values (N, 3, H, W)."""
+        """Real or generated stack (N, `channels`, H, W) to display values (N, 3, H, W)."""
         return display(torch.tanh(self.generator(stack)))
 
 
@@ -114,13 +115,15 @@ class CycleObjective(Objective):
     description = "least squares of 70x70 patches + 10 cycle + 5 identity, unpaired"
 
     def __init__(self, setting: Setting) -> None:
+        assert isinstance(setting.network, ForwardGenerator)
         self.network, self.autocast = setting.network, setting.autocast
         blocks = sum(isinstance(part, Residual) for part in self.network.modules())
-        self.inverse = Generator(3, STACKED, setting.width, blocks)  # from colour to the stack
+        stack = self.network.channels
+        self.inverse = Generator(3, stack, setting.width, blocks)  # from colour to the stack
         self.discriminators = nn.ModuleDict(
             {
                 name: PatchDiscriminator(channels, setting.width, lambda _: InstanceNorm())
-                for name, channels in (("color", 3), ("stack", STACKED))
+                for name, channels in (("color", 3), ("stack", stack))
             }
         )
         self.modules = {
@@ -175,16 +178,16 @@ class CycleObjective(Objective):
             )
             cycle = functional.l1_loss(self._to_stack(generated["color"]), stack)
             cycle = cycle + functional.l1_loss(self._to_color(generated["stack"]), color)
-            identity = functional.l1_loss(self._to_color(as_stack(color)), color)
+            identity = functional.l1_loss(
+                self._to_color(as_stack(color, self.network.channels)), color
+            )
             reflectance = stack[:, REFLECTANCE]
             restored = self._to_stack(reflectance)[:, REFLECTANCE]
             identity = identity + functional.l1_loss(restored, reflectance)
         return adversarial + CYCLE * cycle + IDENTITY * identity, generated
 
     def _to_color(self, stack: torch.Tensor) -> torch.Tensor:
-        network = self.network
-        assert isinstance(network, ForwardGenerator)
-        return centred(network.from_stack(stack).float())
+        return centred(self.network.from_stack(stack).float())
 
     def _to_stack(self, color: torch.Tensor) -> torch.Tensor:
         return self.inverse(color).float()
@@ -223,9 +226,9 @@ def least_squares(output: torch.Tensor, label: int) -> torch.Tensor:
     return (output.float() - label).square().mean()
 
 
-def as_stack(color: torch.Tensor) -> torch.Tensor:
-    """A stack (N, `STACKED`, H, W) with colour (N, 3, H, W) as reflectance, all else 0."""
-    stack = color.new_zeros(color.shape[0], STACKED, *color.shape[-2:])
+def as_stack(color: torch.Tensor, channels: int) -> torch.Tensor:
+    """A stack (N, `channels`, H, W) with colour (N, 3, H, W) as reflectance, all else 0."""
+    stack = color.new_zeros(color.shape[0], channels, *color.shape[-2:])
     stack[:, REFLECTANCE] = color
     return stack
 

@@ -7,41 +7,50 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.data.encoding import Tensors, input_named
-from pbrnet.model.methods import PAPER_INPUTS
+from pbrnet.model.methods import DIRECT, PAPER_INPUTS
 from pbrnet.model.networks.pbrnet import NormalPanorama, Panorama, log_panorama
 
 IMAGES = ("depth", "normal", "reflectance")
-STACKED = sum(input_named(name).channels for name in PAPER_INPUTS)  # channels of `stacked`
+STACKED = sum(input_named(name).channels for name in PAPER_INPUTS)
+
+
+def stack_channels(panorama: Panorama) -> int:
+    """Channels of `stacked` with this join."""
+    return STACKED + (input_named(DIRECT).channels if panorama == "position" else 0)
 
 
 def stacked(inputs: Tensors) -> torch.Tensor:
-    """All inputs as one image (N, `STACKED`, H, W); the panorama is resized to its size."""
+    """All inputs as one image (N, `stack_channels`, H, W); the panorama is resized to its size."""
     panorama = torch.cat(log_panorama(inputs["intensity"], inputs["distance"]), dim=1)
     size = inputs["normal"].shape[-2:]
     resized = functional.interpolate(panorama, size, mode="bilinear", align_corners=False)
-    return torch.cat([*(inputs[name] for name in IMAGES), resized], dim=1)
+    direct = [inputs[DIRECT]] if DIRECT in inputs else []
+    return torch.cat([*(inputs[name] for name in IMAGES), resized, *direct], dim=1)
 
 
 class Stack(nn.Module):
     """Input image of a baseline; the panorama is joined to it as in our networks.
 
     With `panorama` `resize` it is `stacked`. With `normal` it has panorama features that are looked
-    up in the direction of each pixel's normal instead of the resized panorama. Baselines therefore
-    get the same information as our networks.
+    up in the direction of each pixel's normal instead of the resized panorama; with `position` it
+    has these and the panorama's direct light. Baselines therefore get the same information as our
+    networks.
     """
 
     def __init__(self, panorama: Panorama, width: int) -> None:
         super().__init__()
         branch = max(1, width // 2)
-        images = sum(input_named(name).channels for name in IMAGES)
-        self.join = NormalPanorama(branch) if panorama == "normal" else None
+        self.inputs = stack_channels(panorama)
+        self.images = (*IMAGES, DIRECT) if panorama == "position" else IMAGES
+        images = sum(input_named(name).channels for name in self.images)
+        self.join = None if panorama == "resize" else NormalPanorama(branch)
         self.channels = STACKED if self.join is None else images + 2 * branch
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
         """Tensors of `encode` to an image (N, channels, H, W)."""
         if self.join is None:
             return stacked(inputs)
-        images = torch.cat([inputs[name] for name in IMAGES], dim=1)
+        images = torch.cat([inputs[name] for name in self.images], dim=1)
         return torch.cat([images, self.join(inputs).to(images.dtype)], dim=1)
 
 

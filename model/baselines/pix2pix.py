@@ -24,7 +24,6 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.baselines.layers import (
-    STACKED,
     BatchNorm,
     Stack,
     display,
@@ -141,8 +140,10 @@ class AdversarialObjective(Objective):
     description = "log loss of 70x70 patches + 100 L1"
 
     def __init__(self, setting: Setting) -> None:
+        assert isinstance(setting.network, Generator)
         self.network, self.autocast = setting.network, setting.autocast
-        self.discriminator = PatchDiscriminator(STACKED + 3, setting.width, BatchNorm)
+        channels = self.network.stack.inputs + 3  # the inputs' and the picture's
+        self.discriminator = PatchDiscriminator(channels, setting.width, BatchNorm)
         self.modules = {"discriminator": self.discriminator, "network": self.network}
 
     def losses(self, batch: Batch) -> Iterator[tuple[str, torch.Tensor]]:

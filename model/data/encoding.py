@@ -16,16 +16,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 import torch
 
-from pbrnet.model.data.display import log_average
-from pbrnet.model.data.reader import PAPER, Example
-from pbrnet.model.methods import MAX_SAMPLES, PAPER_INPUTS
+from pbrnet.model.data.direct_light import lamps_in_view, reflected_light
+from pbrnet.model.data.display import log_average, tonemap_exposed
+from pbrnet.model.data.reader import PAPER, Columns, Example
+from pbrnet.model.methods import DIRECT, MAX_SAMPLES, PAPER_INPUTS
 from pbrnet.pipeline.channels import column_channel
-from pbrnet.pipeline.tonemap import Exposure, tonemap
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, tonemap
 from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
 from pbrnet.scenes.color import encode_srgb
 
@@ -37,14 +38,7 @@ NEUTRAL = 0.5  # reflectance input where there is no surface; albedo of the shad
 DEFAULT_WHITE = 20.0  # exposed luminance that maps to white if it is unknown; typical indoors
 # Metres: depths and distances are clamped to [MIN, MAX], and depth is relative to REFERENCE.
 MIN_DEPTH, REFERENCE_DEPTH, MAX_DEPTH = 0.05, 2.5, 100.0
-
-
-class Columns(Protocol):
-    """Columns of a view by name: an `Example`, or a mapping of tensors."""
-
-    def __getitem__(self, name: str, /) -> ArrayOrTensor: ...
-
-    def __contains__(self, name: object, /) -> bool: ...
+DIRECT_RANGE = (1e-3, 1e3)  # of exposed direct light before its logarithm
 
 
 @dataclass(frozen=True)
@@ -93,7 +87,7 @@ def input_columns(inputs: Iterable[str]) -> tuple[str, ...]:
         if not input_named(name).optional
         for column in input_named(name).columns
     ]
-    return tuple(dict.fromkeys(column for column in needed if column not in PAPER))
+    return tuple(dict.fromkeys(column for column in needed if column not in (*PAPER, "K")))
 
 
 def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
@@ -180,6 +174,19 @@ def _clamped_distance(view: Columns) -> ArrayOrTensor:
     return array_namespace(view["distance"]).clip(view["distance"], None, MAX_DEPTH)[..., None]
 
 
+def _direct(view: Columns) -> ArrayOrTensor:
+    """Direct light of matte grey surfaces in its own exposure, (H, W, 2): display, logarithm."""
+    known = {name: view[name] for name in INPUTS[DIRECT].columns}  # no shadows, no colours
+    light = (_stack([reflected_light(known, NEUTRAL)]) + lamps_in_view(known))[:, :1]
+    tone = ToneParams()
+    exposed = tone.key / log_average(light) * light
+    white = exposed.amax(dim=(1, 2, 3), keepdim=True) * (1 - tone.burn) ** 2
+    display = tonemap_exposed(exposed.expand(-1, 3, -1, -1), white.clamp(min=1e-6))[:, :1]
+    logarithm = exposed.clamp(*DIRECT_RANGE).log() / 4
+    image = torch.cat([centred(display), logarithm], 1)[0].permute(1, 2, 0)
+    return image if array_namespace(view["depth"]) is torch else image.numpy()
+
+
 def _level(view: Columns) -> ArrayOrTensor:
     light = torch.cat([_stack([view[f"transport_{part}"]]) for part in ("direct", "indirect")], 1)
     level = log_average((light[:, :3] + light[:, 3:]).mean(1, keepdim=True))[0]
@@ -210,6 +217,7 @@ def _images(*columns: str, optional: bool = False) -> Input:
 #   intensity: relative to its mean over the sphere; all 0 if no light is visible
 #   distance: metres, at most `MAX_DEPTH`; the network takes the logarithms of intensity and
 #     distance itself, because it may average them first
+#   direct: unshadowed direct light of the grey panorama in its own exposure: display, logarithm
 #   transport: direct light, indirect light, picture; linear, in the view's unit
 #   level: log average of direct + indirect light, bands alike
 #   materials: roughness, metalness, and 1 where they are known
@@ -220,6 +228,7 @@ INPUTS = {
     "reflectance": Input(("reflectance", "valid"), 3, _reflectance),
     "intensity": Input(("intensity",), 1, _relative_intensity, whole=True),
     "distance": Input(("distance",), 1, _clamped_distance, whole=True),
+    DIRECT: Input(("depth", "valid", "normal", "intensity", "distance", "K"), 2, _direct),
     "transport": _images("transport_direct", "transport_indirect", "transport_color"),
     "level": Input(("transport_direct", "transport_indirect"), 1, _level, whole=True),
     "materials": _images("roughness", "metalness", "material_known", optional=True),

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import pyarrow as pa
@@ -34,7 +34,7 @@ from pbrnet.pipeline.dataset.parquet import (
 )
 from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.reader import shuffled
-from pbrnet.scenes.arrays import AnyArray, UInt8Array
+from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, UInt8Array
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file, read_csv
 from pbrnet.scenes.seeds import generator
@@ -64,14 +64,22 @@ NOISY_SPP = "noisy_spp"  # samples per pixel of noisy images, a number
 _PIECE = 32704  # values; PyTorch starts threads from 32768 on
 
 
+class Columns(Protocol):
+    """Columns of a view by name: an `Example`, or a mapping of tensors."""
+
+    def __getitem__(self, name: str, /) -> ArrayOrTensor: ...
+
+    def __contains__(self, name: object, /) -> bool: ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Example:
     """One view of the dataset: its images by column name, which `example["depth"]` returns.
 
     Images are float32 (H, W) or (H, W, C), panoramas (h, w = 2h) and (h, w, 3); radiance is in the
     renderer's unit; `valid` is boolean. `pbrnet.pipeline.channels` describes them. `noisy_spp` is a
-    number (). `intrinsics` is float64 (3, 3), pixel centres at +0.5; camera axes are OpenCV's: x
-    right, y down, z forward.
+    number (). `intrinsics`, also `example["K"]`, is float64 (3, 3), pixel centres at +0.5; camera
+    axes are OpenCV's: x right, y down, z forward.
     """
 
     scene_id: str
@@ -87,13 +95,15 @@ class Example:
         return f"{self.scene_id}/{self.view_id}"
 
     def __getitem__(self, column: str) -> AnyArray:
+        if column == "K":
+            return self.intrinsics
         try:
             return self.images[column]
         except KeyError:
             raise InputError(f"{self.name}: no {column}; {remedy(column)}") from None
 
     def __contains__(self, column: object) -> bool:
-        return column in self.images
+        return column == "K" or column in self.images
 
     def having(self, **images: AnyArray) -> Example:
         """The view with these images besides or instead of its own."""

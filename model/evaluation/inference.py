@@ -84,7 +84,8 @@ class Networks:
 
     def shading(self, example: Example) -> AnyArray:
         """Shading of a view by the shading network, display values float32 (H, W, 3)."""
-        return to_image(self._run("shading", self.modules["shading"], encode([example])))
+        inputs = encode([example], self._inputs("shading"))
+        return to_image(self._run("shading", self.modules["shading"], inputs))
 
     def predict(self, method: str, example: Example, shading: AnyArray | None = None) -> Prediction:
         """Predict a view. Of its true images only the exposure is used.
@@ -138,11 +139,14 @@ class Networks:
         """Predict a view by a method of a single network."""
         method, network = METHODS[name], self.modules[name]
         example = as_trained(example, method, self.cards[name])
-        found = self._run(name, network, encode([example], method.inputs))
+        found = self._run(name, network, encode([example], self._inputs(name)))
         if not method.predicts_radiance:
             return Prediction(name, None, to_image(found))
         color = np.ascontiguousarray(found[0].permute(1, 2, 0).cpu().numpy())
         return Prediction(name, None, self._displayed(example, color), color)
+
+    def _inputs(self, name: str) -> tuple[str, ...]:
+        return METHODS[name].inputs_with(self.cards[name].architecture.panorama)
 
     def _displayed(self, example: Example, color: AnyArray) -> AnyArray:
         """Display values of radiance, in the exposure of the truth, or in its own if unknown."""

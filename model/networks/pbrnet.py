@@ -6,7 +6,6 @@ panorama join those of the image, which has another shape and frame: see docs/ne
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal
@@ -15,10 +14,12 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from pbrnet.model.data.direct_light import look_up
 from pbrnet.model.data.encoding import Policy, Tensors, centred, input_named
+from pbrnet.model.methods import DIRECT
 from pbrnet.scenes.checked import within
 
-Panorama = Literal["resize", "normal"]
+Panorama = Literal["resize", "normal", "position"]
 
 GRID = (32, 64)  # cells that a panorama of any size is averaged to before the `normal` join
 WIDEST = 8  # levels double their width up to this many times the first level's
@@ -53,7 +54,8 @@ class GuidedNet(nn.Module):
     """A convolution for each input, concatenation of the features, then a U-Net.
 
     With the images depth and normal this is the paper's shading network. With reflectance as a
-    third image it predicts colour directly: the baseline `unet`.
+    third image it predicts colour directly: the baseline `unet`. With the join `position` the
+    panorama's unshadowed direct light is another image.
     """
 
     def __init__(
@@ -61,6 +63,7 @@ class GuidedNet(nn.Module):
     ) -> None:
         super().__init__()
         branch = max(1, width // 2)
+        images = (*images, DIRECT) if panorama == "position" else images
         self.images = images
         self.branches = nn.ModuleDict(
             {name: Branch(input_named(name).channels, branch) for name in images}
@@ -185,22 +188,6 @@ class RoundConv(nn.Module):
             functional.pad(x, (1, 1, 0, 0), mode="circular"), (0, 0, 1, 1), "replicate"
         )
         return functional.relu(self.conv(x))
-
-
-def look_up(panorama: torch.Tensor, direction: torch.Tensor) -> torch.Tensor:
-    """Panorama values (N, C, H, W) in unit directions (N, 3, H, W), bilinear.
-
-    `panorama` (N, C, h, w) is equirectangular in the camera's frame: the centre column is forward
-    (+z), columns right of it are towards the camera's right (+x), the top row is up (-y).
-    """
-    width = panorama.shape[-1]
-    x, y, z = direction.float().unbind(dim=1)
-    azimuth = torch.atan2(x, z) / math.pi
-    elevation = torch.asin(y.clamp(-1, 1)) * (2 / math.pi)
-    wrapped = functional.pad(panorama.float(), (1, 1, 0, 0), mode="circular")
-    grid = torch.stack([azimuth * width / (width + 2), elevation], dim=-1)
-    found = functional.grid_sample(wrapped, grid, padding_mode="border", align_corners=False)
-    return found.to(panorama.dtype)
 
 
 class UNet(nn.Module):

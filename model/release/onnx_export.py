@@ -35,6 +35,7 @@ OUTPUTS = {"pbrnet": ("shading", "color"), "plus": ("radiance", "color")}
 OUTPUTS["hybrid"] = OUTPUTS["plus"]
 # Input sizes for the exporter's trace; the graph does not depend on them.
 _IMAGE, _PANORAMA = (45, 61), (40, 80)
+_FIXED = {NOISY_SPP: (1,), "K": (3, 3)}  # sizes of inputs that are no image
 
 
 class ExportedMethod(nn.Module):
@@ -51,26 +52,27 @@ class ExportedMethod(nn.Module):
             {name: networks.modules[name] for name in needed(self.method)}
         )
         first = networks.cards[needed(self.method)[0]]
-        self.averages_panorama = first.architecture.panorama == "normal"
+        self.panorama = first.architecture.panorama
         self.key = float(networks.card.tone["key"])
 
     def forward(self, *images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The images of `OUTPUTS`, (H, W, 3): display values in [0, 1], radiance linear.
 
         The inputs are columns of the dataset, all as float32: images (H, W) or (H, W, 3), panoramas
-        (h, w), and `noisy_spp` (1,). Radiance is in the unit of the inputs; its display values have
-        their own exposure.
+        (h, w), `K` (3, 3) and `noisy_spp` (1,). Radiance is in the unit of the inputs; its display
+        values have their own exposure.
         """
         given = dict(zip(self.names, images, strict=True))
         view = {**given, "valid": given["valid"] > 0}
         if self.method == "pbrnet":
-            return _pictures(*self._two_stages(encode([view])))
+            names = METHODS["shading"].inputs_with(self.panorama)
+            return _pictures(*self._two_stages(encode([view], names)))
         found = self.networks[self.method](encode([view], METHODS[self.method].inputs))
         scale = self.key / log_average(luminance(found))
         return found[0].permute(1, 2, 0), _picture(tonemap_exposed(scale * found, DEFAULT_WHITE))
 
     def _two_stages(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
-        if self.averages_panorama:
+        if self.panorama != "resize":
             inputs = averaged_panorama(inputs)
         shading = self.networks["shading"](inputs).clamp(0, 1)
         return shading, self.networks["composition"](shading, inputs["reflectance"])
@@ -136,7 +138,7 @@ def export_onnx(networks: Networks, path: Path) -> None:
             tuple(torch.rand(*_traced_size(name)) for name in names),
             input_names=names,
             output_names=list(OUTPUTS[networks.methods[0]]),
-            dynamic_shapes=[tuple({} if name == NOISY_SPP else dynamic for name in names)],
+            dynamic_shapes=[tuple({} if name in _FIXED else dynamic for name in names)],
             opset_version=OPSET,
             dynamo=True,
             verbose=False,
@@ -153,7 +155,8 @@ def exported_inputs(networks: Networks) -> list[str]:
     """Names of the inputs of the exported model, in order."""
     name = networks.methods[0]
     if name == "pbrnet":
-        return [*INPUTS, *PANORAMA]
+        known = networks.cards["shading"].architecture.panorama == "position"
+        return [*INPUTS, *PANORAMA, *(["K"] if known else [])]
     method = METHODS[name]
     known = (one for one in method.optional_inputs if networks.card.training.get(one))
     optional = [column for one in known for column in input_named(one).columns]
@@ -162,7 +165,7 @@ def exported_inputs(networks: Networks) -> list[str]:
 
 def _traced_size(name: str) -> tuple[int, ...]:
     """Size of an input for the exporter's trace."""
-    if name == NOISY_SPP:
-        return (1,)
+    if name in _FIXED:
+        return _FIXED[name]
     size = _PANORAMA if name in PANORAMA else _IMAGE
     return (*size, *column_channel(name).shape)

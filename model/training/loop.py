@@ -59,7 +59,7 @@ class Run:
             name: self._put(value)
             for name, value in targets(examples, self.params.exposure).items()
         }
-        encoded = encode(examples, self.method.inputs)
+        encoded = encode(examples, self.method.inputs_with(self.params.panorama))
         inputs = {name: self._put(value) for name, value in encoded.items()}
         radiance = None
         if self.method.predicts_radiance:

@@ -314,7 +314,7 @@ def test_reflectance_lies_where_identity_puts_the_picture() -> None:
     given = inputs(6, 8)
     assert torch.equal(stacked(given)[:, REFLECTANCE], given["reflectance"])
     picture = torch.rand(1, 3, 6, 8)
-    stack = cyclegan.as_stack(picture)
+    stack = cyclegan.as_stack(picture, STACKED)
     assert torch.equal(stack[:, REFLECTANCE], picture)
     assert float(stack.abs().sum()) == pytest.approx(float(picture.sum()))
 

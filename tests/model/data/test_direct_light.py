@@ -4,11 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
-from pbrnet.model.data.direct_light import direct_shading, panorama_radiance, pixel_rays
-from pbrnet.model.data.encoding import solid_angles
+from pbrnet.model.data.direct_light import (
+    direct_shading,
+    lamps_in_view,
+    panorama_radiance,
+    pixel_rays,
+    reflected_light,
+)
+from pbrnet.model.data.encoding import DIRECT_RANGE, encode, solid_angles
 from pbrnet.model.data.reader import Dataset, Example, mirrored
+from pbrnet.model.methods import DIRECT
 from pbrnet.pipeline.passes.panorama_lights import panorama_directions, sources
+from pbrnet.pipeline.tonemap import ToneParams, exposure_of, tonemap
 from pbrnet.scenes.color import luminance
 from tests.fixtures.model import box_dataset, made_example
 
@@ -129,3 +138,62 @@ def test_in_a_box_with_a_bulb_it_is_the_truth(tmp_path: Path) -> None:
         kept = outside & (truth > 0.02)
         ratio = lit[kept] / truth[kept]
         assert np.percentile(ratio, 90) / np.percentile(ratio, 10) < 1.15
+
+
+def lit_wall() -> Example:
+    view = with_lamp(with_lamp(wall(), (0.5, -1.0, -1.5), 2.0), (-1.0, -1.2, 0.1), 1.0)
+    valid = view["valid"].copy()
+    valid[:5, :9] = False
+    return view.having(valid=valid)
+
+
+def test_the_input_is_direct_light_in_its_own_exposure() -> None:
+    view = lit_wall()
+    light = reflected_light(view, 0.5)
+    light += lamps_in_view(view)[0].permute(1, 2, 0).numpy()
+    exposure = exposure_of(light, ToneParams())
+    display, logarithm = encode([view], (DIRECT,))[DIRECT][0].numpy()
+    assert (display + 1) / 2 == pytest.approx(tonemap(light, exposure)[..., 0], abs=1e-5)
+    exposed = np.clip(exposure.scale * light[..., 0], *DIRECT_RANGE)
+    assert logarithm == pytest.approx(np.log(exposed) / 4, abs=1e-5)
+
+
+def test_the_input_knows_neither_the_unit_nor_shadows_nor_colours() -> None:
+    view = lit_wall()
+    plain = encode([view], (DIRECT,))[DIRECT]
+    told = view.having(
+        intensity=view["intensity"] * 8,
+        visibility=np.zeros(SIZE, np.float32),
+        tint=np.broadcast_to(np.float32([2, 0.5, 0.1]), (*view["intensity"].shape, 3)),
+    )
+    assert torch.allclose(encode([told], (DIRECT,))[DIRECT], plain, atol=1e-5)
+
+
+def test_a_mirrored_view_has_the_mirrored_input() -> None:
+    view = lit_wall()
+    plain, turned = (encode([one], (DIRECT,))[DIRECT] for one in (view, mirrored(view)))
+    assert torch.allclose(turned.flip(-1), plain, atol=2e-3)
+    assert not torch.allclose(turned, plain, atol=0.1)
+
+
+def test_without_light_the_input_is_finite() -> None:
+    dark = encode([wall()], (DIRECT,))[DIRECT]
+    assert dark.isfinite().all()
+    assert (dark[0, 0] == -1).all()
+
+
+def test_tensors_give_the_input_of_arrays() -> None:
+    """What torch's exporter traces: all cells of the panorama as sources, a row at a time."""
+    view = lit_wall()
+    names = ("depth", "valid", "normal", "intensity", "distance", "K")
+    tensors = {name: torch.from_numpy(np.ascontiguousarray(view[name])) for name in names}
+    plain, traced = (encode([each], (DIRECT,))[DIRECT] for each in (view, tensors))
+    assert torch.allclose(plain, traced, atol=1e-5)
+
+
+def test_a_lamp_in_view_is_where_its_panorama_has_it() -> None:
+    view = with_lamp(wall(), (0.3, 0.2, 1.0), 3.0)
+    seen = lamps_in_view(view)[0, 1].numpy()
+    row, column = np.unravel_index(seen.argmax(), SIZE)
+    assert (column + 0.5, row + 0.5) == pytest.approx((40 + 64 * 0.3, 30 + 64 * 0.2), abs=1.5)
+    assert (seen > 0).mean() < 0.01  # three by three pixels of the panorama

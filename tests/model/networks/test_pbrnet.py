@@ -7,10 +7,11 @@ import pytest
 import torch
 from torch import nn
 
+from pbrnet.model.data.direct_light import look_up
 from pbrnet.model.data.encoding import input_named
-from pbrnet.model.methods import METHODS, PAPER_INPUTS
+from pbrnet.model.methods import METHODS
 from pbrnet.model.networks.build import build_network
-from pbrnet.model.networks.pbrnet import Architecture, NormalPanorama, Panorama, averaged, look_up
+from pbrnet.model.networks.pbrnet import Architecture, NormalPanorama, Panorama, averaged
 from pbrnet.model.training.backbone import EfficientNetLite0, Vgg19
 
 KINDS = tuple(dict.fromkeys(method.kind for method in METHODS.values()))
@@ -18,12 +19,12 @@ PANORAMAS: tuple[Panorama, ...] = get_args(Panorama)
 
 
 def inputs(
-    height: int, width: int, panorama: int = 32, kind: str | None = None
+    height: int, width: int, panorama: int = 32, kind: str = "shading", join: Panorama = "normal"
 ) -> dict[str, torch.Tensor]:
     """Random encoded inputs of one view, with what only networks of this kind are given."""
     random = torch.Generator().manual_seed(0)
     tensors = {}
-    for name in METHODS[kind].inputs if kind else PAPER_INPUTS:
+    for name in METHODS[kind].inputs_with(join):
         sizes = {
             **dict.fromkeys(("level", "samples"), (1, 1)),
             **dict.fromkeys(("intensity", "distance"), (panorama // 2, panorama)),
@@ -74,11 +75,12 @@ def test_the_shading_network_convolves_each_input_apart() -> None:
     assert len(convolutions(network)) == 4 + 18 + 5
 
 
-def test_the_normal_join_adds_four_panorama_convolutions() -> None:
-    resize, normal = (
+def test_the_joins_add_panorama_convolutions() -> None:
+    resize, normal, position = (
         build_network(Architecture("shading", 16, 5, panorama)) for panorama in PANORAMAS
     )
     assert len(convolutions(normal)) == len(convolutions(resize)) + 4
+    assert len(convolutions(position)) == len(convolutions(normal)) + 1  # the direct light
 
 
 def test_the_direct_u_net_sees_reflectance_too() -> None:
@@ -108,7 +110,7 @@ def test_any_size_in_is_the_same_size_out(kind: str, size: tuple[int, int]) -> N
 @pytest.mark.parametrize("width", [8, 64, 130])
 def test_any_panorama_size_is_taken(panorama: Panorama, width: int) -> None:
     network = build_network(Architecture("shading", 4, 3, panorama))
-    assert run(network, "shading", inputs(12, 16, width)).shape == (1, 3, 12, 16)
+    assert run(network, "shading", inputs(12, 16, width, join=panorama)).shape == (1, 3, 12, 16)
 
 
 @pytest.mark.parametrize("panorama", PANORAMAS)
@@ -117,7 +119,7 @@ def test_any_panorama_size_is_taken(panorama: Panorama, width: int) -> None:
 )
 def test_every_input_reaches_the_output(kind: str, panorama: Panorama) -> None:
     network = build_network(Architecture(kind, 16, 3, panorama))
-    given = inputs(16, 16, kind=kind)
+    given = inputs(16, 16, kind=kind, join=panorama)
     for value in given.values():
         value.requires_grad_(True)
     network(given).sum().backward()

@@ -44,7 +44,7 @@ def test_the_margin_of_a_u_net_is_that_of_its_receptive_field(levels: int) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("panorama", ["normal", "resize"])
+@pytest.mark.parametrize("panorama", ["normal", "resize", "position"])
 @pytest.mark.parametrize("method", ["pbrnet", "product", "unet", "plus"])
 def test_tiles_give_the_whole_picture(
     method: str, panorama: Panorama, example: Example, tmp_path: Path
@@ -53,7 +53,7 @@ def test_tiles_give_the_whole_picture(
     models = untrained_models(tmp_path / "models", names, panorama=panorama, levels=3)
     whole = load_networks(models, [method]).predict(method, example)
     cut = load_networks(models, [method], tile=32).predict(method, example)
-    assert whole.color.std() > 0.02  # there is something to see
+    assert whole.color.std() > 0.015  # there is something to see
     assert np.abs(whole.color - cut.color).max() < 1e-4
     if whole.shading is not None and cut.shading is not None:
         assert np.abs(whole.shading - cut.shading).max() < 1e-4
