@@ -18,6 +18,7 @@ from pbrnet.model.evaluation.previews import (
     DENOISED,
     MOST_DENOISED,
     PREVIEWS,
+    RADIOSITY,
     Preview,
     check_samples,
     write_rendering,
@@ -49,7 +50,7 @@ from pbrnet.scenes.files import atomic_file, exists
 if TYPE_CHECKING:
     from pbrnet.model.evaluation.inference import Networks
 
-HYBRID = "hybrid"
+HYBRID, PLUS = "hybrid", "plus"
 
 
 @click.command(
@@ -72,7 +73,8 @@ VIEW is a view_id in the camera file, by default data/cameras/SCENE.json. With s
 folder of scenes, --view VIEW selects it in each of them, --view SCENE/VIEW in one. The scenes are
 rendered one after another in this process, each opened once; one that fails is named at the end,
 with exit code 1, and the images of the others are kept.
-Networks are read from models/, or the pretrained networks are used if it has none.
+Networks are read from models/, or the pretrained networks are used if it has none. Without --method
+the available method with the lowest error draws, and its name is printed.
 --method radiosity needs no network: a preview by light transport, for any scene and size. Nor does
 --method denoised: samples of our path tracer and Open Image Denoise, for comparison.
 --seconds chooses by what this machine took before for such scenes at this size; the first time it
@@ -125,7 +127,8 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
 @click.option(
     "--method",
     type=click.Choice((*PREDICTABLE, *PREVIEWS)),
-    help="Method that computes colour.  [default: pbrnet, or a trained method]",
+    help="Method that computes colour; pbrnet is the paper's.  [default: the available one with "
+    "the lowest error, hybrid, plus or radiosity; for frames a trained one]",
 )
 @click.option(
     "--tile",
@@ -149,6 +152,8 @@ def predict(request: Request, **options: Any) -> int:
     wanted = PictureRequest(Renderers(request.params, request.data), **options)
     if wanted.seconds is not None:
         wanted = _within_seconds(wanted)
+    elif wanted.method is None and wanted.scenes and not wanted.gives_frames:
+        wanted = _with_best_method(wanted)
     pictures = _previews(wanted) if wanted.method in PREVIEWS else _predictions(wanted)
     total = len(pictures) + len(wanted.selected.failed)
     _check_out(wanted.out, total)
@@ -296,6 +301,37 @@ def _within_seconds(request: PictureRequest) -> PictureRequest:
     effort = choice.effort
     quality = effort.quality if effort.method in PREVIEWS else None
     return replace(request, method=effort.method, spp=effort.spp, quality=quality)
+
+
+def _with_best_method(request: PictureRequest) -> PictureRequest:
+    """The request with the available method that has the lowest error in docs/results.md.
+
+    Left out are methods that the other options do not fit. A folder given with --models decides by
+    what it contains, where no network of ours without it.
+    """
+    networks = not request.quality and integrator.available()
+    fits = {
+        HYBRID: networks and not request.tile and (request.spp or 0) <= MAX_SAMPLES,
+        PLUS: networks and not request.spp,
+        RADIOSITY: integrator.available() and not request.tile and request.models is None,
+    }
+    method = next((name for name in fits if fits[name] and _is_there(request, name)), None)
+    if method is None:
+        return request
+    say(f"method: {method}, the available one with the lowest error; the paper's: --method pbrnet")
+    return replace(request, method=method)
+
+
+def _is_there(request: PictureRequest, method: str) -> bool:
+    if method in PREVIEWS:
+        return True
+    from pbrnet.model.release.pretrained import find_models
+
+    try:
+        find_models(request.models, method)
+    except InputError:
+        return False
+    return True
 
 
 def _previews(request: PictureRequest) -> Pictures:

@@ -17,6 +17,7 @@ from click.testing import CliRunner, Result
 from safetensors import SafetensorError
 from safetensors.torch import load_file
 
+from pbrnet.model.commands import predict as predict_command
 from pbrnet.model.evaluation import predict as prediction
 from pbrnet.model.evaluation.budget import Choice, Effort
 from pbrnet.model.evaluation.inference import Prediction, load_networks
@@ -111,13 +112,47 @@ def test_a_view_that_fails_is_named_and_the_others_are_made() -> None:
 
 
 def test_all_views_of_a_scene_and_a_camera_of_ones_own(room: Path) -> None:
-    predicted(room, "--all-views", "--size", "36x20", "--out", "out")
+    predicted(room, "--all-views", "--size", "36x20", "--method", "pbrnet", "--out", "out")
     shapes = {path.name: read_picture(path.read_bytes()).shape for path in Path("out").iterdir()}
     assert shapes == {"box--east.png": (20, 36, 3), "box--north.png": (20, 36, 3)}
     words = ("--eye", "0.5,0.5,1.5", "--towards", "1,0.2,-0.2", "--size", "36x20")
-    assert predict(room, *words, "--out", "own.png").exit_code == 0
+    assert predict(room, *words, "--method", "pbrnet", "--out", "own.png").exit_code == 0
     same = [read_picture(Path(name).read_bytes()) for name in ("own.png", "out/box--east.png")]
     assert np.abs(same[0].astype(int) - same[1]).max() <= 1  # the very same camera
+
+
+@pytest.mark.parametrize(
+    ("networks", "words", "chosen"),
+    [
+        (("plus", "hybrid"), (), "hybrid"),
+        (("plus", "hybrid"), ("--tile", "32"), "plus"),
+        (("plus", "hybrid"), ("--denoiser", "fast"), "radiosity"),
+        (("plus", "hybrid"), ("--models", "models"), "pbrnet"),  # all that this folder has
+        (("plus",), (), "plus"),
+        (("plus",), ("--spp", "4"), "radiosity"),
+        ((), (), "radiosity"),
+    ],
+)
+def test_without_a_method_the_best_one_there_is_draws(
+    networks: tuple[str, ...], words: tuple[str, ...], chosen: str, room: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    shutil.rmtree("models")
+    untrained_models(Path("models"), ("shading", "composition"), levels=2)
+    untrained_models(pretrained.PACKED, networks, levels=2)
+    drawn: list[str | None] = []
+
+    def draws(request: predict_command.PictureRequest) -> list[object]:
+        drawn.append(request.method)
+        return []
+
+    monkeypatch.setattr(predict_command, "_previews", draws)
+    monkeypatch.setattr(predict_command, "_predictions", draws)
+    output = predicted(room, "--all-views", *words)
+    told = f"method: {chosen}, " in output
+    assert (drawn, told) == (([chosen], True) if chosen != "pbrnet" else ([None], False))
+    predicted(room, "--all-views", "--method", "unet")
+    assert drawn[1:] == ["unet"]  # one that is asked for is taken
 
 
 @pytest.fixture()
