@@ -49,6 +49,7 @@ from pbrnet.scenes.importing.shape import (
     point_light,
 )
 from pbrnet.scenes.importing.shapes.doubled_faces import with_doubled_faces_apart
+from pbrnet.scenes.importing.shapes.opaque_panes import with_clear_windows
 from pbrnet.scenes.importing.shapes.panes import with_named_glass
 from pbrnet.scenes.importing.shapes.sealing_shapes import completing_shapes
 from pbrnet.scenes.importing.shapes.uncut_walls import with_cut_walls
@@ -180,6 +181,7 @@ def _draft(
     if not is_single:
         note_baked_light(shapes, changes)
         shapes = with_cut_walls(shapes, changes)
+        shapes = with_clear_windows(shapes, added, area.keys(), changes)
         pieces, node_paths = _split(shapes, node_paths, placement.interior, changes)
         shapes, unknown = pieces.shapes, frozenset(pieces.piece)
         area = _area_of_pieces(area, pieces)

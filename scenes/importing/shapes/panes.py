@@ -42,14 +42,7 @@ def with_named_glass(shapes: list[Shape], changes: Changes) -> list[Shape]:
     """Make flat shapes without a material whose name is that of a pane clear glass."""
     made = []
     for shape in shapes:
-        words = words_of(shape.name)
-        if (
-            shape.surface.unstated
-            and words & _PANE_WORDS
-            and not words & _AROUND_PANES
-            and category_of(shape.name) in _PANE_CATEGORIES
-            and _is_of_flat_pieces(shape.mesh)
-        ):
+        if shape.surface.unstated and names_pane(shape.name) and _is_of_flat_pieces(shape.mesh):
             changes.note("flat shapes named as glass, without a material, became glass: {}",
                          shape.name)  # fmt: skip
             glass = plugin("bsdf", "thindielectric", int_ior=1.5)
@@ -57,6 +50,14 @@ def with_named_glass(shapes: list[Shape], changes: Changes) -> list[Shape]:
             shape = replace(shape, surface=surface)
         made.append(shape)
     return made
+
+
+def names_pane(name: str) -> bool:
+    """Return whether a name is that of a window or its glass, not of what is around it."""
+    words = words_of(name)
+    return bool(
+        words & _PANE_WORDS and not words & _AROUND_PANES and category_of(name) in _PANE_CATEGORIES
+    )
 
 
 def solid_corners(shapes: list[Shape]) -> Float64Array:
