@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import mitsuba as mi
 import numpy as np
@@ -44,8 +43,6 @@ from pbrnet.scenes.seeds import derive32
 _BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels
 _CARD_BYTES = 512  # of a card's memory for each sample of a launch: half of it stays free
-_TRACERS: WeakKeyDictionary[MaterialSets, FrozenTracer] = WeakKeyDictionary()
-_SPHERE_TRACERS: WeakKeyDictionary[MaterialSets, SphereTracer] = WeakKeyDictionary()
 
 REMAINDERS = ("indirect", "specular")  # of colour without direct and diffuse light
 
@@ -181,7 +178,7 @@ def _joint_launch(render_scene: RenderScene, view: View, path: JointPath) -> Lau
 
     def launch(copies: int, spp: int, seed: int) -> Any:
         if view.is_panorama:
-            sphere = _sphere_tracer_of(render_scene)
+            sphere = render_scene.materials.kept(SphereTracer)
             return sphere.launch(scene, version, view, view.width, copies, path, spp, seed, count)
         tracer = tracer_of(render_scene)
         return tracer.launch(scene, version, view, copies, path, spp, seed)
@@ -214,7 +211,7 @@ def panorama_launch(
     joint = JointPath(
         _own(materials), params.max_depth, params.rr_depth, lights, panes=panes, alone=True
     )
-    tracer, version = _sphere_tracer_of(render_scene), materials.version
+    tracer, version = materials.kept(SphereTracer), materials.version
     return lambda copies, spp, seed: tracer.launch(
         scene, version, view, width, copies, joint, spp, seed
     )
@@ -272,11 +269,7 @@ def with_remainders(images: Float32Array) -> Float32Array:
 
 def tracer_of(render_scene: RenderScene) -> FrozenTracer:
     """Return the recorded launches of an open scene; its forms share them, and they end with it."""
-    return _TRACERS.setdefault(render_scene.materials, FrozenTracer())
-
-
-def _sphere_tracer_of(render_scene: RenderScene) -> SphereTracer:
-    return _SPHERE_TRACERS.setdefault(render_scene.materials, SphereTracer())
+    return render_scene.materials.kept(FrozenTracer)
 
 
 def rooms_box(rooms: tuple[Room, ...]) -> Float64Array:

@@ -60,11 +60,10 @@ def render_illumination(
     passes none, the sky's is that of the scene's bounding box.
     """
     panorama = Panorama(params.width, view.pose[:3, :3])
-    lights = render_scene.lights
-    narrow, multiples = _narrow_lamps(lights, view.eye, panorama)
+    narrow, multiples = _narrow_lamps(render_scene.lights, view.eye, panorama)
     sums = PanoramaSums(panorama.size)
-    _add_narrow(render_scene, lights, view.eye, panorama, params, narrow, multiples, sums)
-    _add_wide(render_scene, lights, view.eye, panorama, params, narrow, sums)
+    _add_narrow(render_scene, view.eye, panorama, params, narrow, multiples, sums)
+    _add_wide(render_scene, view.eye, panorama, params, narrow, sums)
     solid = np.repeat(panorama.solid_angles, panorama.width)
     energy = luminance(sums.energy)
     divisor = np.where(energy > 0, energy, 1)
@@ -270,7 +269,6 @@ def _narrow_lamps(
 
 def _add_narrow(
     render_scene: RenderScene,
-    lights: Lights,
     eye: Float64Array,
     panorama: Panorama,
     params: IlluminationParams,
@@ -279,6 +277,7 @@ def _add_narrow(
     sums: PanoramaSums,
 ) -> None:
     """Add narrow lamps by points sampled on them."""
+    lights = render_scene.lights
     counts = np.where(narrow, multiples * params.light_samples, 0)
     indices = np.repeat(np.arange(len(counts)), counts)
     if not len(indices):
@@ -300,7 +299,6 @@ def _add_narrow(
 
 def _add_wide(
     render_scene: RenderScene,
-    lights: Lights,
     eye: Float64Array,
     panorama: Panorama,
     params: IlluminationParams,
@@ -308,7 +306,7 @@ def _add_wide(
     sums: PanoramaSums,
 ) -> None:
     """Add wide lamps and what openings show, by rays on a grid in each pixel that may show them."""
-    geometry = render_scene.geometry
+    geometry, lights = render_scene.geometry, render_scene.lights
     emitting = np.zeros(len(geometry.shapes), dtype=bool)
     emitting[lights.shape[~narrow]] = True
     traced = np.zeros(panorama.size, dtype=bool)

@@ -13,7 +13,6 @@ reflectance has a filter of its own (`pbrnet.pipeline.transport.smoothing`), whi
 from __future__ import annotations
 
 from dataclasses import dataclass
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from pbrnet.pipeline.passes.truth import Preparation, prepare
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.drjit_arrays import to_numpy
-from pbrnet.pipeline.render.material_sets import MaterialSets
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.transport.cells import LightTable
 from pbrnet.pipeline.transport.launches import TransportLauncher
@@ -35,7 +33,6 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.errors import InputError
 
-_LAUNCHERS: WeakKeyDictionary[MaterialSets, TransportLauncher] = WeakKeyDictionary()
 # By size of the image: up to so many pixels, so many samples each; twice the surfels from there on.
 _SMALL = 40_000
 _SAMPLES = ((_SMALL, 16), (100_000, 8))
@@ -192,9 +189,6 @@ def surfels_for(pixels: int) -> int:
 
 def _launcher(render_scene: RenderScene) -> TransportLauncher:
     """Return the launcher of an open scene; a new one if its materials were made anew."""
-    render_scene.materials.lobes()
-    found = _LAUNCHERS.get(render_scene.materials)
-    if found is None or found.version != render_scene.materials.version:
-        found = TransportLauncher(render_scene)
-        _LAUNCHERS[render_scene.materials] = found
-    return found
+    materials = render_scene.materials
+    materials.lobes()
+    return materials.kept(TransportLauncher, render_scene, version=materials.version)

@@ -5,9 +5,9 @@ The two sets share the shapes' geometry and textures; one of them is applied at 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import mitsuba as mi
 
@@ -16,6 +16,7 @@ from pbrnet.pipeline.render.scenegraph import Graph, create, shapes_of
 from pbrnet.scenes.errors import InputError
 
 _INITIAL_ALBEDO = 0.5
+T = TypeVar("T")
 
 MaterialSet = list[tuple[Any, Any]]  # shape and BSDF
 Lobes = list[tuple[Any, Any, Any]]  # own BSDF, its diffuse lobe, its reflectance twin
@@ -38,6 +39,7 @@ class MaterialSets:
         self._neutral_albedo: float | None = None
         self._applied: float | None = None  # the albedo of the applied set; None: own materials
         self._lobes: Lobes | None = None
+        self._kept: dict[Callable[..., Any], tuple[int, Any]] = {}
         self.version = 0  # counts the sets of BSDFs made; launches recorded before are void
         with suppress(InputError):  # raised again when the neutral set is needed
             self._make_neutral(_INITIAL_ALBEDO)
@@ -83,6 +85,17 @@ class MaterialSets:
             self._lobes = self._make_lobes()
             self.version += 1
         return self._lobes
+
+    def kept(self, kind: Callable[..., T], *arguments: Any, version: int = 0) -> T:
+        """Return what `kind` made of the arguments when it was first called for this scene.
+
+        It makes another one for another `version`. All end with the scene.
+        """
+        known, found = self._kept.get(kind, (None, None))
+        if known != version:
+            found = kind(*arguments)
+            self._kept[kind] = version, found
+        return cast(T, found)
 
     def _make_lobes(self) -> Lobes:
         made: dict[int, tuple[Any, Any]] = {}

@@ -7,15 +7,12 @@ shapes lie in one plane, another of them may be seen; else both differ by roundi
 
 from __future__ import annotations
 
-from weakref import WeakKeyDictionary
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.pathtrace.launches import Recordings
 from pbrnet.pipeline.render.drjit_arrays import column, to_numpy
-from pbrnet.pipeline.render.material_sets import MaterialSets
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.transport.radiosity import camera_ray
 from pbrnet.pipeline.transport.rays import ShapeTables, facing_normal, first_surface
@@ -23,7 +20,6 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 
 SUBPIXELS = 3  # per axis
-_TRACERS: WeakKeyDictionary[MaterialSets, _GuideTracer] = WeakKeyDictionary()
 
 
 def fast_guides(render_scene: RenderScene, view: View) -> tuple[Float32Array, Float32Array]:
@@ -32,10 +28,7 @@ def fast_guides(render_scene: RenderScene, view: View) -> tuple[Float32Array, Fl
     For perspective views, in variants other than the scalar ones.
     """
     materials = render_scene.materials
-    found = _TRACERS.get(materials)
-    if found is None or found.version != materials.version:
-        found = _TRACERS[materials] = _GuideTracer(render_scene)
-    return found.guides(view)
+    return materials.kept(_GuideTracer, render_scene, version=materials.version).guides(view)
 
 
 class _GuideTracer:
@@ -45,7 +38,6 @@ class _GuideTracer:
         self._tables = ShapeTables(render_scene.geometry)
         self._scene = render_scene.geometry.scene
         self._recorded = Recordings().of
-        self.version = render_scene.materials.version
 
     def guides(self, view: View) -> tuple[Float32Array, Float32Array]:
         """Return the guides of a view."""

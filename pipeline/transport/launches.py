@@ -46,7 +46,6 @@ class TransportLauncher:
         self._scene = render_scene.neutral(None).mitsuba
         self._panes = panes_of(render_scene.scene.portals)
         self._recorded = Recordings().of
-        self.version = render_scene.materials.version
 
     def surfels(self, lights: PlannedLights, view: View, size: Size, seed: int) -> Surfels:
         """Trace the surfels of a view, from a grid of `size` over its image."""
