@@ -3,9 +3,10 @@
 `channels.toml` holds the table. Frame layouts, dataset columns, their cells, the checks, the
 dataset card, `pbrnet inspect` and the images that networks take follow from it.
 
-A half float has 11 bits between 6e-5 and 65504 and loses them below. Rooms at night lie there, in
-the unit of the renderer. Stored is radiance / scale; one multiplication by `radiance_scale` undoes
-it. A power of two changes no bit of a mantissa.
+Radiance is stored in a unit that is a power of two per image, so that half floats hold it well. A
+half float has 11 bits between 6e-5 and 65504 and loses them below. Rooms at night lie there, in the
+unit of the renderer. Stored is radiance / scale; one multiplication by `radiance_scale` undoes it.
+A power of two changes no bit of a mantissa.
 """
 
 from __future__ import annotations

@@ -6,9 +6,10 @@ camera looks along it, a little ahead. It is walked as fast as the bounds of ste
 then place and heading are smoothed over time, which keeps the bounds: the mean of steps is no
 longer than the longest.
 
-A cell is free if a ray down from the eye meets the floor, nothing hangs at the eye's height, and
-short horizontal rays at three heights find nothing between it and its neighbours. Cells lie in
-rooms, or in the wall between two of them: so open doors join rooms, and shut ones do not.
+The free floor is made of the cells of a grid where a person can stand: a ray down from the eye
+meets the floor, nothing hangs at the eye's height, and short horizontal rays at three heights find
+nothing between a cell and its neighbours. Cells lie in rooms, or in the wall between two of them:
+so open doors join rooms, and shut ones do not.
 """
 
 from __future__ import annotations

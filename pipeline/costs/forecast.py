@@ -1,11 +1,11 @@
-"""Forecast of a run's cost in core-seconds, and estimates for the scheduling of the farm.
+"""Forecast of a run's core-seconds from the ledger, and estimates for the farm's scheduling.
 
 The cost of a stage is linear in three counts: scenes that a worker opens (with the compilation of
 their kernels), views, and samples of those views (pixels for a stage that does not sample). The
 coefficients are not negative (NNLS of Lawson and Hanson). The error of the forecast is measured by
 cross-validation: random halves of the scenes predict the other halves.
 
-Only the order of the work depends on these figures, never a pixel.
+The farm orders its work by estimates of single views. No pixel depends on these figures.
 """
 
 from __future__ import annotations

@@ -117,7 +117,7 @@ class Ledger:
         if not self._new:
             return
         started = time.monotonic()
-        old = _joined_keys(self._table)
+        old = pc.binary_join_element_wise(*(self._table[name] for name in KEY), "/")
         known = pc.is_in(old, value_set=pa.array(["/".join(key) for key in self._new]))
         for row in self._table.filter(known).select([*KEY, "times"]).to_pylist():
             self._new[tuple(row[name] for name in KEY)]["times"] += row["times"]
@@ -130,7 +130,3 @@ class Ledger:
         self._saved = time.monotonic()
         # Writing takes longer as the table grows: spend at most a twentieth of the time on it.
         self.every = max(self.every, 20 * (self._saved - started))
-
-
-def _joined_keys(table: pa.Table) -> pa.ChunkedArray:
-    return pc.binary_join_element_wise(*(table[name] for name in KEY), "/")

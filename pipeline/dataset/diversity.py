@@ -137,19 +137,18 @@ def summary_table(figures: dict[str, dict[str, Float64Array]]) -> list[dict[str,
             "source": source,
             "quantity": quantity.name,
             "views": len(values[quantity.name]),
-            **{
-                name: float(f"{value:.3g}")
-                for name, value in zip(
-                    ("5 %", "median", "95 %"),
-                    np.quantile(values[quantity.name], (0.05, 0.5, 0.95)),
-                    strict=True,
-                )
-            },
-            "mean": float(f"{values[quantity.name].mean():.3g}"),
+            **summary_of(values[quantity.name]),
         }
         for source, values in figures.items()
         for quantity in QUANTITIES
     ]
+
+
+def summary_of(values: Float64Array) -> dict[str, float]:
+    """Return quantiles and mean of values (N,), to three digits."""
+    low, median, high = np.quantile(values, (0.05, 0.5, 0.95))
+    numbers = {"5 %": low, "median": median, "95 %": high, "mean": values.mean()}
+    return {name: float(f"{number:.3g}") for name, number in numbers.items()}
 
 
 def draw_figures(figures: dict[str, dict[str, Float64Array]]) -> Figure:

@@ -167,7 +167,7 @@ def _leaves(schema: pa.Schema) -> list[str]:
 
 
 def write_sums(folder: Path) -> None:
-    """Write the checksums of all files in `folder`, sorted by name."""
+    """Write the checksums of all files in `folder`, by name, as `sha256sum --check` reads them."""
     names = sorted(path.name for path in folder.iterdir() if path.is_file() and path.name != SUMS)
     write_text(folder / SUMS, "".join(f"{digest_file(folder / name)}  {name}\n" for name in names))
 

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pbrnet.pipeline.export.images import exposures, write_picture
+from pbrnet.pipeline.export.images import Points, exposures, scene_points, write_picture
 from pbrnet.pipeline.export.parts import Advance, Format, Job, scene_parts
-from pbrnet.pipeline.export.points import Points, scene_points
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.images import tone_picture
 from pbrnet.scenes.arrays import Int64Array

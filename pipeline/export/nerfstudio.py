@@ -16,15 +16,16 @@ from typing import Any
 import numpy as np
 
 from pbrnet.pipeline.export.images import (
+    Points,
     exposures,
     opengl_pose,
     rgb_planes,
+    scene_points,
     write_depth,
     write_exr,
     write_picture,
 )
 from pbrnet.pipeline.export.parts import Advance, Format, Job, scene_parts
-from pbrnet.pipeline.export.points import Points, scene_points
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.images import tone_picture
 from pbrnet.scenes.files import write_json

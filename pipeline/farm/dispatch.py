@@ -1,7 +1,8 @@
 """Dispatch of items to dask workers: batches in flight, retries and isolation of crashing items.
 
 A worker ends itself when an item takes too long (`pbrnet.pipeline.farm.worker`). A process that is
-stopped, or whose machine swaps, cannot. Its heartbeats to the scheduler stop too.
+stopped, or whose machine swaps, cannot. Its heartbeats to the scheduler stop too: such a worker is
+found by its silence, and replaced.
 """
 
 from __future__ import annotations

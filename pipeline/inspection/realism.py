@@ -18,6 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import stats
 
+from pbrnet.pipeline.dataset.diversity import summary_of
 from pbrnet.pipeline.frames import frame_path, read_frame
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.views import View, load_cameras
@@ -92,19 +93,14 @@ class Realism:
 
     def table(self) -> list[dict[str, Any]]:
         """Return a row per figure: quantiles, mean, and what is known of photographs."""
-        rows = []
-        for figure in FIGURES:
-            values = self.views[figure.name]
-            low, median, high = np.quantile(values, (0.05, 0.5, 0.95))
-            numbers = {"5 %": low, "median": median, "95 %": high, "mean": values.mean()}
-            rows.append(
-                {
-                    "figure": figure.label,
-                    **{name: float(f"{value:.3g}") for name, value in numbers.items()},
-                    "photographs": figure.photographs,
-                }
-            )
-        return rows
+        return [
+            {
+                "figure": figure.label,
+                **summary_of(self.views[figure.name]),
+                "photographs": figure.photographs,
+            }
+            for figure in FIGURES
+        ]
 
 
 def measure(data: Path) -> Realism:

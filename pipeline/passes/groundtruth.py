@@ -22,9 +22,8 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.guiding import plan_guiding
 from pbrnet.pipeline.pathtrace.integrator import JointPath
-from pbrnet.pipeline.pathtrace.launches import FrozenTracer, SphereTracer, trace_scalar
-from pbrnet.pipeline.pathtrace.light_groups import LightGroups
-from pbrnet.pipeline.pathtrace.light_parts import LightParts, NoParts
+from pbrnet.pipeline.pathtrace.launches import FrozenTracer, SphereTracer, make_sensor, trace_scalar
+from pbrnet.pipeline.pathtrace.light_parts import LightGroups, LightParts, NoParts
 from pbrnet.pipeline.pathtrace.light_plan import EVERYWHERE, plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.pathtrace.noise import BlockStatistics
@@ -32,7 +31,6 @@ from pbrnet.pipeline.pathtrace.panes import panes_of, with_panes
 from pbrnet.pipeline.render.drjit_arrays import partner_table
 from pbrnet.pipeline.render.material_sets import MaterialSets
 from pbrnet.pipeline.render.scene import RenderScene
-from pbrnet.pipeline.render.sensors import make_sensor
 from pbrnet.pipeline.render.variants import cards, on_card
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array, Float64Array

@@ -17,6 +17,7 @@ import numpy as np
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import VisibleSurfaces, channels_by, object_index
 from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.drjit_arrays import bounds_of
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, BoolArray, Float64Array
@@ -157,9 +158,8 @@ def _place_and_flux(light: Light, shapes: dict[str, Any], lamps: dict[str, Any])
     own = [shapes[name] for name in light.shapes if name in shapes]
     lit = [shape for shape in own if shape.is_emitter()]
     if lit:
-        boxes = [shape.bbox() for shape in lit]
-        low = np.min([np.array(box.min).ravel() for box in boxes], axis=0).astype(np.float64)
-        high = np.max([np.array(box.max).ravel() for box in boxes], axis=0).astype(np.float64)
+        boxes = np.array([bounds_of(shape) for shape in lit])
+        low, high = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
         radiances = [_constant(shape.emitter(), "radiance") for shape in lit]
         areas = [float(np.array(shape.surface_area()).ravel()[0]) for shape in lit]
         fluxes = [

@@ -17,8 +17,7 @@ from pbrnet.pipeline.channels import DIFFUSE, DIRECT, IRRADIANCE, RGB
 from pbrnet.pipeline.frames import Channels, as_stored, frame_scale, pixels_digest
 from pbrnet.pipeline.passes.denoise import Image, denoise, denoiser_version, grey_guide
 from pbrnet.pipeline.passes.groundtruth import REMAINDERS, Truths
-from pbrnet.pipeline.pathtrace.light_groups import LightGroups
-from pbrnet.pipeline.pathtrace.light_parts import group_names
+from pbrnet.pipeline.pathtrace.light_parts import LightGroups, group_names
 from pbrnet.scenes.arrays import Float32Array
 
 _GREY = 0.5  # albedo guide of irradiance, which no texture marks

@@ -32,7 +32,7 @@ from pbrnet.pipeline.passes.settings import (
     ShadingParams,
 )
 from pbrnet.pipeline.pathtrace import integrator
-from pbrnet.pipeline.pathtrace.light_groups import group_lights
+from pbrnet.pipeline.pathtrace.light_parts import group_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.pathtrace.noise import residual_noise
 from pbrnet.pipeline.render.scene import RenderScene

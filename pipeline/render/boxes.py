@@ -15,6 +15,7 @@ import mitsuba as mi
 import numpy as np
 import shapely
 
+from pbrnet.pipeline.render.drjit_arrays import bounds_of
 from pbrnet.pipeline.render.scene_geometry import SceneGeometry
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.geometry.directions import turned
@@ -92,8 +93,7 @@ def shape_points(shape: Any) -> Float64Array:
         to_world = np.array(params["to_world"].matrix, dtype=np.float64).reshape(4, 4)
         corners = np.array([[-1, -1, 0, 1], [1, -1, 0, 1], [1, 1, 0, 1], [-1, 1, 0, 1]])
         return (corners @ to_world.T)[:, :3]
-    box = shape.bbox()
-    ends = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
+    ends = bounds_of(shape)
     return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i, j, k in np.ndindex(2, 2, 2)])
 
 

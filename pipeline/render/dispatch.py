@@ -86,15 +86,11 @@ def available() -> bool:
     return _registry() is not None
 
 
-def _last_mesh() -> Any:
-    return mi.Mesh("last", 3, 1)
-
-
 # Least bound of ids, and what makes the last instance, by domain.
 _BOUNDS: dict[str, tuple[int, Callable[[], Any]]] = {
     "BSDF": (2048, lambda: mi.load_dict({"type": "diffuse"})),
     "Emitter": (64, lambda: mi.load_dict({"type": "constant"})),
-    "Shape": (2048, _last_mesh),
+    "Shape": (2048, lambda: mi.Mesh("last", 3, 1)),
 }
 _LAST: list[Any] = []  # the last instances, kept
 

@@ -14,7 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.render.scene_geometry import SceneGeometry
-from pbrnet.scenes.arrays import AnyArray
+from pbrnet.scenes.arrays import AnyArray, Float64Array
 
 
 def vector(kind: Any, rows: AnyArray) -> Any:
@@ -47,6 +47,12 @@ def to_numpy(*values: Any) -> tuple[AnyArray, ...]:
         else np.stack([component.numpy() for component in value], axis=-1)
         for value in values
     )
+
+
+def bounds_of(thing: Any) -> Float64Array:
+    """Return the lowest and the highest corner of a scene's or a shape's bounds, (2, 3)."""
+    box = thing.bbox()
+    return np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
 
 
 def shape_table(

@@ -10,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.render.dispatch import keep_from_calls
+from pbrnet.pipeline.render.drjit_arrays import bounds_of
 from pbrnet.pipeline.render.scene_geometry import SceneGeometry
 from pbrnet.pipeline.render.scenegraph import Graph
 from pbrnet.scenes.arrays import BoolArray, Float64Array, Int32Array
@@ -40,32 +41,13 @@ class Lights:
 
 def collect_lights(graph: Graph, geometry: SceneGeometry) -> Lights:
     """Return the lights of a loaded scene; a sky with a sun is split into its two parts."""
-    lamps: list[Any] = []
-    shapes: list[int] = []
-    centres: list[Float64Array] = []
-    radii: list[float] = []
-    distant: list[bool] = []
-
-    def add(lamp: Any, shape: int, centre: Any, radius: float, far: bool) -> None:
-        lamps.append(lamp)
-        shapes.append(shape)
-        centres.append(np.asarray(centre, dtype=np.float64))
-        radii.append(radius)
-        distant.append(far)
-
+    # Each: lamp, index of its shape, centre and radius of that, whether it is infinitely far away.
+    found: list[tuple[Any, int, Float64Array, float, bool]] = []
     for index, shape in enumerate(geometry.shapes):
         if shape.is_emitter():
-            box = shape.bbox()
-            low, high = (
-                np.array(corner, dtype=np.float64).ravel() for corner in (box.min, box.max)
-            )
-            add(
-                shape.emitter(),
-                index,
-                (low + high) / 2,
-                float(np.linalg.norm(high - low)) / 2,
-                False,
-            )
+            low, high = bounds_of(shape)
+            radius = float(np.linalg.norm(high - low)) / 2
+            found.append((shape.emitter(), index, (low + high) / 2, radius, False))
     environment, texel_angle = None, math.inf
     for node in graph.nested(0, "Emitter"):
         plugin = graph.plugin(node)
@@ -79,20 +61,20 @@ def collect_lights(graph: Graph, geometry: SceneGeometry) -> Lights:
                 lamp = graph.make_from(node, sun)
                 lamp.set_scene(geometry.scene)
                 keep_from_calls(lamp)
-                add(lamp, -1, np.zeros(3), 0.0, True)
+                found.append((lamp, -1, np.zeros(3), 0.0, True))
         elif plugin in _ENVIRONMENTS:
             environment = graph.make(node)
             if plugin == "envmap":
                 texel_angle = math.pi / mi.traverse(environment)["data"].shape[0]
         else:
-            add(
-                graph.make(node), -1, np.zeros(3), 0.0, plugin in ("directional", "directionalarea")
-            )
+            far = plugin in ("directional", "directionalarea")
+            found.append((graph.make(node), -1, np.zeros(3), 0.0, far))
+    lamps, shapes, centres, radii, distant = zip(*found, strict=True) if found else ((),) * 5
     return Lights(
-        tuple(lamps),
+        lamps,
         np.array(shapes, dtype=np.int32),
         np.array(centres, dtype=np.float64).reshape(-1, 3),
-        np.array(radii),
+        np.array(radii, dtype=np.float64),
         np.array(distant, dtype=bool),
         environment,
         texel_angle,

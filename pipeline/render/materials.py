@@ -301,10 +301,6 @@ class _Leaf:
         return np.sqrt(np.maximum(self.scalar("alpha", 0.1), 0))
 
 
-def _lambertian(leaf: _Leaf) -> Values:
-    return 1.0, 0.0, 0.0
-
-
 def _dielectric(leaf: _Leaf, rough: bool) -> Values:
     specular = leaf.interface()[:, None] * leaf.color("specular_reflectance", 1.0)
     return leaf.from_alpha() if rough else 0.0, 0.0, specular
@@ -336,7 +332,7 @@ def _principled_thin(leaf: _Leaf) -> Values:
 
 # BSDF type -> rule. The wrappers twosided, mask, bumpmap, normalmap and blendbsdf are in `_values`.
 RULES: dict[str, Callable[[_Leaf], Values]] = {
-    "diffuse": _lambertian,
+    "diffuse": lambda leaf: (1.0, 0.0, 0.0),
     "plastic": partial(_dielectric, rough=False),
     "roughplastic": partial(_dielectric, rough=True),
     "pplastic": partial(_dielectric, rough=True),

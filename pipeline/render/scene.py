@@ -20,6 +20,7 @@ from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.render import meshes, raycast, variants
 from pbrnet.pipeline.render.boxes import ObjectBoxes
 from pbrnet.pipeline.render.dispatch import level_ids
+from pbrnet.pipeline.render.drjit_arrays import bounds_of
 from pbrnet.pipeline.render.lights import Lights, collect_lights
 from pbrnet.pipeline.render.material_sets import MaterialSets
 from pbrnet.pipeline.render.materials import MaterialTable
@@ -121,27 +122,33 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         raise RuntimeError("call set_variant before open_scene")
     graph = parse(scene.xml)
     root = graph.make(0)
-    _check_geometry(scene, root)
+    bounds = bounds_of(root)
+    if not np.isfinite(bounds).all():
+        raise InputError(f"{scene.xml}: there is no geometry, or some vertices are not finite")
     index_of = {shape: i for i, item in enumerate(scene.objects) for shape in item.shapes}
-    shapes, objects, clear, masked, mirrors = [], [], [], [], []
-    transmitted, twins, materials = [], [], []
+    rows, materials = [], []
     made: dict[int, Any] = {}
     for node in shapes_of(graph):
         if graph.plugin(node) == "shapegroup":
             continue
         shape = graph.make(node)
-        shapes.append(shape)
-        objects.append(index_of.get(shape.id(), -1))
-        bsdfs = _bsdfs_of(graph, node)
+        bsdfs, own = _bsdfs_of(graph, node), graph.nested(node, "BSDF")
         materials.append((shape.id(), bsdfs))
-        clear.append(bool(bsdfs) and all(passes_light(graph, bsdf) for bsdf in bsdfs))
-        masked.append(any(has_mask(graph, bsdf) for bsdf in bsdfs))
-        own = graph.nested(node, "BSDF")
-        mirrors.append(mirrored_sides(graph, own[0]) if own else "")
-        transmitted.append(transmitted_share(graph, own[0]) if own else 0.0)
         if own and own[0] not in made:
             made[own[0]] = reflectance_twin(graph, own[0])
-        twins.append(made[own[0]] if own else _default_reflectance(made))
+        rows.append(
+            (
+                shape,
+                index_of.get(shape.id(), -1),
+                bool(bsdfs) and all(passes_light(graph, bsdf) for bsdf in bsdfs),
+                any(has_mask(graph, bsdf) for bsdf in bsdfs),
+                mirrored_sides(graph, own[0]) if own else "",
+                transmitted_share(graph, own[0]) if own else 0.0,
+                made[own[0]] if own else _default_reflectance(made),
+            )
+        )
+    columns: Any = zip(*rows, strict=True) if rows else ((),) * 7
+    shapes, objects, clear, masked, mirrors, transmitted, twins = columns
     missing = sorted(set(index_of) - {shape.id() for shape in shapes})
     if missing:
         raise InputError(
@@ -149,22 +156,20 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         )
     geometry = SceneGeometry(
         root,
-        tuple(shapes),
+        shapes,
         np.array(objects, dtype=np.int32),
         np.array(clear, dtype=bool),
         np.array(masked, dtype=bool),
-        tuple(mirrors),
+        mirrors,
         np.array(transmitted, dtype=np.float32),
-        tuple(twins),
+        twins,
     )
-    box = root.bbox()
-    bbox = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
     level_ids()
     return RenderScene(
         scene,
         geometry,
         collect_lights(graph, geometry),
-        bbox,
+        bounds,
         MaterialSets(graph, made),
         MaterialTable(graph, materials),
         ObjectBoxes(geometry),
@@ -221,10 +226,3 @@ def _bsdfs_of(graph: Graph, node: int) -> list[int]:
         for shape in graph.nested(group, "Shape")
         for bsdf in graph.nested(shape, "BSDF")
     ]
-
-
-def _check_geometry(scene: Scene, root: Any) -> None:
-    box = root.bbox()
-    corners = np.array([np.array(box.min).ravel(), np.array(box.max).ravel()], dtype=np.float64)
-    if not np.isfinite(corners).all():
-        raise InputError(f"{scene.xml}: there is no geometry, or some vertices are not finite")

@@ -1,4 +1,4 @@
-"""Figures of a packed dataset for its card: noise, and where simple identities hold."""
+"""Figures of a packed dataset for its card (noise, where simple identities hold), and citation."""
 
 from __future__ import annotations
 

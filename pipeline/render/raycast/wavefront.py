@@ -526,7 +526,7 @@ def _touching_objects(geometry: SceneGeometry, numbers: AnyArray) -> tuple[Any, 
     As `_partners`, on either side. `numbers` are the objects of `objects_along`: faces without
     one, or of the same one, would tell nothing and are left out.
     """
-    touching = _touching(geometry)
+    touching = geometry.cached("touching", lambda: _find_touching(geometry))
     if not len(touching.partner):
         return None
     one, other = numbers[touching.shape], numbers[touching.partner_shape]
@@ -547,12 +547,8 @@ class _Touching:
     partner_shape: AnyArray
 
 
-def _touching(geometry: SceneGeometry) -> _Touching:
-    """Return the pairs of faces that overlap in a plane, on either side; cached on the geometry."""
-    return geometry.cached("touching", lambda: _find_touching(geometry))
-
-
 def _find_touching(geometry: SceneGeometry) -> _Touching:
+    """Return the pairs of faces that overlap in a plane, on either side."""
     triangles = triangles_of(geometry.shapes)
     opaque = ~(geometry.clear | geometry.masked)
     starts, partner = partners_of(triangles, opaque, same_side=False)

@@ -10,8 +10,7 @@ import pytest
 
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.pathtrace.guiding import plan_guiding
-from pbrnet.pipeline.pathtrace.light_groups import GroupTable, LightGroups, group_lights
-from pbrnet.pipeline.pathtrace.light_parts import LightParts
+from pbrnet.pipeline.pathtrace.light_parts import GroupTable, LightGroups, LightParts, group_lights
 from pbrnet.pipeline.pathtrace.light_plan import plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.scene import RenderScene, open_scene

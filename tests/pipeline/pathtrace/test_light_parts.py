@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.passes.groundtruth import path_integrator, render_both
+from pbrnet.pipeline.pathtrace.launches import make_sensor
 from pbrnet.pipeline.pathtrace.light_parts import LightParts, PathParts
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
-from pbrnet.pipeline.render.sensors import make_sensor
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.geometry.directions import pixel_directions
 from tests.fixtures.joint import (
