@@ -88,6 +88,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
             "pipeline.commands.export_data",
             export_data="Write the dataset in a format of another project.",
         ),
+        **_of(
+            "pipeline.commands.export_scene",
+            export_scene_command="Write a scene as GLB or as an archive, for other programs.",
+        ),
         **_of("pipeline.commands.cost", cost="Forecast the core-hours of a run."),
         **_of("model.commands.doctor", doctor="Report what this machine has and lacks."),
     },

@@ -17,7 +17,8 @@ from typing import Any
 from pbrnet.scenes.checked import build, check_name
 from pbrnet.scenes.contract import Scene, load_scene, save_scene, writing_scene
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import copy_files, data_beside, regular_file, resolved
+from pbrnet.scenes.files import copy_files, data_beside, regular_file, resolved, temporary_folder
+from pbrnet.scenes.formats.archive import HomeArchive
 from pbrnet.scenes.formats.scene_xml import check_scene_xml
 from pbrnet.scenes.ifc.options import IfcOptions
 from pbrnet.scenes.importing.options import SourceOptions
@@ -117,6 +118,8 @@ def import_scene(
     if path.is_dir():
         return _copy_folder(path, out, scene_id, opened or OpenedFiles(path))
     regular_file(path)
+    if path.suffix.lower() == ".zip" and _is_exported(path):
+        return _copy_archive(path, out, scene_id)
     source = SOURCES.get(path.suffix.lower())
     suffix = _told_suffix(path)
     if suffix in refused():
@@ -156,6 +159,27 @@ def _told_suffix(path: Path) -> str:
         head = re.sub(rb"<!--.*?-->", b"", file.read(4096), flags=re.DOTALL)
     root = re.search(rb"<([A-Za-z]\w*)", head)
     return _XML_ROOTS.get(root[1], suffix) if root else suffix
+
+
+def _is_exported(path: Path) -> bool:
+    """Test whether a zip holds one folder with `scene.json`, as `pbrnet export-scene` writes it."""
+    try:
+        with HomeArchive(path, "zip archive") as archive:
+            names = archive.names()
+    except InputError:
+        return False
+    tops = {name.partition("/")[0] for name in names}
+    return len(tops) == 1 and f"{min(tops)}/scene.json" in names
+
+
+def _copy_archive(path: Path, out: Path, scene_id: str) -> Scene:
+    with temporary_folder() as place, HomeArchive(path, "zip archive") as archive:
+        for name in archive.names():
+            target = place / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(archive.read(name))
+        folder = place / archive.names()[0].partition("/")[0]
+        return _copy_folder(folder, out, scene_id, OpenedFiles(folder))
 
 
 def _copy_folder(path: Path, out: Path, scene_id: str, opened: OpenedFiles) -> Scene:

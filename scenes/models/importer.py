@@ -59,6 +59,7 @@ from pbrnet.scenes.models.model import Emission, Model, PunctualLight
 from pbrnet.scenes.models.options import READERS, ModelOptions
 from pbrnet.scenes.models.pieces import UNKNOWN, Pieces, split_unnamed, without_misleading_names
 from pbrnet.scenes.models.placement import place_model
+from pbrnet.scenes.models.restored import restore
 from pbrnet.scenes.models.scans import note_baked_light
 from pbrnet.scenes.models.showroom import showroom
 from pbrnet.scenes.opened_files import OpenedFiles
@@ -133,11 +134,32 @@ def import_model(
             axis = np.eye(3)["xyz".index(model.up)]
             model.shapes += missing_floor(model.shapes, axis, model.unit, changes)
         model.emissions = _without_black(model.emissions)
-        area = _area_lights(model, textures, changes)
-        draft = _draft(model, area, path, scene_id, options, opened, changes)
-        sandbox.note_relocated(changes)
-        assemble(folder, draft, changes)
+        if not _is_restored(folder, model, path, scene_id, options, textures, sandbox, changes):
+            area = _area_lights(model, textures, changes)
+            draft = _draft(model, area, path, scene_id, options, opened, changes)
+            sandbox.note_relocated(changes)
+            assemble(folder, draft, changes)
     return load_scene(out)
+
+
+def _is_restored(
+    folder: Path,
+    model: Model,
+    path: Path,
+    scene_id: str,
+    options: ModelOptions,
+    textures: TextureStore,
+    sandbox: Sandbox,
+    changes: Changes,
+) -> bool:
+    """Write the scene that the file itself describes; False if there is none, or it is unwanted."""
+    if model.described is None or replace(options, root=None) != ModelOptions():
+        return False
+    frame = np.eye(4)
+    frame[:3, :3] = (model.unit or 1.0) * upright(np.eye(3)["xyz".index(model.up or "z")])
+    emitters = [_punctual_emitter(light, frame) for light in model.lights]
+    area = _area_lights(model, textures, changes, absolute=True)
+    return restore(folder, scene_id, model, frame, area, emitters, textures, sandbox, path, changes)
 
 
 def _draft(
@@ -256,15 +278,20 @@ def _without_black(emissions: dict[str, Emission]) -> dict[str, Emission]:
     return {id_: each for id_, each in emissions.items() if each.image not in black}
 
 
-def _area_lights(model: Model, textures: TextureStore, changes: Changes) -> dict[str, Element]:
-    """Area emitters by shape id; luminance L in cd/m^2 is radiance L x LUMEN in our units."""
+def _area_lights(
+    model: Model, textures: TextureStore, changes: Changes, absolute: bool = False
+) -> dict[str, Element]:
+    """Area emitters by shape id; luminance L in cd/m^2 is radiance L x LUMEN in our units.
+
+    Unless the unit is `absolute`, faint emission is taken for relative.
+    """
     if not model.emissions:
         return {}
     brightest = max(
         float(np.array(emission.color) @ REC709) for emission in model.emissions.values()
     )
     unit = LUMEN
-    if brightest < _MAX_RELATIVE:
+    if brightest < _MAX_RELATIVE and not absolute:
         unit = LUMEN * _RELATIVE_UNIT
         changes.note(
             f"emission up to {brightest:.3g} is relative: 1 was read as {_RELATIVE_UNIT:g} cd/m^2"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -36,6 +36,7 @@ class PunctualLight:
     pose: Float64Array  # (4, 4), to the file's world
     inner: float = 0.0  # radians from the axis to the edge of the full intensity
     outer: float = 0.25 * np.pi  # radians from the axis to the edge of the cone
+    name: str = ""
 
 
 @dataclass
@@ -55,3 +56,4 @@ class Model:
     version: str = ""  # of the format
     author: str = ""  # empty if the file does not state it
     licence: str = ""
+    described: dict[str, Any] | None = None  # what `pbrnet export-scene` wrote of its scene

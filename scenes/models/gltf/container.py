@@ -46,9 +46,11 @@ UNDERSTOOD = frozenset(
         "KHR_draco_mesh_compression",
         "KHR_lights_punctual",
         "KHR_materials_clearcoat",
+        "KHR_materials_diffuse_transmission",
         "KHR_materials_emissive_strength",
         "KHR_materials_ior",
         "KHR_materials_pbrSpecularGlossiness",
+        "KHR_materials_sheen",
         "KHR_materials_specular",
         "KHR_materials_transmission",
         "KHR_materials_unlit",
@@ -68,10 +70,8 @@ IGNORED = frozenset(
     (
         "KHR_animation_pointer",
         "KHR_materials_anisotropy",
-        "KHR_materials_diffuse_transmission",
         "KHR_materials_dispersion",
         "KHR_materials_iridescence",
-        "KHR_materials_sheen",
         "KHR_materials_variants",
         "KHR_xmp_json_ld",
     )

@@ -16,7 +16,12 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.importing.materials.surface import Surface, invisible, wrapped
+from pbrnet.scenes.importing.materials.surface import (
+    Surface,
+    invisible,
+    thin_sheet,
+    wrapped,
+)
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
 from pbrnet.scenes.importing.xml_elements import plugin, prop
 from pbrnet.scenes.models.gltf.container import UNDERSTOOD, Asset, extensions, number, numbers
@@ -119,6 +124,8 @@ class GltfMaterials:
         if "KHR_materials_unlit" in more:
             self.changes.note("an unlit material became matt")
             bsdf = plugin("bsdf", "diffuse", reflectance=color)
+        elif (passed := self._diffuse_transmission(more, place)) > 0:
+            return thin_sheet(color, 2 * passed)
         else:
             bsdf = self._principled(more, parameters, color, place)
         bsdf = self._normals(material, bsdf, where)
@@ -141,7 +148,16 @@ class GltfMaterials:
             softness = number(coat.get("clearcoatRoughnessFactor", 0), place, 0, 1)
             made.append(prop("clearcoat", amount))
             made.append(prop("clearcoat_gloss", 1 - softness))
+        sheen = more.get("KHR_materials_sheen", {})
+        cloth = max(numbers(sheen.get("sheenColorFactor", [0, 0, 0]), 3, place))
+        if cloth > 0:
+            made.append(prop("sheen", min(cloth, 1.0)))
         return made
+
+    def _diffuse_transmission(self, more: dict[str, Any], place: str) -> float:
+        """The share of diffuse light that a thin sheet lets pass, tinted like what it reflects."""
+        sheet = more.get("KHR_materials_diffuse_transmission", {})
+        return number(sheet.get("diffuseTransmissionFactor", 0), place, 0, 1)
 
     def _glass(self, more: dict[str, Any], parameters: _PbrParameters, place: str) -> Surface:
         """Glass: thin unless KHR_materials_volume gives it thickness, frosted if it is rough."""

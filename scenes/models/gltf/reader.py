@@ -73,6 +73,7 @@ def read_gltf(asset: Asset, images: Images, textures: TextureStore, changes: Cha
         kind="gltf",
         version=str(info.get("version", "")),
         author=str(info.get("copyright", ""))[:200],
+        described=_description(asset),
     )
     _Reader(asset, GltfMaterials(asset, images, textures, changes), changes, model).read()
     return model
@@ -294,8 +295,18 @@ class _Reader:
                 node.matrix,
                 number(cone.get("innerConeAngle", 0), f"{place}.innerConeAngle", 0, 1.57),
                 number(cone.get("outerConeAngle", math.pi / 4), f"{place}.outer", 0.01, 1.57),
+                str(node.node.get("name") or ""),
             )
         )
+
+
+def _description(asset: Asset) -> dict[str, Any] | None:
+    """What `pbrnet export-scene` wrote of the scene into its `extras`, unchecked."""
+    if not asset.items("scenes"):
+        return None
+    extras = asset.item("scenes", asset.data.get("scene", 0), "scene").get("extras")
+    found = extras.get("pbrnet") if isinstance(extras, dict) else None
+    return found if isinstance(found, dict) else None
 
 
 def local_matrix(node: dict[str, Any], place: str) -> Float64Array:

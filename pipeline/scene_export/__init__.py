@@ -1,0 +1,1 @@
+"""Export of scene folders to GLB, USD and archives."""

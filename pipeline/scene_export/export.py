@@ -1,0 +1,96 @@
+"""Export of one scene folder to a file of another format, and a report beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pbrnet.pipeline.scene_export.archive import write_archive
+from pbrnet.pipeline.scene_export.content import Content, read_content
+from pbrnet.pipeline.scene_export.glb import glb_bytes
+from pbrnet.pipeline.scene_export.outdoors import Outdoors, outdoors_of, save_sky
+from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.errors import ParameterError
+from pbrnet.scenes.files import atomic_file, write_json
+
+# What no scene folder contains, so that no format gets it.
+_ALWAYS = (
+    "doors and drawers have no joints: scenes do not say how they open",
+    "window panes are openings without glass: see the portals in the description",
+)
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What an export wrote, and what its format does not hold."""
+
+    files: tuple[Path, ...]
+    objects: int
+    lost: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A format: its suffixes, of which the first is the default, and its title."""
+
+    name: str
+    title: str
+    suffixes: tuple[str, ...]
+
+
+TARGETS = {
+    one.name: one
+    for one in (
+        Target("glb", "binary glTF 2.0, one file with textures", (".glb",)),
+        Target("mitsuba", "the scene folder as one archive", (".zip",)),
+    )
+}
+
+
+def export_scene(folder: Path, name: str, out: Path, cameras: Path | None = None) -> Exported:
+    """Write the scene `folder` as format `name` to the file `out`.
+
+    `cameras` is a camera file whose views become cameras; by default that of the scene's project,
+    if it is there. Beside `out` appear `OUT-sky.exr` for a scene with a sky, and `OUT.json`, which
+    lists what the format does not hold. All are written by rename. Raises `InputError` for a scene
+    that cannot be used, `ParameterError` for a suffix of another format, `MachineError` if `out`
+    is something else than a regular file.
+    """
+    target = TARGETS[name]
+    if out.suffix.lower() not in target.suffixes:
+        raise ParameterError(f"{out}: --to {name} writes {' or '.join(target.suffixes)} files")
+    if name == "mitsuba":
+        scene = load_scene(folder)
+        with atomic_file(out) as partial:
+            write_archive(folder, partial)
+        return Exported((out,), len(scene.objects), ())
+    content = read_content(folder, cameras)
+    outdoors = outdoors_of(content)
+    files = [out]
+    sky = out.with_name(f"{out.stem}-sky.exr")
+    if outdoors is not None and outdoors.stated["kind"] == "image":
+        outdoors.stated["file"] = sky.name
+    data = _WRITERS[name](content, outdoors)
+    with atomic_file(out) as partial:
+        partial.write_bytes(data)
+    if outdoors is not None:
+        with atomic_file(sky) as partial:
+            save_sky(partial, outdoors.sky)
+        files.append(sky)
+    lost = (*_ALWAYS, *_sky_notes(outdoors, sky), *content.lost.sentences())
+    notes = out.with_name(f"{out.stem}.json")
+    write_json(notes, {"scene": content.scene.scene_id, "format": name, "not held": list(lost)})
+    return Exported((*files, notes), len(content.scene.objects), lost)
+
+
+def _sky_notes(outdoors: Outdoors | None, sky: Path) -> tuple[str, ...]:
+    if outdoors is None:
+        return ()
+    return (
+        f"glTF has no sky: it is in {sky.name}, equirectangular in cd/m^2, its middle towards +Y "
+        "of the scene (-Z of the GLB); the sun is a directional light",
+    )
+
+
+_WRITERS: dict[str, Callable[[Content, Outdoors | None], bytes]] = {"glb": glb_bytes}

@@ -1,0 +1,354 @@
+"""BSDFs of `scene.xml` as the few parameters that interchange formats know.
+
+A `Look` is the common part of glTF's metallic-roughness with its extensions and of
+UsdPreviewSurface. It inverts what the importers of these formats write, so that a material they
+made comes back as it was. What has no counterpart is noted.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from pbrnet.scenes.arrays import Float64Array, as_triple
+from pbrnet.scenes.color import REC709, Color
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.photometry import LUMEN
+
+_NUMBERS = re.compile(r"[,\s]+")
+_GREY: Color = (0.5, 0.5, 0.5)
+_WHITE: Color = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image in the scene folder, and how it is looked up; v = 0 is its top row."""
+
+    file: str  # relative to the scene folder
+    nearest: bool = False
+    wrap: str = "repeat"  # or "clamp", "mirror"
+    to_uv: tuple[tuple[float, float, float], ...] = ()  # two rows of an affine map, () for none
+
+
+@dataclass(frozen=True)
+class Look:
+    """A material; colours are linear, roughness is perceptual, shares are in [0, 1]."""
+
+    base: Color | Picture = _GREY
+    roughness: float | Picture = 0.5
+    metallic: float | Picture = 0.0
+    normal: Picture | None = None
+    opacity: float | Picture = 1.0
+    specular: float = 0.5  # reflectance at normal incidence, in units of 8 %
+    clearcoat: float = 0.0
+    clearcoat_roughness: float = 0.0
+    sheen: float = 0.0
+    transmission: float = 0.0  # specular: glass
+    diffuse_transmission: float = 0.0  # of thin sheets: share of the diffuse light that passes
+    ior: float = 1.5
+    solid: bool = False  # glass that refracts, not a thin pane
+    two_sided: bool = False
+
+
+@dataclass(frozen=True)
+class Glow:
+    """Emission of a surface: luminance in cd/m^2, RGB; times an image of radiance if given."""
+
+    color: Color
+    image: Picture | None = None
+
+
+class LookReader:
+    """Reads the materials of a scene; `named` maps ids to elements of `scene.xml`."""
+
+    def __init__(self, named: dict[str, Element], lost: Changes) -> None:
+        self._named, self._lost = named, lost
+
+    def look(self, bsdf: Element | None) -> Look:
+        """Return the look of a BSDF element; None is Mitsuba's default, grey and matt."""
+        if bsdf is None:
+            return Look(roughness=1.0, specular=0.0)
+        kind = bsdf.get("type", "")
+        rule = _RULES.get(kind)
+        if rule is None:
+            self._lost.note("materials of a kind without counterpart became grey: {}", kind)
+            return Look(roughness=1.0, specular=0.0)
+        return rule(self, bsdf)
+
+    def glow(self, emitter: Element) -> Glow:
+        """Return the emission of an area emitter."""
+        radiance = self.color(emitter, "radiance", _WHITE)
+        if isinstance(radiance, Picture):
+            return Glow((1 / LUMEN,) * 3, radiance)
+        return Glow(as_triple(np.array(radiance) / LUMEN))
+
+    def find(self, element: Element, name: str) -> Element | None:
+        """Return a property's element; a reference is followed."""
+        for child in element:
+            if child.get("name") == name:
+                return self._named.get(child.get("id", "")) if child.tag == "ref" else child
+        return None
+
+    def nested(self, element: Element, tag: str) -> list[Element]:
+        """Return the children of a kind, those behind references included."""
+        children = [self._named.get(c.get("id", ""), c) if c.tag == "ref" else c for c in element]
+        return [child for child in children if child.tag == tag]
+
+    def scalar(self, element: Element, name: str, default: float) -> float | Picture:
+        """Return a number or a grey image; of a colour its luminance."""
+        value = self.color(element, name, (default,) * 3)
+        return value if isinstance(value, Picture) else _grey(value)
+
+    def number(self, element: Element, name: str, default: float) -> float:
+        """Return a number; an image, which the format cannot say here, is noted."""
+        value = self.scalar(element, name, default)
+        if isinstance(value, Picture):
+            self._lost.note("images of {} were replaced by a plain value", name)
+            return default
+        return value
+
+    def color(self, element: Element, name: str, default: Color) -> Color | Picture:
+        """Return a linear colour or an image."""
+        found = self.find(element, name)
+        if found is None:
+            return default
+        if found.tag == "texture":
+            return self._picture(found, default)
+        values = numbers(found.get("value", ""))
+        if len(values) not in (1, 3):
+            self._lost.note("values of a form without counterpart became plain: {}", name)
+            return default
+        return as_triple(np.broadcast_to(np.array(values), 3))
+
+    def _picture(self, texture: Element, default: Color) -> Color | Picture:
+        file = self.find(texture, "filename")
+        if texture.get("type") != "bitmap" or file is None:
+            self._lost.note("textures that are no image became plain: {}", texture.get("type", ""))
+            return default
+        words = {
+            name: found.get("value", "")
+            for name in ("filter_type", "wrap_mode")
+            if (found := self.find(texture, name)) is not None
+        }
+        return Picture(
+            file.get("value", ""),
+            words.get("filter_type") == "nearest",
+            words.get("wrap_mode", "repeat"),
+            _to_uv(self.find(texture, "to_uv")),
+        )
+
+    def two_sided(self, bsdf: Element) -> Look:
+        """Look of `twosided`: that of its front."""
+        inner = self.nested(bsdf, "bsdf")
+        if len(inner) > 1:
+            self._lost.note("materials with another back have their front on both sides")
+        return replace(self.look(inner[0] if inner else None), two_sided=True)
+
+    def normal_map(self, bsdf: Element) -> Look:
+        """Look of `normalmap`."""
+        inner, maps = self.nested(bsdf, "bsdf"), self.nested(bsdf, "texture")
+        picture = self._picture(maps[0], _WHITE) if maps else _WHITE
+        look = self.look(inner[0] if inner else None)
+        return replace(look, normal=picture) if isinstance(picture, Picture) else look
+
+    def bump_map(self, bsdf: Element) -> Look:
+        """Look of `bumpmap`, without bumps."""
+        self._lost.note("bump maps were left out")
+        inner = self.nested(bsdf, "bsdf")
+        return self.look(inner[0] if inner else None)
+
+    def mask(self, bsdf: Element) -> Look:
+        """Look of `mask`."""
+        inner = self.nested(bsdf, "bsdf")
+        opacity = self.scalar(bsdf, "opacity", 0.5)
+        return replace(self.look(inner[0] if inner else None), opacity=opacity, two_sided=True)
+
+    def blend(self, bsdf: Element) -> Look:
+        """Look of `blendbsdf`: that of the material with the greater share."""
+        inner = self.nested(bsdf, "bsdf")
+        self._lost.note("blends of two materials became the one with the greater share")
+        weight = self.scalar(bsdf, "weight", 0.5)
+        second = not isinstance(weight, Picture) and weight > 0.5
+        return self.look(inner[min(int(second), len(inner) - 1)] if inner else None)
+
+    def principled(self, bsdf: Element) -> Look:
+        """Look of `principled`."""
+        ior = self.number(bsdf, "eta", 1.5)
+        f0 = ((ior - 1) / (ior + 1)) ** 2 / 0.08
+        for name in ("spec_tint", "anisotropic", "flatness", "sheen_tint", "clearcoat_tint"):
+            if self.find(bsdf, name) is not None:
+                self._lost.note("properties of materials were left out: {}", name)
+        return Look(
+            base=self.color(bsdf, "base_color", _GREY),
+            roughness=self.scalar(bsdf, "roughness", 0.5),
+            metallic=self.scalar(bsdf, "metallic", 0.0),
+            specular=self.number(bsdf, "specular", f0),
+            clearcoat=self.number(bsdf, "clearcoat", 0.0),
+            clearcoat_roughness=1 - self.number(bsdf, "clearcoat_gloss", 0.0),
+            sheen=self.number(bsdf, "sheen", 0.0),
+            transmission=self.number(bsdf, "spec_trans", 0.0),
+            solid=True,
+            ior=ior,
+        )
+
+    def thin(self, bsdf: Element) -> Look:
+        """Look of `principledthin`; its `diff_trans` is 2 if all diffuse light passes."""
+        return Look(
+            base=self.color(bsdf, "base_color", _GREY),
+            roughness=self.scalar(bsdf, "roughness", 0.5),
+            specular=0.0,
+            transmission=self.number(bsdf, "spec_trans", 0.0),
+            diffuse_transmission=0.5 * self.number(bsdf, "diff_trans", 0.0),
+            ior=self.number(bsdf, "eta", 1.5),
+            two_sided=True,
+        )
+
+    def diffuse(self, bsdf: Element) -> Look:
+        """Look of `diffuse`: rough, without a highlight."""
+        base = self.color(bsdf, "reflectance", _GREY)
+        return Look(base=base, roughness=1.0, specular=0.0)
+
+    def plastic(self, bsdf: Element) -> Look:
+        """Look of `plastic` and `roughplastic`."""
+        rough = bsdf.get("type") == "roughplastic"
+        return Look(
+            base=self.color(bsdf, "diffuse_reflectance", _GREY),
+            roughness=self._roughness(bsdf) if rough else 0.0,
+            specular=_f0(self.number(bsdf, "int_ior", 1.49)) / 0.08,
+        )
+
+    def glass(self, bsdf: Element) -> Look:
+        """Look of dielectrics."""
+        kind = bsdf.get("type", "")
+        tint = self.color(bsdf, "specular_transmittance", _WHITE)
+        return Look(
+            base=tint,
+            roughness=self._roughness(bsdf) if kind == "roughdielectric" else 0.0,
+            transmission=1.0,
+            ior=self.number(bsdf, "int_ior", 1.5046),
+            solid=kind != "thindielectric",
+            two_sided=True,
+        )
+
+    def conductor(self, bsdf: Element) -> Look:
+        """Look of conductors: a metal of the colour that they reflect at normal incidence."""
+        tint = self.color(bsdf, "specular_reflectance", _WHITE)
+        base = tint
+        if not isinstance(tint, Picture):
+            base = as_triple(np.array(tint) * self._fresnel(bsdf))
+        rough = bsdf.get("type") == "roughconductor"
+        return Look(base=base, roughness=self._roughness(bsdf) if rough else 0.0, metallic=1.0)
+
+    def _fresnel(self, bsdf: Element) -> Float64Array:
+        """Reflectance of a conductor at normal incidence, RGB (3,)."""
+        named = self.find(bsdf, "material")
+        if named is not None and named.get("value") == "none":
+            return np.ones(3)
+        eta, k = self.color(bsdf, "eta", (0.0,) * 3), self.color(bsdf, "k", _WHITE)
+        if named is not None or isinstance(eta, Picture) or isinstance(k, Picture):
+            self._lost.note("metals named by their element became grey ones")
+            return np.full(3, 0.85)
+        n, absorbed = np.array(eta), np.array(k)
+        return np.array(((n - 1) ** 2 + absorbed**2) / ((n + 1) ** 2 + absorbed**2))
+
+    def nothing(self, bsdf: Element) -> Look:
+        """Look of `null`."""
+        return Look(opacity=0.0, two_sided=True)
+
+    def _roughness(self, bsdf: Element) -> float:
+        if self.find(bsdf, "alpha_u") is not None:
+            self._lost.note("properties of materials were left out: {}", "anisotropic roughness")
+            area = self.number(bsdf, "alpha_u", 0.1) * self.number(bsdf, "alpha_v", 0.1)
+            return max(area, 0.0) ** 0.25
+        return math.sqrt(max(self.number(bsdf, "alpha", 0.1), 0.0))
+
+
+_RULES: dict[str, Callable[[LookReader, Element], Look]] = {
+    "twosided": LookReader.two_sided,
+    "normalmap": LookReader.normal_map,
+    "bumpmap": LookReader.bump_map,
+    "mask": LookReader.mask,
+    "blendbsdf": LookReader.blend,
+    "principled": LookReader.principled,
+    "principledthin": LookReader.thin,
+    "diffuse": LookReader.diffuse,
+    "roughdiffuse": LookReader.diffuse,
+    "plastic": LookReader.plastic,
+    "roughplastic": LookReader.plastic,
+    "dielectric": LookReader.glass,
+    "thindielectric": LookReader.glass,
+    "roughdielectric": LookReader.glass,
+    "conductor": LookReader.conductor,
+    "roughconductor": LookReader.conductor,
+    "null": LookReader.nothing,
+}
+
+
+def numbers(text: str) -> list[float]:
+    """Return the numbers of a value in `scene.xml`; none if it is no list of finite numbers."""
+    try:
+        found = [float(word) for word in _NUMBERS.split(text.strip()) if word]
+    except ValueError:
+        return []
+    return found if all(map(math.isfinite, found)) else []
+
+
+def _to_uv(element: Element | None) -> tuple[tuple[float, float, float], ...]:
+    if element is None:
+        return ()
+    matrix = transform(element)
+    return tuple((float(row[0]), float(row[1]), float(row[3])) for row in matrix[:2])
+
+
+def transform(element: Element) -> Float64Array:
+    """Return the matrix (4, 4) of a transform element: matrices and `lookat`s in order."""
+    whole = np.eye(4)
+    for step in element:
+        whole = _step(step) @ whole
+    return whole
+
+
+def _step(step: Element) -> Float64Array:
+    values = {key: numbers(text) for key, text in step.attrib.items()}
+    if step.tag == "matrix" and len(values.get("value", [])) == 16:
+        return np.reshape(values["value"], (4, 4)).astype(np.float64)
+    matrix = np.eye(4)
+    if step.tag == "lookat" and all(len(values.get(k, [])) == 3 for k in ("origin", "target")):
+        eye, up = np.array(values["origin"]), np.array(values.get("up") or [0.0, 0, 1])
+        forward = np.array(values["target"]) - eye
+        forward /= np.linalg.norm(forward)
+        left = np.cross(up, forward)
+        left /= np.linalg.norm(left)
+        matrix[:3, :3] = np.stack([left, np.cross(forward, left), forward], axis=1)
+        matrix[:3, 3] = eye
+        return matrix
+    triple = values.get("value", [])
+    if len(triple) == 1:
+        triple = triple * 3
+    if len(triple) != 3:
+        default = 1.0 if step.tag == "scale" else 0.0
+        triple = [(values.get(axis) or [default])[0] for axis in "xyz"]
+    if step.tag == "scale":
+        matrix[:3, :3] = np.diag(triple)
+    elif step.tag == "translate":
+        matrix[:3, 3] = triple
+    elif step.tag == "rotate":
+        angle = math.radians((values.get("angle") or [0.0])[0])
+        axis = np.array(triple) / max(float(np.linalg.norm(triple)), 1e-12)
+        cross = np.cross(np.eye(3), -axis)
+        matrix[:3, :3] += math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    return matrix
+
+
+def _grey(color: Color) -> float:
+    """Luminance; of a grey exactly its value."""
+    return color[0] if color[0] == color[1] == color[2] else float(np.array(color) @ REC709)
+
+
+def _f0(ior: float) -> float:
+    return ((ior - 1) / (ior + 1)) ** 2

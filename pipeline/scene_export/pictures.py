@@ -1,0 +1,98 @@
+"""Images of an exported scene, in the forms that interchange formats take."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from pbrnet.pipeline.scene_export.looks import Look, Picture
+from pbrnet.scenes.arrays import UInt8Array
+from pbrnet.scenes.color import encode_srgb
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import read_bytes
+from pbrnet.scenes.image_files import UnreadableImage, open_image
+from pbrnet.scenes.importing.materials.textures import read_radiance, read_rgb
+
+_CUT = 8  # of 255: values this near to 0 or 1 make an opacity a cut-out
+
+
+def color_bytes(folder: Path, picture: Picture) -> bytes:
+    """Return a colour image or a normal map as PNG or JPEG, unchanged if it is one."""
+    path = folder / picture.file
+    data = read_bytes(path)
+    if data.startswith((b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")):
+        return data
+    return png(_rgb(path))
+
+
+def roughness_bytes(folder: Path, look: Look) -> bytes:
+    """Return glTF's image of roughness (green) and metalness (blue) as PNG; numbers are white."""
+    bands = [_band(folder, one) for one in (look.roughness, look.metallic)]
+    height, width = next(band.shape for band in bands if band is not None)
+    pixels = np.full((height, width, 3), 255, np.uint8)
+    for channel, band in zip((1, 2), bands, strict=True):
+        if band is not None:
+            image = Image.fromarray(band).resize((width, height), Image.Resampling.NEAREST)
+            pixels[..., channel] = np.asarray(image)
+    return png(pixels)
+
+
+def opacity_bytes(folder: Path, look: Look) -> tuple[bytes, bool]:
+    """Return colour and opacity as one PNG, and whether the opacity is a cut-out."""
+    assert isinstance(look.opacity, Picture)
+    alpha = _band(folder, look.opacity)
+    assert alpha is not None
+    size = (alpha.shape[1], alpha.shape[0])
+    if isinstance(look.base, Picture):
+        color = Image.fromarray(_rgb(folder / look.base.file))
+        size = (max(size[0], color.width), max(size[1], color.height))
+        color = color.resize(size, Image.Resampling.BILINEAR)
+    else:
+        rgb = np.rint(255 * encode_srgb(np.clip(np.array(look.base), 0, 1))).astype(np.uint8)
+        color = Image.fromarray(np.broadcast_to(rgb, (size[1], size[0], 3)).copy())
+    mask = Image.fromarray(alpha).resize(size, Image.Resampling.NEAREST)
+    color.putalpha(mask)
+    return png(np.asarray(color)), bool(((alpha < _CUT) | (alpha > 255 - _CUT)).all())
+
+
+def glow_bytes(folder: Path, picture: Picture) -> tuple[bytes, float]:
+    """Return an image of radiance as PNG (sRGB), and the radiance that its white stands for."""
+    try:
+        radiance = read_radiance(folder / picture.file)
+    except UnreadableImage as error:
+        raise InputError(f"{folder / picture.file}: {error}") from None
+    brightest = max(float(radiance.max(initial=0.0)), 1e-12)
+    return png(np.rint(255 * encode_srgb(radiance / brightest)).astype(np.uint8)), brightest
+
+
+def grey_bytes(folder: Path, picture: Picture) -> bytes:
+    """Return a grey image as PNG."""
+    band = _band(folder, picture)
+    assert band is not None
+    return png(band)
+
+
+def png(pixels: UInt8Array) -> bytes:
+    """Return pixels as PNG."""
+    target = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels)).save(target, "PNG")
+    return target.getvalue()
+
+
+def _band(folder: Path, value: float | Picture) -> UInt8Array | None:
+    if not isinstance(value, Picture):
+        return None
+    try:
+        return np.asarray(open_image(folder / value.file).convert("L"))
+    except UnreadableImage as error:
+        raise InputError(f"{folder / value.file}: {error}") from None
+
+
+def _rgb(path: Path) -> UInt8Array:
+    try:
+        return read_rgb(path)
+    except UnreadableImage as error:
+        raise InputError(f"{path}: {error}") from None

@@ -1,0 +1,265 @@
+"""Scenes exported as GLB and as archives: what comes back, and what the files hold."""
+
+import json
+import struct
+import zipfile
+from collections import Counter
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mitsuba as mi
+import numpy as np
+import pytest
+
+from pbrnet.pipeline.render import raycast
+from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.scene_export.content import read_content
+from pbrnet.pipeline.scene_export.export import export_scene
+from pbrnet.pipeline.scene_export.glb import glb_bytes
+from pbrnet.pipeline.scene_export.looks import LookReader
+from pbrnet.pipeline.scene_export.outdoors import outdoors_of
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.color import luminance
+from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.errors import InputError, MachineError, ParameterError
+from pbrnet.scenes.geometry.directions import unit
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.photometry import LUMEN
+from pbrnet.scenes.procedural.home import make_home
+from pbrnet.scenes.registry import import_scene
+from tests.fixtures.command import exit_code
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """A home of one or two rooms, in the sun."""
+    folder = tmp_path_factory.mktemp("scenes") / "home"
+    return load_scene(_made(folder, 7, "day"))
+
+
+def _made(folder: Path, seed: int, light: str) -> Path:
+    make_home(folder, folder.name, SceneParams(rooms_max=2, texture_size=64), seed, light)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def exported(home: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The home as GLB."""
+    path = tmp_path_factory.mktemp("exported") / "home.glb"
+    export_scene(home.folder, "glb", path)
+    return path
+
+
+def _document(path: Path) -> dict:
+    data = path.read_bytes()
+    magic, version, length, size, kind = struct.unpack_from("<IIIII", data)
+    assert (magic, version, kind) == (0x46546C67, 2, 0x4E4F534A)
+    assert length == len(data)
+    return json.loads(data[20 : 20 + size])
+
+
+def _assert_same(first: Scene, second: Scene) -> None:
+    assert second.rooms == first.rooms
+    assert second.portals == first.portals
+    assert second.lights == first.lights
+    for ours, theirs in zip(first.objects, second.objects, strict=True):
+        for name in ("id", "name", "category", "shapes", "room", "is_structure"):
+            assert getattr(ours, name) == getattr(theirs, name)
+        assert np.allclose(ours.bbox_min, theirs.bbox_min, atol=1e-3)
+        assert np.allclose(ours.bbox_max, theirs.bbox_max, atol=1e-3)
+
+
+def _seen(scene: Scene) -> tuple[Float64Array, Float64Array]:
+    """Reflectance and normal (N, 3) along rays to all sides from the middle of the first room."""
+    set_variant("auto")
+    room = scene.rooms[0]
+    eye = np.array([*np.mean(room.floor, axis=0), 0.5 * (room.floor_z + room.ceiling_z)])
+    directions = unit(np.random.default_rng(3).normal(size=(4000, 3)))
+    hits = raycast.surfaces(open_scene(scene).geometry, eye, directions)
+    return (
+        np.asarray(hits.reflectance, np.float64),
+        np.asarray(hits.shading_normal, np.float64),
+    )
+
+
+def test_a_home_comes_back_from_glb(home: Scene, exported: Path, tmp_path: Path) -> None:
+    back = import_scene(exported, tmp_path / "back")
+    _assert_same(home, back)
+    assert back.plan == home.plan  # so that both fall into the same split
+    reflectance, normal = _seen(home)
+    reflectance_back, normal_back = _seen(back)
+    assert np.abs(reflectance - reflectance_back).mean() < 1e-3
+    assert np.median(np.abs(normal - normal_back)) < 1e-4
+    kinds = [Counter(one.get("type") for one in ElementTree.parse(s.xml).iter("bsdf"))
+             for s in (home, back)]  # fmt: skip
+    for kind in ("thindielectric", "principledthin", "normalmap"):
+        assert kinds[0][kind] == kinds[1][kind]
+
+
+def test_glb_holds_labels_lights_and_all_images(home: Scene, exported: Path) -> None:
+    document = _document(exported)
+    nodes = document["nodes"]
+    root = nodes[document["scenes"][0]["nodes"][0]]
+    up = np.reshape(root["matrix"], (4, 4)).T @ [0, 0, 1, 0]
+    assert up.tolist() == [0, 1, 0, 0]
+    labelled = {node["extras"]["id"]: node for node in nodes if "extras" in node}
+    assert {id_: node["extras"]["category"] for id_, node in labelled.items()} == {
+        thing.id: thing.category for thing in home.objects
+    }
+    thing = home.objects[-1]
+    children = [nodes[number] for number in labelled[thing.id]["children"]]
+    assert tuple(child["name"] for child in children) == thing.shapes
+    lows = []
+    for child in children:
+        primitive = document["meshes"][child["mesh"]]["primitives"][0]
+        lows.append(document["accessors"][primitive["attributes"]["POSITION"]]["min"])
+    low = np.min(lows, axis=0) + labelled[thing.id]["translation"]
+    assert np.allclose(low, thing.bbox_min, atol=1e-3)
+    assert all("bufferView" in image for image in document["images"])
+    (sun,) = document["extensions"]["KHR_lights_punctual"]["lights"]
+    assert sun["type"] == "directional" and 1e3 < sun["intensity"] < 2e5  # lux
+    assert exported.with_name("home-sky.exr").is_file()
+    held = json.loads(exported.with_name("home.json").read_text())
+    assert any("hinge" in line or "joints" in line for line in held["not held"])
+
+
+def test_lamps_shine_in_candela_per_square_metre(tmp_path: Path) -> None:
+    scene = load_scene(_made(tmp_path / "night", 3, "night"))
+    content = read_content(scene.folder)
+    path = tmp_path / "night.glb"
+    path.write_bytes(glb_bytes(content, None))
+    strengths = [
+        one["extensions"]["KHR_materials_emissive_strength"]["emissiveStrength"]
+        for one in _document(path)["materials"]
+        if "emissiveFactor" in one
+    ]
+    glows = [glow for _, _, glow in content.materials if glow is not None]
+    assert glows and len(strengths) == len(glows)
+    plain = [max(glow.color) for glow in glows if glow.image is None]
+    assert set(np.round(plain, 3)) <= set(np.round(strengths, 3))
+
+
+def test_sky_and_sun_bring_the_light_of_the_scene(home: Scene) -> None:
+    outdoors = outdoors_of(read_content(home.folder))
+    assert outdoors is not None and outdoors.direction is not None
+    height, width = outdoors.sky.shape[:2]
+    polar = np.pi * (np.arange(height) + 0.5) / height
+    weight = np.sin(polar) * np.maximum(np.cos(polar), 0) * 2 * np.pi**2 / (height * width)
+    sky = float((luminance(outdoors.sky.astype(np.float64)) * weight[:, None]).sum())
+    sun = float(luminance(np.array(outdoors.illuminance))) * max(-outdoors.direction[2], 0.0)
+    sky_xml = next(
+        one for one in ElementTree.parse(home.xml).getroot() if one.get("type") == "sunsky"
+    )
+    white = "<bsdf type='diffuse'><rgb name='reflectance' value='1'/></bsdf>"
+    text = "<scene version='3.0.0'><integrator type='direct'/>"
+    text += ElementTree.tostring(sky_xml, "unicode")
+    text += f"<shape type='rectangle'>{white}</shape></scene>"
+    scene = mi.load_string(text)
+    camera = mi.load_dict(
+        {
+            "type": "orthographic",
+            "to_world": mi.ScalarTransform4f().look_at([0, 0, 1], [0, 0, 0], [0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": 8, "height": 8, "rfilter": {"type": "box"}},
+        }
+    )
+    seen = np.array(mi.render(scene, sensor=camera, spp=512), np.float64)[..., :3]
+    expected = np.pi * float(luminance(seen).mean()) / LUMEN
+    assert sky + sun == pytest.approx(expected, rel=0.04)
+
+
+def test_an_archive_comes_back_byte_by_byte(home: Scene, tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        export_scene(home.folder, "mitsuba", tmp_path / f"{name}.zip")
+    assert (tmp_path / "one.zip").read_bytes() == (tmp_path / "two.zip").read_bytes()
+    names = zipfile.ZipFile(tmp_path / "one.zip").namelist()
+    assert "home/scene.xml" in names and all(name.startswith("home/") for name in names)
+    back = import_scene(tmp_path / "one.zip", tmp_path / "back", "home")
+    assert back == home
+    for path in home.folder.rglob("*.*"):
+        assert (back.folder / path.relative_to(home.folder)).read_bytes() == path.read_bytes()
+
+
+_MATERIALS = """<scene>
+<bsdf type='twosided' id='coat'><bsdf type='principled'><rgb name='base_color' value='.2 .3 .4'/>
+<float name='roughness' value='.3'/><float name='specular' value='.7'/>
+<float name='clearcoat' value='.6'/><float name='clearcoat_gloss' value='.9'/></bsdf></bsdf>
+<bsdf type='roughplastic' id='plastic'><float name='alpha' value='.09'/>
+<float name='int_ior' value='1.5'/></bsdf>
+<bsdf type='conductor' id='mirror'><string name='material' value='none'/>
+<rgb name='specular_reflectance' value='.8'/></bsdf>
+<bsdf type='roughdielectric' id='frosted'><float name='alpha' value='.25'/>
+<float name='int_ior' value='1.4'/></bsdf>
+<bsdf type='mask' id='net'><float name='opacity' value='.4'/><bsdf type='diffuse'/></bsdf>
+<bsdf type='hair' id='hair'/>
+</scene>"""
+
+
+def test_materials_become_the_looks_that_formats_know() -> None:
+    named = {one.get("id", ""): one for one in ElementTree.fromstring(_MATERIALS)}
+    lost = Changes()
+    looks = {name: LookReader(named, lost).look(one) for name, one in named.items()}
+    coat = looks["coat"]
+    assert coat.base == (0.2, 0.3, 0.4) and coat.two_sided
+    assert (coat.roughness, coat.specular, coat.clearcoat) == (0.3, 0.7, 0.6)
+    assert coat.clearcoat_roughness == pytest.approx(0.1)
+    assert looks["plastic"].roughness == pytest.approx(0.3)  # the root of alpha
+    assert looks["plastic"].specular == pytest.approx(0.5)  # 4 % at normal incidence
+    assert looks["mirror"].base == pytest.approx((0.8, 0.8, 0.8))
+    assert (looks["mirror"].metallic, looks["mirror"].roughness) == (1, 0)
+    frosted = looks["frosted"]
+    assert (frosted.transmission, frosted.ior, frosted.solid) == (1, 1.4, True)
+    assert frosted.roughness == pytest.approx(0.5)
+    assert looks["net"].opacity == 0.4
+    assert any("hair" in line for line in lost.sentences())
+
+
+def test_a_damaged_description_is_refused_by_its_key(exported: Path, tmp_path: Path) -> None:
+    data = exported.read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    damaged = data[20 : 20 + size].replace(b'"max_depth":', b'"max_dept":')
+    damaged = damaged.ljust(size)
+    path = tmp_path / "damaged.glb"
+    path.write_bytes(data[:20] + damaged + data[20 + size :])
+    with pytest.raises(InputError, match="max_dept"):
+        import_scene(path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_wrong_places_and_scenes_are_refused(home: Scene, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match=r"\.glb"):
+        export_scene(home.folder, "glb", tmp_path / "home.obj")
+    (tmp_path / "pipe.zip").symlink_to("/dev/null")
+    with pytest.raises(MachineError, match="not replaced"):
+        export_scene(home.folder, "mitsuba", tmp_path / "pipe.zip")
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    (broken / "scene.json").write_bytes((home.folder / "scene.json").read_bytes())
+    with pytest.raises(InputError, match=r"scene\.xml"):
+        export_scene(broken, "glb", tmp_path / "broken.glb")
+    (broken / "scene.xml").write_text("<scene version='3.0.0'><shape")
+    with pytest.raises(InputError, match="XML"):
+        export_scene(broken, "glb", tmp_path / "broken.glb")
+    assert not (tmp_path / "broken.glb").exists()
+
+
+def test_the_command_reports_what_the_format_does_not_hold(
+    home: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "home.glb"
+    assert exit_code("export-scene", home.folder, "--to", "glb", "--out", out) == 0
+    assert "not held" in capsys.readouterr().out
+    assert exit_code("export-scene", tmp_path / "none", "--to", "glb", "--out", out) == 3
+    assert exit_code("export-scene", home.folder, "--to", "obj") == 2
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(("seed", "light"), [(11, "evening"), (12, "mixed"), (13, "day")])
+def test_many_homes_come_back(seed: int, light: str, tmp_path: Path) -> None:
+    folder = tmp_path / "home"
+    home = make_home(folder, "home", SceneParams(texture_size=64), seed, light)
+    export_scene(folder, "glb", tmp_path / "home.glb")
+    back = import_scene(tmp_path / "home.glb", tmp_path / "back")
+    _assert_same(load_scene(folder), back)
+    assert home.rooms == back.rooms
+    assert np.abs(_seen(load_scene(folder))[0] - _seen(back)[0]).mean() < 2e-3
