@@ -183,11 +183,7 @@ class CameraFile:
 
 def check_intrinsics(intrinsics: Matrix, where: str) -> None:
     """Raise ValueError unless `intrinsics` is 3x3, upper triangular, its focal lengths possible."""
-    if [len(row) for row in intrinsics] != [3] * 3:
-        raise ValueError(f"{where}: must be 3x3")
-    values = np.array(intrinsics, dtype=np.float64)
-    if not np.abs(values).max() <= MAX_NUMBER:
-        raise ValueError(f"{where}: holds NaN or numbers beyond {MAX_NUMBER:g}")
+    values = _bounded(intrinsics, 3, where)
     if min(values[0, 0], values[1, 1]) < MIN_FOCAL:
         raise ValueError(f"{where}: focal lengths must be {MIN_FOCAL:g} pixels or more")
     if np.tril(values, -1).any() or values[2, 2] != 1:
@@ -196,15 +192,21 @@ def check_intrinsics(intrinsics: Matrix, where: str) -> None:
 
 def check_pose(pose: Matrix, where: str) -> None:
     """Raise ValueError unless `pose` is 4x4, a rotation and a translation within bounds."""
-    if [len(row) for row in pose] != [4] * 4:
-        raise ValueError(f"{where}: must be 4x4")
-    values = np.array(pose, dtype=np.float64)
-    if not np.abs(values).max() <= MAX_NUMBER:
-        raise ValueError(f"{where}: holds NaN or numbers beyond {MAX_NUMBER:g}")
+    values = _bounded(pose, 4, where)
     rotation = values[:3, :3]
     orthonormal = np.allclose(turned(rotation, rotation).T, np.eye(3), atol=1e-4)
     if not orthonormal or np.linalg.det(rotation) < 0 or values[3].tolist() != [0, 0, 0, 1]:
         raise ValueError(f"{where}: not a rotation and a translation")
+
+
+def _bounded(matrix: Matrix, side: int, where: str) -> Float64Array:
+    """Return a square matrix as an array; raises ValueError for other sides, NaN, huge numbers."""
+    if [len(row) for row in matrix] != [side] * side:
+        raise ValueError(f"{where}: must be {side}x{side}")
+    values = np.array(matrix, dtype=np.float64)
+    if not np.abs(values).max() <= MAX_NUMBER:
+        raise ValueError(f"{where}: holds NaN or numbers beyond {MAX_NUMBER:g}")
+    return values
 
 
 def look(eye: Any, towards: Any, up: Any = (0.0, 0.0, 1.0)) -> Float64Array:

@@ -47,8 +47,7 @@ def forked_imports() -> Iterator[None]:
 def in_process() -> Iterator[None]:
     """Stages work in the test's process."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("runner", "assets"):
-            patch.setattr(f"pbrnet.pipeline.stages.{module}.Farm", CHOSEN)
+        patch.setattr("pbrnet.pipeline.stages.runner.Farm", CHOSEN)
         yield
 
 

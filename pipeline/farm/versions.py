@@ -18,7 +18,7 @@ from pbrnet.scenes.files import digest_bytes, digest_file
 from pbrnet.scenes.installation import PACKAGE
 
 _LAYERS = ("pipeline", "scenes")
-_KINDS = ("*.py", "*.yaml")  # of sources: code, and the tables of modules beside them
+_KINDS = ("*.py", "*.toml", "*.yaml")  # of sources: code, and the tables of modules beside them
 PACKED = PACKAGE / "weights"  # pretrained networks: a checkout's, or an installation's
 # Keys in scene.json's `source` that the scenes stage writes: its fingerprint, and the files that an
 # import looked for.

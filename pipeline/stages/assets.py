@@ -10,20 +10,16 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pbrnet.pipeline.farm.cluster import Farm
 from pbrnet.pipeline.farm.settings import FarmParams
-from pbrnet.pipeline.farm.versions import code_version
 from pbrnet.pipeline.farm.worker import Item
-from pbrnet.pipeline.farm.workspace import open_workspace
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import Trash, data_lock
-from pbrnet.pipeline.stages.render_jobs import use_code
+from pbrnet.pipeline.stages.runner import opened_farm
 from pbrnet.pipeline.terminal import lines_of
 from pbrnet.scenes.assets.index import (
     AssetIndex,
@@ -133,15 +129,10 @@ def _convert_all(
         return made, failures
     by_key = {job.piece.key: job for job in jobs}
     items = [Item(key, key.partition("/")[0], job) for key, job in by_key.items()]
-    with (
-        Progress(kept + len(items), "assets", "pieces") as progress,
-        open_workspace(data, params.transfer, params.cache_mb) as workspace,
-    ):
+    with Progress(kept + len(items), "assets", "pieces") as progress:
         progress.advance(kept)
         try:
-            setup = partial(use_code, code_version(), workspace)
-            needed = workspace.token_path
-            with Farm(params, scheduler, setup, len(items), needed=needed) as farm:
+            with opened_farm(data, params, scheduler, len(items)) as farm:
                 for outcome in farm.run(convert_piece, items):
                     job = by_key[outcome.key]
                     if outcome.error:

@@ -10,8 +10,9 @@ from __future__ import annotations
 import re
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -187,35 +188,21 @@ def execute(plan: StagePlan, scheduler: str | None) -> dict[Path, bool]:
     made = {target.path: False for target in plan.outputs}
     if not plan.items:
         return made
-    farm_params, ledger = plan.params.farm, Ledger(plan.data)
-    seconds = plan_seconds(plan)
+    ledger, seconds = Ledger(plan.data), plan_seconds(plan)
     expected = None if seconds is None else seconds / min(cpu_count(), len(plan.items))
-    with (
-        Progress(
-            plan.kept + len(made), plan.stage, plan.unit, kept=plan.kept, expected=expected
-        ) as progress,
-        open_workspace(plan.data, farm_params.transfer, farm_params.cache_mb) as workspace,
-    ):
-        setup: Callable[[int], None] = partial(use_code, code_version(), workspace)
-        service: TransferService | None = None
-        needed: Path | None = workspace.token_path
-        cards: tuple[str, ...] = ()
-        if plan.renders:
-            variant = farm_params.variant
-            if not scheduler_address(scheduler):
-                variant = choose(variant)
-                cards = card_ids() if variant.startswith("cuda") else ()
-            setup = partial(use_renderer, variant, plan.accepted, code_version(), workspace)
-            service, needed = scene_service(workspace), None
+    accepted = plan.accepted if plan.renders else None
+    with Progress(
+        plan.kept + len(made), plan.stage, plan.unit, kept=plan.kept, expected=expected
+    ) as progress:
+
+        def finished(key: str) -> None:
+            progress.announce(key, len(plan.targets.get(key, ())))
+
         try:
-            with Farm(
-                farm_params, scheduler, setup, len(plan.items), service, needed, cards
+            with opened_farm(
+                plan.data, plan.params.farm, scheduler, len(plan.items), accepted
             ) as farm:
                 progress.write(farm.workers)
-
-                def finished(key: str) -> None:
-                    progress.announce(key, len(plan.targets.get(key, ())))
-
                 for outcome in farm.run(plan.work, _weighted(plan), finished):
                     made.update(_record(outcome, plan, ledger, progress))
         finally:
@@ -223,6 +210,34 @@ def execute(plan: StagePlan, scheduler: str | None) -> dict[Path, bool]:
                 remove_partials(folder)
             ledger.save()
     return made
+
+
+@contextmanager
+def opened_farm(
+    data: Path,
+    params: FarmParams,
+    scheduler: str | None,
+    items: int,
+    renderers: Collection[str] | None = None,
+) -> Iterator[Farm]:
+    """Provide workers for so many items; those that render have one of the `renderers`.
+
+    Workers that do not render write into the data folder, which they must see.
+    """
+    with open_workspace(data, params.transfer, params.cache_mb) as workspace:
+        setup: Callable[[int], None] = partial(use_code, code_version(), workspace)
+        service: TransferService | None = None
+        needed: Path | None = workspace.token_path
+        cards: tuple[str, ...] = ()
+        if renderers is not None:
+            variant = params.variant
+            if not scheduler_address(scheduler):
+                variant = choose(variant)
+                cards = card_ids() if variant.startswith("cuda") else ()
+            setup = partial(use_renderer, variant, renderers, code_version(), workspace)
+            service, needed = scene_service(workspace), None
+        with Farm(params, scheduler, setup, items, service, needed, cards) as farm:
+            yield farm
 
 
 def _weighted(plan: StagePlan) -> list[Item]:

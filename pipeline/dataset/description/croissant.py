@@ -28,6 +28,8 @@ from pbrnet.pipeline.dataset.description.facts import (
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.files import digest_file, write_json
 
+_TEXTS = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+
 
 def write_croissant(
     folder: Path,
@@ -61,7 +63,7 @@ def write_croissant(
     write_json(
         folder / "croissant.json",
         {
-            "@context": yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text("utf-8")),
+            "@context": _TEXTS["context"],
             "@type": "sc:Dataset",
             "conformsTo": [
                 "http://mlcommons.org/croissant/1.1",
@@ -87,55 +89,32 @@ def write_croissant(
             "isLiveDataset": False,
             **_responsible(facts, samples),
             "distribution": [*files, _file_set("shards", "*.parquet", "all splits"), *sets],
-            "recordSet": [_splits(splits), _views(columns)],
+            "recordSet": [
+                {**_TEXTS["splits"], "data": [{"splits/name": split} for split in splits]},
+                _views(columns),
+            ],
         },
     )
 
 
-def _responsible(facts: DatasetFacts, samples: int) -> dict[str, str | list[str]]:
+def _responsible(facts: DatasetFacts, samples: int) -> Any:
     """Return the properties of the RAI vocabulary."""
-    denoised = f"then denoised by {facts.denoisers}" if facts.denoisers else "not denoised"
+    (residual, most_residual), (noise, _) = facts.residual, facts.noise
+    figures = {
+        "samples": samples,
+        "denoised": f"then denoised by {facts.denoisers}" if facts.denoisers else "not denoised",
+        "without_surface": facts.without_surface,
+        "lighting": facts.by("lighting"),
+        "rooms": facts.by("room_type"),
+        "residual": residual,
+        "most_residual": most_residual,
+        "noise": noise,
+    }
     return {
-        "rai:dataCollection": (
-            "Rendered: cameras are sampled in 3D models of homes, geometry is rasterised exactly, "
-            f"light is path traced with up to {samples} samples a pixel, {denoised}."
-        ),
-        "rai:dataCollectionType": "Synthetic data generation",
-        "rai:dataCollectionMissingData": (
-            "Views that fail a check are left out and listed with the reason in rejected.csv. "
-            f"{facts.without_surface} of the pixels see no surface; valid is 0 there."
-        ),
-        "rai:dataPreprocessingProtocol": [
-            "Radiance is divided by a power of two per row, radiance_scale.",
-            "Values beyond half floats are clamped.",
-        ],
-        "rai:dataAnnotationProtocol": (
-            "All labels and maps come from the renderer; nobody annotated anything."
-        ),
-        "rai:machineAnnotationTools": ["Mitsuba 3"],
-        "rai:dataBiases": (
-            f"Light: {facts.by('lighting')}. Rooms: {facts.by('room_type')}. Cameras prefer "
-            "furniture to bare walls and stand at a person's eye height."
-        ),
-        "rai:dataLimitations": [
-            "Synthetic homes: layouts follow rules; clutter and wear are rarer than in real ones.",
-            "Radiance is in relative units: in plausible proportion, not calibrated.",
-            f"Relative noise of color after the denoiser: median {facts.residual[0]}, 95 % of the "
-            f"views below {facts.residual[1]}; as traced {facts.noise[0]}.",
-        ],
-        "rai:dataUseCases": [
-            "Training and evaluation of networks that render, or that estimate depth, normals, "
-            "reflectance, shading or light from pictures of rooms.",
-            "Not for decisions about people, and not as a measurement of real buildings.",
-        ],
-        "rai:dataSocialImpact": (
-            "Shows no people and no real homes of identifiable people, unless imported scenes do."
-        ),
-        "rai:personalSensitiveInformation": "None: no person is shown or described.",
-        "rai:dataReleaseMaintenancePlan": (
-            "Made again from its parameters with equal bytes; versions follow semantic versioning: "
-            "the first number rises when columns change their form or meaning."
-        ),
+        name: text.format_map(figures)
+        if isinstance(text, str)
+        else [each.format_map(figures) for each in text]
+        for name, text in _TEXTS["responsible"].items()
     }
 
 
@@ -147,27 +126,6 @@ def _file_set(name: str, includes: str, of: str) -> dict[str, Any]:
         "description": f"All shards of {of}.",
         "encodingFormat": "application/x-parquet",
         "includes": includes,
-    }
-
-
-def _splits(splits: Sequence[str]) -> dict[str, Any]:
-    return {
-        "@type": "cr:RecordSet",
-        "@id": "splits",
-        "name": "splits",
-        "description": "Names of the splits.",
-        "dataType": "cr:Split",
-        "key": {"@id": "splits/name"},
-        "field": [
-            {
-                "@type": "cr:Field",
-                "@id": "splits/name",
-                "name": "name",
-                "description": "Name of the split.",
-                "dataType": "sc:Text",
-            }
-        ],
-        "data": [{"splits/name": split} for split in splits],
     }
 
 
