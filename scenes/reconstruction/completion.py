@@ -65,6 +65,14 @@ _BELOW_FLOOR = 0.03  # metres
 _SILL, _HEAD = 0.9, 2.1  # of added windows, metres above the floor
 _WIDEST_WINDOW, _LEAST_WINDOW = 2.4, 0.5  # metres
 _STEP = 0.05  # metres along outlines
+_WIDEST_SLIT = 0.5  # metres between a ceiling and a wall
+_ALONG = 0.8  # of a room's shorter side: least length of a slit; a shorter one may be a skylight
+_BESIDE_WALL = 0.3  # least share of a slit's outline that a wall is beside
+_NEAR_SLIT = 0.06  # metres
+_ROUNDING = 1e-3  # metres
+_HALF_SLIT = 0.02  # metres; half the width of a slit that needs more than an enclosure
+_UNDER, _ABOVE = 0.3, 0.5  # metres below a ceiling and above it, between which a slit is free
+_PROBES = 40
 
 
 @dataclass(frozen=True)
@@ -77,6 +85,7 @@ class Completion:
     raised: bool = False  # whether low walls were continued upwards
     has_added_walls: bool = False
     has_window: bool = False
+    slits: int = 0  # rooms whose ceilings end before the walls, and were continued up to them
     refused: str = ""  # why an open space did not become a room
 
 
@@ -147,6 +156,71 @@ def complete(
         not added.is_empty,
         not window.is_empty,
     )
+
+
+def closed_slits(corners: Float64Array, rays: RayCaster, rooms: Sequence[FoundRoom]) -> Completion:
+    """Continue the ceilings of rooms up to the walls, where they end a little before them.
+
+    `corners` (F, 3, 3) are the triangles that `rays` holds. Holes in the middle of a ceiling, short
+    ones, and those below a higher ceiling, as around a suspended one, stay.
+    """
+    parts, count = [], 0
+    for room in rooms:
+        strip = union(_slits(corners, rays, room))
+        if not strip.is_empty:
+            there = buffered(_level_faces(corners, room.ceiling_z), -_INTO)
+            over = difference(buffered(strip, _NEAR_SLIT, join_style="mitre"), there)
+            parts.append(extruded(over, room.ceiling_z, room.ceiling_z + _THICK))
+            count += 1
+    return replace(NOTHING, ceilings=np.concatenate(parts), slits=count) if parts else NOTHING
+
+
+def _slits(corners: Float64Array, rays: RayCaster, room: FoundRoom) -> list[Polygon]:
+    """The plans of the slits between a room's ceiling and its walls."""
+    reach = buffered(room.floor, _WIDEST_SLIT + 2 * _HALF_GAP, join_style="mitre")
+    west, south, east, north = reach.bounds
+    low, high = corners[:, :, :2].min(axis=1), corners[:, :, :2].max(axis=1)
+    near = corners[((low <= (east, north)) & (high >= (west, south))).all(axis=1)]
+    walls = _section(near, room.ceiling_z - _BELOW_TOP)
+    inside = [part for part in polygon_parts(difference(reach, walls))
+              if intersection(part, room.floor).area > 0.5 * part.area]  # fmt: skip
+    cover = buffered(_level_faces(near, room.ceiling_z), _ROUNDING, join_style="mitre")
+    free = union([buffered(part, _HALF_GAP, join_style="mitre") for part in inside])
+    wide = buffered(buffered(difference(free, cover), -_HALF_SLIT), _HALF_SLIT + _ROUNDING)
+    side = min(east - west, north - south) - 2 * _WIDEST_SLIT
+    return [
+        piece
+        for piece in polygon_parts(intersection(wide, free))
+        if _is_slit(piece, walls, reach, _ALONG * side) and _is_free_above(piece, rays, room)
+    ]
+
+
+def _is_slit(piece: Polygon, walls: BaseGeometry, reach: BaseGeometry, least_length: float) -> bool:
+    """Return whether a gap in a ceiling is narrow and long, and lies beside a wall."""
+    west, south, east, north = piece.bounds
+    if max(east - west, north - south) < least_length:
+        return False
+    if not buffered(piece, -0.5 * _WIDEST_SLIT).is_empty:
+        return False
+    outline = piece.boundary
+    leaks = intersection(outline, buffered(reach.boundary, _ROUNDING)).length
+    beside = intersection(outline, buffered(walls, _NEAR_SLIT)).length
+    return bool(leaks == 0.0 and beside >= _BESIDE_WALL * outline.length)
+
+
+def _is_free_above(piece: Polygon, rays: RayCaster, room: FoundRoom) -> bool:
+    """Return whether nothing lies above a slit within a short distance."""
+    count = max(2, min(_PROBES, int(piece.length / (4 * _STEP))))
+    ring = shapely.line_interpolate_point(
+        piece.exterior, (np.arange(count) + 0.5) / count, normalized=True
+    )
+    inner = buffered(piece, -0.4 * piece.area / max(0.5 * piece.length, 1e-9))
+    if not inner.is_empty:
+        ring = shapely.get_point(shapely.shortest_line(ring, inner), 1)
+    points = shapely.get_coordinates(ring)
+    origins = np.column_stack([points, np.full(len(points), room.ceiling_z - _UNDER)])
+    distance, _ = rays.cast(origins, np.array([0.0, 0.0, 1.0]))
+    return bool((distance > _UNDER + _ABOVE).mean() > 0.5)
 
 
 def _refusal(share: float) -> str:
@@ -227,13 +301,17 @@ def _section(corners: Float64Array, height: float) -> BaseGeometry:
 
 
 def _level_plan(corners: Float64Array, level: float) -> BaseGeometry:
-    """Plan of the level triangles at a height."""
+    """Plan of the level triangles at a height, with joints closed."""
+    closed = buffered(_level_faces(corners, level), _HALF_JOINT, join_style="mitre")
+    return buffered(closed, -_HALF_JOINT, join_style="mitre")
+
+
+def _level_faces(corners: Float64Array, level: float) -> BaseGeometry:
+    """The union of the level triangles at a height, on the plan."""
     _, normals = face_areas(corners)
     near = np.abs(corners[:, :, 2] - level).max(axis=1, initial=0.0) < 0.06
     triangles = corners[near & (np.abs(normals[:, 2]) > 0.95)][:, :, :2]
-    merged = union(shapely.polygons(triangles).tolist())
-    closed = buffered(merged, _HALF_JOINT, join_style="mitre")
-    return buffered(closed, -_HALF_JOINT, join_style="mitre")
+    return union(shapely.polygons(triangles).tolist())
 
 
 def _pieces(storey: _Storey) -> list[Polygon]:

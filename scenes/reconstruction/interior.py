@@ -14,7 +14,7 @@ from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.geometry.regions import difference, intersection, union
-from pbrnet.scenes.reconstruction.completion import NOTHING, Completion, complete
+from pbrnet.scenes.reconstruction.completion import Completion, closed_slits, complete
 from pbrnet.scenes.reconstruction.connections import joined_below_beams
 from pbrnet.scenes.reconstruction.habitable import Bounds, habitable, is_shut_in
 from pbrnet.scenes.reconstruction.raycast import RayCaster
@@ -61,8 +61,13 @@ def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> In
     building, is_ground = without_ground(corners)
     rays = RayCaster(building)
     rooms = _closed(rays, building, furniture)
-    completion = NOTHING
-    if all(is_shut_in(room, rays, building) for room in rooms):
+    completion = closed_slits(building, rays, rooms)
+    if completion.slits:
+        added = completion.ceilings
+        building, rays = np.concatenate([building, added]), RayCaster(added, rays)
+        is_ground = np.append(is_ground, np.zeros(len(added), dtype=bool))
+        rooms = _closed(rays, building, furniture)
+    elif all(is_shut_in(room, rays, building) for room in rooms):
         completion = complete(building, is_ground, rooms)
         if completion.spaces:
             rooms = []

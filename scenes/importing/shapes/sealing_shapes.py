@@ -22,7 +22,10 @@ FLOOR: Color = (0.4, 0.38, 0.35)
 
 
 def completing_shapes(completion: Completion, changes: Changes) -> list[Shape]:
-    """The ceiling and walls that close open spaces; notes them in `changes`."""
+    """The ceiling and walls that close open spaces and slits; notes them in `changes`."""
+    if completion.slits:
+        changes.note(f"ceilings that ended before the walls were continued: {completion.slits}")
+        return [sealing_shape("added_ceiling", completion.ceilings, CEILING)]
     if not completion.spaces:
         return []
     shapes = [sealing_shape("added_ceiling", completion.ceilings, CEILING)]
