@@ -155,8 +155,8 @@ def exported_inputs(networks: Networks) -> list[str]:
     """Names of the inputs of the exported model, in order."""
     name = networks.methods[0]
     if name == "pbrnet":
-        known = networks.cards["shading"].architecture.panorama == "position"
-        return [*INPUTS, *PANORAMA, *(["K"] if known else [])]
+        position = networks.cards["shading"].architecture.panorama == "position"
+        return [*INPUTS, *PANORAMA, *(["K"] if position else [])]
     method = METHODS[name]
     known = (one for one in method.optional_inputs if networks.card.training.get(one))
     optional = [column for one in known for column in input_named(one).columns]
