@@ -55,6 +55,16 @@ def reference_methods(found: dict[str, Any]) -> str:
     return _method_table(found["methods"], found["intervals"])
 
 
+def pbrs_tables() -> dict[str, str]:
+    """Tables of the runs in PBRS' light: one for each file `metrics/pbrs*.json`, by its name."""
+    tables = {}
+    for path in sorted((ROOT / "metrics").glob("pbrs*.json")):
+        found = json.loads(path.read_text())
+        tables[f"{path.stem}-methods"] = reference_methods(found)
+        tables[f"{path.stem}-differences"] = reference_differences(found)
+    return tables
+
+
 def reference_short(found: dict[str, Any]) -> str:
     """Table of the README: the methods that matter most, without intervals."""
     return _method_table({name: found["methods"][name] for name in SHORT}, {})
@@ -214,6 +224,7 @@ def main() -> int:
             {
                 "reference-methods": reference_methods(reference),
                 "reference-differences": reference_differences(reference),
+                **pbrs_tables(),
                 **{name: _table(rows) for name, rows in tables.items()},
                 "budgets": budget_parts(),
             },

@@ -103,7 +103,7 @@ def _init_dvc(folder: Path) -> None:
 Examples:
   pbrnet preset                list the presets
   pbrnet preset quick          the quick start, for a machine with two cores
-  pbrnet preset pbrs           the paper's light and cameras, 270 homes at 160x120
+  pbrnet preset pbrs           the paper's light and cameras, 245 homes at 160x120
   pbrnet preset paper --force  480x360 at the paper's scale, for a cluster"""
 )
 @click.argument("name", required=False)
