@@ -365,11 +365,7 @@ def _is_near(point: Float64Array, box: Float64Array) -> bool:
 
 
 def _scene_xml(
-    plan: Plan,
-    standing: Sequence[SceneItem],
-    library: MaterialLibrary,
-    shapes: list[str],
-    sky: Sky,
+    plan: Plan, standing: Sequence[SceneItem], library: MaterialLibrary, shapes: list[str], sky: Sky
 ) -> str:
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',

@@ -111,18 +111,12 @@ def with_metric_uvs(mesh: Mesh, along_y: bool = False) -> Mesh:
     uvs = np.where(flat[:, None, None], level, upright)
     own = None if mesh.normals is None else mesh.normals[mesh.faces].reshape(-1, 3)
     return Mesh(
-        corners.reshape(-1, 3),
-        np.arange(corners.size // 3).reshape(-1, 3),
-        own,
-        uvs.reshape(-1, 2),
+        corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3), own, uvs.reshape(-1, 2)
     )
 
 
 def _refinished_shapes(
-    folder: Path,
-    item: SceneObject,
-    shapes: dict[str, Element],
-    materials: dict[str, Element],
+    folder: Path, item: SceneObject, shapes: dict[str, Element], materials: dict[str, Element]
 ) -> list[str]:
     """Ids of the shapes of an object that get a new finish."""
     fabric = item.category in _FABRICS and not item.is_structure

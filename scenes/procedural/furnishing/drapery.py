@@ -109,10 +109,7 @@ def _over_arm(furnisher: Furnisher, piece: FurniturePiece, used: set[str]) -> Fu
     top = float(front[:, 2].max())
     cushions = [part.vertices for part in piece.parts if part.name.startswith("cushion")]
     room = min((float(c[c[:, 0] * side > 0, 1].min(initial=9)) for c in cushions), default=9.0)
-    size = (
-        min(rng.between(0.3, 0.42), room - float(low[1]) - 0.1),
-        rng.between(0.9, 1.25),
-    )
+    size = (min(rng.between(0.3, 0.42), room - float(low[1]) - 0.1), rng.between(0.9, 1.25))
     if size[0] < _NARROWEST:
         return None
     at = (
@@ -135,10 +132,7 @@ def _on_bed(furnisher: Furnisher, piece: FurniturePiece, used: set[str]) -> Furn
         max(part.vertices[:, 2].max() for part in piece.parts if part.name.startswith("duvet"))
     )
     if rng.chance(0.5):
-        size = (
-            float(high[0] - low[0]) + rng.between(-0.1, 0.35),
-            rng.between(0.4, 0.7),
-        )
+        size = (float(high[0] - low[0]) + rng.between(-0.1, 0.35), rng.between(0.4, 0.7))
         at = (rng.normal(0, 0.08), rng.between(-0.75, -0.35), top + 0.06)
         return over(
             rng, piece, "bed throw", "textile", furnisher.style.throw, size, at,

@@ -433,13 +433,7 @@ class RoomSpace:
         return None
 
     def on_wall(
-        self,
-        rng: Draw,
-        kind: str,
-        piece: FurniturePiece,
-        *,
-        where: str = "any",
-        tries: int = 30,
+        self, rng: Draw, kind: str, piece: FurniturePiece, *, where: str = "any", tries: int = 30
     ) -> PlacedPiece | None:
         """Hang a piece on a wall at its mounting height."""
         for edge, s in self.along_walls(rng, piece, where=where)[:tries]:
@@ -480,12 +474,7 @@ class RoomSpace:
         return None
 
     def anywhere(
-        self,
-        rng: Draw,
-        kind: str,
-        piece: FurniturePiece,
-        *,
-        tries: int = 40,
+        self, rng: Draw, kind: str, piece: FurniturePiece, *, tries: int = 40
     ) -> PlacedPiece | None:
         """Place a piece at a random position on the floor."""
         x0, y0, x1, y1 = self.shape.bounds

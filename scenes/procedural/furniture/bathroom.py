@@ -53,7 +53,7 @@ from pbrnet.scenes.procedural.furniture.style import (
     WHITE_PLASTIC,
     hex_color,
 )
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 
 
 def _tap(spout: float, height: float) -> BodyMesh:
@@ -96,7 +96,7 @@ class Towel(Spec):
         )
 
 
-class BathTub(Spec):
+class BathTub(Spec, piece=("bath tub", "bath", "wall"), front_clearance=0.5):
     """A bath along the wall, `width` long, with a mixer and hand shower on its rim."""
 
     width: float = 1.7
@@ -105,8 +105,7 @@ class BathTub(Spec):
     side: float = pick(-1.0, 1.0)
     towel: Towel | None = optional(0.6, Towel)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("bath tub", "bath", "wall", front_clearance=0.5)
+    def assemble(self, b: Builder) -> None:
         half_x, half_y, height, side = self.width / 2, self.depth / 2, self.height, self.side
         outline = (  # inset along x and y, height, power
             *((0.012, 0.012, 0.0, 24), (0.012, 0.012, height - 0.045, 24)),
@@ -136,10 +135,9 @@ class BathTub(Spec):
             tub = np.concatenate([part.vertices[part.faces] for part in b.piece().parts])
             towel = self.towel.mesh(tub, side * -0.3 * self.width, -half_y, height)
             b.add(self.style.towel, towel, name="towel")
-        return b.piece()
 
 
-class WashBasin(Spec):
+class WashBasin(Spec, piece=("wash basin", "wash basin", "wall"), front_clearance=0.7):
     """A wash basin with a mixer: on a cabinet, or on a pedestal."""
 
     width: float = between(0.55, 0.9)
@@ -151,8 +149,7 @@ class WashBasin(Spec):
     drawers: bool = drawn(lambda draw, spec: spec.on_cabinet and draw.chance(0.5))
     tap: Material = either(0.7, CHROME, "metal")
 
-    def build(self) -> FurniturePiece:
-        b = Builder("wash basin", "wash basin", "wall", front_clearance=0.7)
+    def assemble(self, b: Builder) -> None:
         height, half_x = self.height, self.width / 2
         bowl_x = min(0.27, half_x - 0.05)
         bowl = (
@@ -181,7 +178,6 @@ class WashBasin(Spec):
             b.add(self.tap, _tap(0.13, 0.15).moved(0, 0.16, height - 0.001), name="tap")
         for side in (-1, 1) if half_x - bowl_x > 0.105 else ():
             b.surface(side * (half_x - 0.053), -0.02, height, 0.04, 0.16)
-        return b.piece()
 
     def _basin(self, half_x: float, bowl_x: float) -> list[Float64Array]:
         """Rings of the outside of a basin on a cabinet, from below up to its rim."""
@@ -224,15 +220,14 @@ class WashBasin(Spec):
 _BASIN = 0.47  # metres, depth of a basin
 
 
-class Toilet(Spec):
+class Toilet(Spec, piece=("toilet", "toilet", "wall"), front_clearance=0.6, side_clearance=0.15):
     """A toilet with its cistern; the lid is down or up."""
 
     seat: float = between(0.4, 0.43)
     closed: bool = chance(0.7)
     cistern: float = between(0.36, 0.4)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("toilet", "toilet", "wall", front_clearance=0.6, side_clearance=0.15)
+    def assemble(self, b: Builder) -> None:
         back, seat = 0.34, self.seat
         outline = (  # half width, front, rear, height, power
             *((0.115, -0.19, back - 0.03, 0.0, 3.2), (0.11, -0.185, back - 0.03, 0.03, 3.2)),
@@ -265,22 +260,21 @@ class Toilet(Spec):
         b.add(CHROME, cylinder(0.022, 0, 0.006, 20).moved(0, y, tank + 0.029), name="button")
         for side in (-1, 1):  # beside the button
             b.surface(side * 0.096, y, tank + 0.03, 0.065, 0.055)
-        return b.piece()
 
 
 def _oval(half_x: float, front: float, rear: float, z: float, power: float = 2.5) -> Float64Array:
     return superellipse(half_x, (rear - front) / 2, z, power, 48, y=(front + rear) / 2)
 
 
-class Shower(Spec):
+class Shower(Spec, piece=("shower", "shower", "corner"), front_clearance=0.6):
     """A corner shower: tray, glass screens and door; walls at its back (+Y) and left (-X)."""
 
     width: float = 0.9
     height: float = between(1.9, 2.0)
     ajar: float = drawn(lambda draw, spec: draw.between(10, 50) if draw.chance(0.5) else 0.0)
 
-    def build(self) -> FurniturePiece:
-        b, half = Builder("shower", "shower", "corner", front_clearance=0.6), self.width / 2
+    def assemble(self, b: Builder) -> None:
+        half = self.width / 2
         tray = (
             (0.0, 0.0, 30),
             (0.0, 0.045, 30),
@@ -297,7 +291,6 @@ class Shower(Spec):
             low = (0.002 - half, half - 0.182, 1.1)
             b.add(GLASS, span(low, (0.182 - half, half - 0.002, 1.106)), name="board")
             b.surface(0.092 - half, half - 0.092, 1.106, 0.085, 0.085, 0.4)
-        return b.piece()
 
     def _add_screens(self, b: Builder, half: float) -> None:
         pane, edge, split, height = 0.008, half - 0.025, -0.02, self.height
@@ -347,7 +340,7 @@ _IN_CABINET = (
 )
 
 
-class MirrorCabinet(Spec):
+class MirrorCabinet(Spec, piece=("mirror cabinet", "mirror", "on_wall"), mount_height=1.2):
     """A cabinet with mirror doors, sometimes one ajar; the origin is on its lower back edge."""
 
     width: float = between(0.55, 0.8)
@@ -359,34 +352,32 @@ class MirrorCabinet(Spec):
         )
     )
 
-    def build(self) -> FurniturePiece:
-        width, depth, height, parts = self.width, 0.15, 0.65, Builder("", "", "free")
-        b = Builder("mirror cabinet", "mirror", "on_wall", mount_height=1.2)
-        parts.add(WHITE_PAINT, *carcass(width, depth, 0, height))
+    def assemble(self, b: Builder) -> None:
+        width, depth, height = self.width, 0.15, 0.65
+        b.add(WHITE_PAINT, *carcass(width, depth, 0, height))
         for z in (0.22, 0.44):
             low = (-width / 2 + 0.019, -depth / 2 + 0.03, z)
             shelf = span(low, (width / 2 - 0.019, depth / 2 - 0.013, z + 0.006))
-            parts.add(GLASS, shelf, name="shelf")
+            b.add(GLASS, shelf, name="shelf")
         each, y = width / 2 - 0.002, -depth / 2 + 0.019
         leaf = [
             (WHITE_PAINT, span((0, -0.012, 0), (each, 0, height))),
             (MIRROR, span((0.001, -0.0165, 0.001), (each - 0.001, -0.012, height - 0.001))),
         ]
         for material, mesh in leaf:
-            parts.add(material, mesh.turned("z", -self.angle).moved(-width / 2, y), name="door")
-            parts.add(material, mesh.moved(-each).moved(width / 2, y), name="door")
+            b.add(material, mesh.turned("z", -self.angle).moved(-width / 2, y), name="door")
+            b.add(material, mesh.moved(-each).moved(width / 2, y), name="door")
         outline = [(0.022, 0), (0.022, 0.1), (0.01, 0.12), (0.01, 0.14), (0, 0.14)]
         places = ((0.07, 0.018), (0.15, 0.2265), (0.23, 0.4465), (0.07, 0.2265), (0.14, 0.018))
         for k, (name, tall) in enumerate(self.held):
             x, z = places[k]
             bottle = lathe(outline, 16).scaled(z=tall).moved(x - width / 2, 0.0, z)
-            with parts.holding(name, "fitting"):
-                parts.add(self.style.accents[k], bottle, name="bottle")
-        b.add_from(parts, y=-depth / 2)
-        return b.piece()
+            with b.holding(name, "fitting"):
+                b.add(self.style.accents[k], bottle, name="bottle")
+        b.move(y=-depth / 2)
 
 
-class TowelRail(Spec):
+class TowelRail(Spec, piece=("towel rail", "towel rail", "on_wall"), mount_height=0.55):
     """A heated towel rail with one or two towels; the origin is on its lower back edge."""
 
     width: float = between(0.45, 0.55)
@@ -403,8 +394,7 @@ class TowelRail(Spec):
         )
     )
 
-    def build(self) -> FurniturePiece:
-        b = Builder("towel rail", "towel rail", "on_wall", mount_height=0.55)
+    def assemble(self, b: Builder) -> None:
         width, height, metal, y = self.width, self.height, self.metal, -0.07
         for side in (-1, 1):
             x = side * width / 2
@@ -422,18 +412,18 @@ class TowelRail(Spec):
             towel = hung(how, self.wide, front, back, 0.018, 0.06).moved(x, y - 0.008, z)
             with b.holding("towel", "towel"):
                 b.add(self.style.towel, towel, name="towel")
-        return b.piece()
 
 
-class WashingMachine(Spec):
+class WashingMachine(
+    Spec, piece=("washing machine", "washing machine", "wall"), front_clearance=0.7
+):
     """A front-loading washing machine."""
 
     depth: float = between(0.54, 0.6)
     height: float = between(0.845, 0.855)
     ring: Material = either(0.6, STEEL, BLACK_PLASTIC)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("washing machine", "washing machine", "wall", front_clearance=0.7)
+    def assemble(self, b: Builder) -> None:
         half, depth, height, f = 0.3, self.depth, self.height, -self.depth / 2
         case = span((-half, f + 0.01, 0.02), (half, depth / 2, height), 0.008)
         b.add(WHITE_PAINT, case, name="case")
@@ -455,16 +445,14 @@ class WashingMachine(Spec):
         drawer = span((-0.27, f, height - 0.11), (-0.08, f + 0.004, height - 0.03), 0.001)
         b.add(WHITE_PLASTIC, drawer, name="drawer")
         b.surface(0, 0, height, half - 0.05, depth / 2 - 0.05)
-        return b.piece()
 
 
-class Toiletries(Spec):
+class Toiletries(Spec, piece=("toiletries", "toiletries", "on_top")):
     """A soap dispenser, a beaker with toothbrushes and a tube."""
 
     glaze: Material = any_of("accents")
 
-    def build(self) -> FurniturePiece:
-        b = Builder("toiletries", "toiletries", "on_top")
+    def assemble(self, b: Builder) -> None:
         body = [(0.03, 0), (0.032, 0.005), (0.032, 0.11), (0.012, 0.125), (0, 0.125)]
         b.add(self.glaze, lathe(body, 24).moved(-0.045), name="dispenser")
         stem = bar((-0.045, 0, 0.12), (-0.045, 0, 0.158), 0.004, 8)
@@ -480,4 +468,3 @@ class Toiletries(Spec):
                 b.add(brush, bar(foot, top, 0.003, 8), name="toothbrush")
                 head = box((0.009, 0.012, 0.024), (top[0], 0.005, 0.164))
                 b.add(WHITE_PLASTIC, head, name="toothbrush")
-        return b.piece()

@@ -33,7 +33,7 @@ from pbrnet.scenes.procedural.furniture.spec import (
     whole,
 )
 from pbrnet.scenes.procedural.furniture.style import Style
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
 _DUVET = 0.034  # metres thick
@@ -144,7 +144,6 @@ class BedCushion(Spec):
 class Bed(Spec):
     """A bed with mattress, bedding and pillows; `width` of the mattress in metres."""
 
-    name: ClassVar[str]
     sleepers: ClassVar[int]
     width: float
     form: str = shape("bed", "padded", "padded", "panel", "slats")
@@ -169,26 +168,22 @@ class Bed(Spec):
         """Width with the frame, metres."""
         return self.width + 0.08
 
-    def build(self) -> FurniturePiece:
-        sides = 0.5 * (self.sleepers == 2)
-        b = Builder(self.name, "bed", "wall", front_clearance=0.5, side_clearance=sides)
-        parts = Builder("", "", "free")
+    def assemble(self, b: Builder) -> None:
         middle = (_BED_FRONT + _BED_BACK) / 2  # moved to the origin below
         sizes = (self.outer, _BED_BACK - _BED_FRONT, self.rail_low + 0.02, 0.06, 0.02)
         legs = (mesh.moved(y=middle) for mesh in feet(self.style, *sizes))
-        parts.add(leg_material(self.style, self.style.wood), *legs)
-        (self._add_padded if self.form == "padded" else self._add_boards)(parts, middle)
+        b.add(leg_material(self.style, self.style.wood), *legs)
+        (self._add_padded if self.form == "padded" else self._add_boards)(b, middle)
         mattress_z = self.rail_high - 0.06
         top = mattress_z + self.mattress
         sheet = Material("fabric", (0.8, 0.79, 0.76), 0.95)
         size = (self.width, _LONG, top - mattress_z)
         mattress = rounded_box(size, (0, 0, mattress_z), 0.05, (0, 0, 0.006))
-        parts.add(sheet, mattress, name="mattress")
-        with parts.holding("duvet", "textile"):
-            parts.add(self.style.bedding, self._duvet(mattress_z, top), name="duvet")
-        self._add_pillows(parts, sheet, top)
-        b.add_from(parts, y=-middle)
-        return b.piece()
+        b.add(sheet, mattress, name="mattress")
+        with b.holding("duvet", "textile"):
+            b.add(self.style.bedding, self._duvet(mattress_z, top), name="duvet")
+        self._add_pillows(b, sheet, top)
+        b.move(y=-middle)
 
     def _add_padded(self, b: Builder, middle: float) -> None:
         frame, outer, head, low, high = (
@@ -269,17 +264,17 @@ def _add_sunk(b: Builder, name: str, cloth: Material, mesh: BodyMesh, z: float) 
         b.add(cloth, mesh.moved(z=z - float(mesh.vertices[:, 2].min())), name=name)
 
 
-class DoubleBed(Bed):
+class DoubleBed(Bed, piece=("double bed", "bed", "wall"), front_clearance=0.5, side_clearance=0.5):
     """A double bed; `width` of the mattress in metres."""
 
-    name, sleepers = "double bed", 2
+    sleepers = 2
     width: float = pick(1.4, 1.6, 1.8)
     rows: int = drawn(lambda draw, spec: 2 if draw.chance(0.6) else 1)
 
 
-class SingleBed(Bed):
+class SingleBed(Bed, piece=("single bed", "bed", "wall"), front_clearance=0.5):
     """A single bed; `width` of the mattress in metres."""
 
-    name, sleepers = "single bed", 1
+    sleepers = 1
     width: float = 0.9
     rows: int = 1

@@ -147,9 +147,7 @@ def add_door(
     b.add(material, *(place(mesh) for mesh in panel(width, height, style)), name="front")
     grips = handle(style, True, height)
     b.add(
-        style.metal,
-        *(place(mesh.moved(grip_x, -FRONT, grip_z)) for mesh in grips),
-        name="handle",
+        style.metal, *(place(mesh.moved(grip_x, -FRONT, grip_z)) for mesh in grips), name="handle"
     )
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from pbrnet.scenes.geometry.mesh import face_areas
-from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.build import Builder, Shown
 from pbrnet.scenes.procedural.furniture.parts.drapes import Pleats, hooked, pleats
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     CORNERS,
@@ -37,12 +35,7 @@ from pbrnet.scenes.procedural.furniture.spec import (
     several,
     whole,
 )
-from pbrnet.scenes.procedural.furniture.storage import (
-    LyingBook,
-    VaseBody,
-    add_basket,
-    add_stack,
-)
+from pbrnet.scenes.procedural.furniture.storage import LyingBook, VaseBody, add_basket, add_stack
 from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
     CERAMIC,
@@ -56,7 +49,7 @@ from pbrnet.scenes.procedural.furniture.style import (
     WICKER,
     hex_color,
 )
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material, PiecePart
+from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
 LABEL = Material("paper", hex_color("#e9e1cc"), 0.8)
@@ -79,7 +72,7 @@ class Twigs(Spec):
     twigs: tuple[Twig, ...] = several(Twig, 5, 9)
 
 
-class Vase(Spec):
+class Vase(Spec, piece=("vase", "vase", "on_top")):
     """A vase, sometimes with twigs."""
 
     height: float = between(0.16, 0.34)
@@ -87,12 +80,11 @@ class Vase(Spec):
     body: VaseBody = drawn(lambda draw, spec: VaseBody.draw(draw, spec.style, height=spec.height))
     twigs: Twigs | None = optional(0.6, Twigs)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("vase with twigs" if self.twigs else "vase", "vase", "on_top")
+    def assemble(self, b: Builder) -> None:
+        b.name = "vase with twigs" if self.twigs else "vase"
         b.add(self.glaze, self.body.mesh(), name="vase")
         if self.twigs:
             self._add_twigs(b, self.twigs)
-        return b.piece()
 
     def _add_twigs(self, b: Builder, bunch: Twigs) -> None:
         brown, t = Material("wood", hex_color("#6a4c34"), 0.8), np.linspace(0, 1, 5)
@@ -106,7 +98,7 @@ class Vase(Spec):
                 b.add(bunch.bloom, sphere(size, 10, 6).moved(*at), name="blossoms")
 
 
-class Picture(Spec):
+class Picture(Spec, piece=("picture", "picture", "on_wall")):
     """A framed picture behind a mount; the origin is its centre."""
 
     width: float = between(0.35, 1.0)
@@ -117,16 +109,14 @@ class Picture(Spec):
     margin: float = between(0.08, 0.2)
     shown: Material = drawn(lambda draw, spec: spec.style.picture(draw))
 
-    def build(self) -> FurniturePiece:
+    def assemble(self, b: Builder) -> None:
         width, height = self.width, min(self.height, 1.1)
-        b = Builder("picture", "picture", "on_wall", mount_height=self.mount_height)
         _add_frame(b, self.wood, width, height, self.rail, 0.028)
         w, h = width / 2 - self.rail, height / 2 - self.rail
         mount = span((-w - 0.004, -0.016, -h - 0.004), (w + 0.004, -0.006, h + 0.004))
         b.add(WHITE_PAINT, mount, name="mount")
         margin = self.margin * min(width, height)
         b.add(self.shown, _picture_plane(w - margin, h - margin, -0.0175), name="picture")
-        return b.piece()
 
 
 def _picture_plane(w: float, h: float, y: float) -> BodyMesh:
@@ -143,13 +133,6 @@ def display(w: float, h: float) -> BodyMesh:
     return BodyMesh(points, np.array([[0, 1, 2], [0, 2, 3]]), uvs, smooth=False)
 
 
-class Shown(NamedTuple):
-    """Picture of a display: mean luminance, candelas a square metre, and seed of the picture."""
-
-    luminance: float
-    picture: int
-
-
 def showing(low: float, high: float, is_film: bool = False) -> Any:
     """A field of what a display shows: a scene if it `is_film`, else windows with text."""
     return drawn(lambda draw, spec: shown_on(draw, low, high, is_film))
@@ -158,15 +141,6 @@ def showing(low: float, high: float, is_film: bool = False) -> Any:
 def shown_on(draw: Draw, low: float, high: float, is_film: bool = False) -> Shown:
     """Draw what a display of a luminance from low to high shows."""
     return Shown(draw.between(low, high), 2 * draw.variant() + (not is_film))
-
-
-def with_display(piece: FurniturePiece, mesh: BodyMesh, shown: Shown) -> FurniturePiece:
-    """Return a piece with a display, a one-sided mesh with uvs [0, 1], that shows something."""
-    area = float(face_areas(mesh.vertices[mesh.faces])[0].sum())
-    lumens = round(np.pi * shown.luminance * area, 1)
-    surface = (mesh.vertices, mesh.faces, mesh.uvs, SCREEN)
-    part = PiecePart("display", *surface, lumens=lumens, kelvin=6500.0, picture=shown.picture)
-    return replace(piece, parts=(*piece.parts, part))
 
 
 def _add_frame(
@@ -182,7 +156,7 @@ def _add_frame(
         b.add(material, post, span(low, high, 0.003, "x"), name="frame")
 
 
-class WallMirror(Spec):
+class WallMirror(Spec, piece=("wall mirror", "mirror", "on_wall")):
     """A mirror in a frame, rectangular or round; the origin is its centre.
 
     It is rectangular where a size is given.
@@ -200,8 +174,7 @@ class WallMirror(Spec):
         )
     )
 
-    def build(self) -> FurniturePiece:
-        b = Builder("wall mirror", "mirror", "on_wall", mount_height=self.mount_height)
+    def assemble(self, b: Builder) -> None:
         w, h = self.width / 2, self.height / 2
         if self.frame is None:
             angle, inner = 2 * np.pi * np.arange(48) / 48, w - 0.012
@@ -209,39 +182,35 @@ class WallMirror(Spec):
             rim = tube(ring, 0.0139, 10, closed=True).turned("x", 90)
             b.add(self.style.metal, rim, name="frame")
             b.add(MIRROR, cylinder(inner, 0.0, 0.012, 48).turned("x", 90))
-            return b.piece()
+            return
         _add_frame(b, self.frame, self.width, self.height, 0.03, 0.026)
         b.add(MIRROR, span((-w + 0.028, -0.014, -h + 0.028), (w - 0.028, -0.004, h - 0.028)))
-        return b.piece()
 
 
-class FloorMirror(Spec):
+class FloorMirror(Spec, piece=("floor mirror", "mirror", "wall"), front_clearance=0.5):
     """A tall mirror that leans against the wall."""
 
     width: float = between(0.5, 0.7)
     height: float = between(1.55, 1.8)
     lean: float = between(5, 8)
 
-    def build(self) -> FurniturePiece:
+    def assemble(self, b: Builder) -> None:
         w, h = self.width / 2, self.height / 2
         flat = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
         _add_frame(flat, self.style.wood, self.width, self.height, 0.04, 0.03)
         flat.add(MIRROR, span((-w + 0.038, -0.018, -h + 0.038), (w - 0.038, -0.004, h - 0.038)))
         leaning = flat.turned("x", -self.lean)
         low, high = leaning.piece().bounds
-        b = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
         b.add_from(leaning, y=-float(low[1] + high[1]) / 2, z=-float(low[2]))
-        return b.piece()
 
 
-class Television(Spec):
+class Television(Spec, piece=("television", "television", "on_top")):
     """A flat television on its feet."""
 
     width: float = between(0.9, 1.3)
     shown: Shown = showing(20, 60, is_film=True)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("television", "television", "on_top")
+    def assemble(self, b: Builder) -> None:
         width, height, z = self.width, self.width * 0.575, 0.07
         panel = span((-width / 2, -0.012, z), (width / 2, 0.014, z + height), 0.003)
         size, at = (0.7 * width, 0.05, 0.5 * height), (0, 0.03, z + 0.1 * height)
@@ -254,10 +223,10 @@ class Television(Spec):
             pad = cylinder(0.008, 0, 0.008, 10).moved(x + side * 0.02, sy * 0.12)
             b.add(BLACK_PLASTIC, leg, pad, name="feet")
         w, h, middle = width / 2 - 0.012, height / 2 - 0.0165, z + height / 2 + 0.0045
-        return with_display(b.piece(), display(w, h).moved(0, -0.0138, middle), self.shown)
+        b.show(display(w, h).moved(0, -0.0138, middle), self.shown)
 
 
-class Monitor(Spec):
+class Monitor(Spec, piece=("computer monitor", "monitor", "on_top")):
     """A computer monitor with keyboard and mouse in front."""
 
     width: float = between(0.52, 0.64)
@@ -266,8 +235,7 @@ class Monitor(Spec):
     board: Material = either(0.5, STEEL, BLACK_PLASTIC)
     shown: Shown = showing(40, 100)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("computer monitor", "monitor", "on_top")
+    def assemble(self, b: Builder) -> None:
         width, height, y, z = self.width, 0.585 * self.width, 0.13, self.z
         case = span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003)
         b.add(BLACK_PLASTIC, case, name="case")
@@ -282,7 +250,7 @@ class Monitor(Spec):
             b.add(BLACK_PLASTIC, mouse.moved(z=0.003), name="mouse")
             b.add(BLACK_PLASTIC, box((0.04, 0.07, 0.005), (0.25, -0.11, 0)), name="mouse")
         screen = display(w - 0.002, h - 0.002).moved(0, y - 0.0138, middle)
-        return with_display(b.piece(), screen, self.shown)
+        b.show(screen, self.shown)
 
     def _add_keyboard(self, b: Builder) -> None:
         keys = Material("plastic", hex_color("#d9d8d4" if self.pale_keys else "#2a2b2e"), 0.5)
@@ -299,7 +267,7 @@ class Monitor(Spec):
                     x += wide + 0.0035
 
 
-class Laptop(Spec):
+class Laptop(Spec, piece=("laptop", "laptop", "on_top")):
     """An open laptop."""
 
     width: float = between(0.3, 0.36)
@@ -307,8 +275,7 @@ class Laptop(Spec):
     lean: float = between(10, 28)
     shown: Shown = showing(40, 100)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("laptop", "laptop", "on_top")
+    def assemble(self, b: Builder) -> None:
         width, depth, case = self.width, 0.68 * self.width, self.case
         b.add(case, box((width, depth, 0.014), (0, 0, 0.001), 0.003), name="case")
         b.add(BLACK_PLASTIC, box((width - 0.04, depth - 0.04, 0.002), (0, 0, 0)), name="feet")
@@ -330,10 +297,10 @@ class Laptop(Spec):
         lean, y = -self.lean, depth / 2 - 0.006
         b.add_from(lid.turned("x", lean), y=y, z=0.012)
         screen = display(w - 0.002, h - 0.002).moved(0, -0.0015, middle)
-        return with_display(b.piece(), screen.turned("x", lean).moved(0, y, 0.012), self.shown)
+        b.show(screen.turned("x", lean).moved(0, y, 0.012), self.shown)
 
 
-class BooksStack(Spec):
+class BooksStack(Spec, piece=("stack of books", "books", "on_top")):
     """A stack of three to six books."""
 
     count: int = whole(3, 7)
@@ -342,10 +309,8 @@ class BooksStack(Spec):
         lambda draw, spec: tuple(LyingBook.draw(draw, spec.style) for _ in range(spec.count))
     )
 
-    def build(self) -> FurniturePiece:
-        b = Builder("stack of books", "books", "on_top")
+    def assemble(self, b: Builder) -> None:
         add_stack(b, self.books, 0, 0, 0, self.turn)
-        return b.piece()
 
 
 class Fruit(Spec):
@@ -356,7 +321,7 @@ class Fruit(Spec):
     tilt: float = between(-40, 40)
 
 
-class FruitBowl(Spec):
+class FruitBowl(Spec, piece=("fruit bowl", "bowl", "on_top")):
     """A bowl with five to seven fruits."""
 
     radius: float = between(0.12, 0.16)
@@ -364,8 +329,8 @@ class FruitBowl(Spec):
     body: Material = either(0.4, "wood", "accents")
     fruits: tuple[Fruit, ...] = several(Fruit, 5, 8)
 
-    def build(self) -> FurniturePiece:
-        b, radius, height = Builder("fruit bowl", "bowl", "on_top"), self.radius, self.height
+    def assemble(self, b: Builder) -> None:
+        radius, height = self.radius, self.height
         b.add(self.body, _bowl(radius, height), name="bowl")
         apple = [(0.0, -0.82), (0.3, -0.9), (0.7, -0.68), (1.0, -0.05), (0.93, 0.42), (0.6, 0.8)]
         apple += [(0.22, 0.82), (0.0, 0.62)]
@@ -377,7 +342,6 @@ class FruitBowl(Spec):
             body = lathe([(size * r, size * h) for r, h in apple], 18).turned("x", fruit.tilt)
             body = body.moved(ring * float(np.cos(turn)), ring * float(np.sin(turn)), z)
             b.add(Material("plastic", hex_color(fruit.color), 0.4), body, name="fruit")
-        return b.piece()
 
 
 def _bowl(radius: float, height: float) -> BodyMesh:
@@ -394,15 +358,14 @@ class Cup(Spec):
     turn: float = between(0, 360)
 
 
-class Crockery(Spec):
+class Crockery(Spec, piece=("crockery", "crockery", "on_top")):
     """A pile of plates and two or three cups."""
 
     glaze: Material = either(0.6, CERAMIC, "accents")
     plates: int = whole(2, 6)
     cups: tuple[Cup, ...] = several(Cup, 2, 4)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("crockery", "crockery", "on_top")
+    def assemble(self, b: Builder) -> None:
         profile = [(0.075, 0.0), (0.085, 0.004), (0.127, 0.018), (0.128, 0.021), (0.084, 0.008)]
         plate = lathe([*profile, (0.0, 0.007)], 36)
         for k in range(self.plates):
@@ -411,7 +374,6 @@ class Crockery(Spec):
             cup = _cup().turned("z", each.turn).moved(0.13, (k - 0.8) * 0.135, 0)
             with b.holding("cup", "crockery"):
                 b.add(each.own or self.glaze, cup, name="cups")
-        return b.piece()
 
 
 def _cup() -> BodyMesh:
@@ -423,7 +385,7 @@ def _cup() -> BodyMesh:
     return merge([lathe(profile, 24), tube(ear, 0.0045, 8)])
 
 
-class Candle(Spec):
+class Candle(Spec, piece=("candles", "candle", "on_top")):
     """Candles of three heights on a tray."""
 
     candles: tuple[tuple[float, float], ...] = drawn(  # radius, height
@@ -432,8 +394,7 @@ class Candle(Spec):
         )
     )
 
-    def build(self) -> FurniturePiece:
-        b = Builder("candles", "candle", "on_top")
+    def assemble(self, b: Builder) -> None:
         tray = [(0.1, 0.0), (0.105, 0.012), (0.101, 0.012), (0.097, 0.004), (0.0, 0.004)]
         b.add(self.style.metal, lathe(tray, 32), name="tray")
         wax = Material("plastic", hex_color("#efe6d2"), 0.6)
@@ -446,10 +407,9 @@ class Candle(Spec):
             with b.holding("candle", "candle"):
                 b.add(wax, lathe(profile, 22).moved(x, y), name="wax")
                 b.add(BLACK_PLASTIC, wick, name="wick")
-        return b.piece()
 
 
-class WallClock(Spec):
+class WallClock(Spec, piece=("wall clock", "clock", "on_wall")):
     """A round clock; the origin is its centre."""
 
     radius: float = between(0.13, 0.19)
@@ -458,8 +418,7 @@ class WallClock(Spec):
     hour: float = between(0, 360)  # degrees of the hands
     minute: float = between(0, 360)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("wall clock", "clock", "on_wall", mount_height=self.mount_height)
+    def assemble(self, b: Builder) -> None:
         radius = self.radius
         rim = [(radius, 0.0), (radius, 0.035), (radius - 0.015, 0.035), (radius - 0.017, 0.02)]
         b.add(self.rim, lathe(rim, 48).turned("x", 90), name="rim")
@@ -474,16 +433,14 @@ class WallClock(Spec):
             hand = box((width, 0.0018, length * radius + 0.02), (0, y, -0.02))
             b.add(BLACK_PLASTIC, hand.turned("y", angle), name="hands")
         b.add(BLACK_PLASTIC, cylinder(0.008, 0.021, 0.033, 14).turned("x", 90), name="hands")
-        return b.piece()
 
 
-class Radiator(Spec):
+class Radiator(Spec, piece=("radiator", "radiator", "on_wall"), mount_height=0.13):
     """A ribbed radiator with a valve, mounted just above the floor."""
 
     width: float = between(0.6, 1.3)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("radiator", "radiator", "on_wall", mount_height=0.13)
+    def assemble(self, b: Builder) -> None:
         width, height = self.width, 0.55
         count = max(4, round(width / 0.06))
         pitch = width / count
@@ -504,7 +461,6 @@ class Radiator(Spec):
         b.add(CHROME, pipe, down, name="valve")
         knob = cylinder(0.02, 0, 0.06, 16, bevel=0.004).turned("y", 90)
         b.add(WHITE_PAINT, knob.moved(x + 0.045, y, 0.06), name="knob")
-        return b.piece()
 
 
 class Coat(NamedTuple):
@@ -520,7 +476,7 @@ class Coat(NamedTuple):
         return hooked(self.pleats, self.size).moved(self.x, -0.045, -0.012)
 
 
-class CoatHooks(Spec):
+class CoatHooks(Spec, piece=("coat hooks", "coat hooks", "on_wall")):
     """A board with hooks, some with a coat."""
 
     width: float = between(0.6, 0.9)
@@ -533,8 +489,7 @@ class CoatHooks(Spec):
         count = int(self.width / 0.15)
         return [(k - (count - 1) / 2) * 0.15 for k in range(count)]
 
-    def build(self) -> FurniturePiece:
-        b = Builder("coat hooks", "coat hooks", "on_wall", mount_height=self.mount_height)
+    def assemble(self, b: Builder) -> None:
         board = span((-self.width / 2, -0.022, -0.05), (self.width / 2, 0, 0.05), 0.003)
         b.add(self.style.wood, board)
         coats = {coat.x: coat for coat in self.coats}
@@ -545,7 +500,6 @@ class CoatHooks(Spec):
             if x in coats:
                 with b.holding("coat", "clothing"):
                     b.add(coats[x].cloth, coats[x].mesh(), name="coat")
-        return b.piece()
 
 
 def _coats(draw: Draw, hooks: CoatHooks) -> Iterator[Coat]:
@@ -562,7 +516,7 @@ def _coats(draw: Draw, hooks: CoatHooks) -> Iterator[Coat]:
                 yield coat
 
 
-class StorageBox(Spec):
+class StorageBox(Spec, piece=("storage basket", "box", "free")):
     """A lidded box of cardboard or an open basket."""
 
     width: float = between(0.3, 0.42)
@@ -570,8 +524,8 @@ class StorageBox(Spec):
     height: float = between(0.2, 0.3)
     paper: Material | None = optional_of(0.5, "accents")  # None: a basket
 
-    def build(self) -> FurniturePiece:
-        b = Builder("storage box" if self.paper else "storage basket", "box", "free")
+    def assemble(self, b: Builder) -> None:
+        b.name = "storage box" if self.paper else "storage basket"
         width, depth, height = self.width, self.depth, self.height
         if self.paper:
             paper = Material("paper", self.paper.color, 0.85)
@@ -585,10 +539,9 @@ class StorageBox(Spec):
             add_basket(b, 0, 0, 0, (width / 2, depth / 2), height)
             size, at = (width - 0.06, depth - 0.06, 0.12), (0, 0, height - 0.13)
             b.add(self.style.throw, rounded_box(size, at, 0.05, (0, 0, 0.02)), name="linen")
-        return b.piece()
 
 
-class WasteBin(Spec):
+class WasteBin(Spec, piece=("bin", "bin", "free")):
     """An open round bin, a basket for paper, or a bin with a pedal."""
 
     radius: float = between(0.11, 0.14)
@@ -600,8 +553,9 @@ class WasteBin(Spec):
         )
     )
 
-    def build(self) -> FurniturePiece:
-        b, radius, height = Builder(self.kind, "bin", "free"), self.radius, self.height
+    def assemble(self, b: Builder) -> None:
+        b.name = self.kind
+        radius, height = self.radius, self.height
         if self.case:
             b.add(self.case, cylinder(radius, 0.012, height, 32, 0.006), name="bin")
             b.add(BLACK_PLASTIC, cylinder(0.97 * radius, 0.0, 0.0121, 32), name="foot")
@@ -609,15 +563,14 @@ class WasteBin(Spec):
             b.add(self.case, lathe([*lid, (0, height + 0.03)], 32), name="lid")
             pedal = box((0.06, 0.05, 0.008), (0, -radius - 0.015, 0.008), 0.002)
             b.add(BLACK_PLASTIC, pedal, name="pedal")
-            return b.piece()
+            return
         own = {"paper basket": WICKER, "mesh bin": self.style.metal}
         profile = [(0.8 * radius, 0.0), (radius, height), (radius - 0.004, height)]
         body = lathe([*profile, (0.8 * radius - 0.004, 0.006)], 32)
         b.add(own.get(self.kind, BLACK_PLASTIC), body, name="bin")
-        return b.piece()
 
 
-class Bottle(Spec):
+class Bottle(Spec, piece=("bottle and glasses", "glass", "on_top")):
     """A bottle and two glasses."""
 
     tint: str = pick("#24361f", "#3a2413", "#1c2f38")
@@ -629,8 +582,8 @@ class Bottle(Spec):
         )
     )
 
-    def build(self) -> FurniturePiece:
-        b, height, width = Builder("bottle and glasses", "glass", "on_top"), self.height, self.width
+    def assemble(self, b: Builder) -> None:
+        height, width = self.height, self.width
         body = [(width - 0.002, 0.0), (width, 0.006), (width, 0.62 * height)]
         body += [(0.8 * width, 0.71 * height), (0.015, 0.8 * height), (0.0145, height)]
         dark = Material("plastic", hex_color(self.tint), 0.1)
@@ -641,4 +594,3 @@ class Bottle(Spec):
         for (x, y), (dx, dy) in zip(((0.1, -0.03), (0.085, 0.075)), self.glasses, strict=True):
             with b.holding("glass", "glass"):
                 b.add(GLASS, lathe(profile, 24).moved(x + dx, y + dy), name="glasses")
-        return b.piece()

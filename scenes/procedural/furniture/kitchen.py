@@ -57,7 +57,7 @@ from pbrnet.scenes.procedural.furniture.style import (
     WHITE_PAINT,
     hex_color,
 )
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 
 DEPTH = 0.6
 PLINTH = 0.1
@@ -111,11 +111,10 @@ class Unit(Spec):
         """Height of the worktop's underside, metres."""
         return self.style.worktop_height - TOP
 
-    def started(
-        self, name: str, holes: tuple[Float64Array, ...] = (), bare: bool = False
-    ) -> Builder:
-        """Builder with plinth and worktop; with the carcass unless it is `bare`."""
-        b = Builder(name, "kitchen unit", "wall", front_clearance=0.9)
+    def add_body(
+        self, b: Builder, holes: tuple[Float64Array, ...] = (), bare: bool = False
+    ) -> None:
+        """Add plinth and worktop, and the carcass unless it is `bare`."""
         half, style, high = self.width / 2, self.style, self.style.worktop_height
         low = (-half + 0.001, -DEPTH / 2 + 0.06, 0)
         plinth = span(low, (half - 0.001, -DEPTH / 2 + 0.078, PLINTH + 0.001))
@@ -128,10 +127,9 @@ class Unit(Spec):
         b.add(style.worktop, top, name="worktop")
         if not bare:
             b.add(INSIDE, *carcass(self.width, DEPTH, PLINTH, self.under - 0.001))
-        return b
 
 
-class BaseCupboard(Unit):
+class BaseCupboard(Unit, piece=("base cupboard", "kitchen unit", "wall"), front_clearance=0.9):
     """A base unit with doors, often with a drawer at the top; a door may be ajar."""
 
     drawer: bool = chance(0.6)
@@ -141,8 +139,9 @@ class BaseCupboard(Unit):
     handed: str = drawn(lambda draw, spec: "left" if draw.chance(0.5) else "right")
     doors: Doors = _doors()
 
-    def build(self) -> FurniturePiece:
-        b, width, under = self.started("base cupboard"), self.width, self.under
+    def assemble(self, b: Builder) -> None:
+        self.add_body(b)
+        width, under = self.width, self.under
         split = under - 0.003
         if self.drawer:
             split = under - 0.15
@@ -156,10 +155,9 @@ class BaseCupboard(Unit):
                 b.add(STEEL, _pot(0.11, 0.12).moved(-0.1 * width, 0, level), name="pots")
             b.add(CERAMIC, _plates(5).moved(0.0, 0, PLINTH + BOARD), name="plates")
         b.surface(0, 0, self.style.worktop_height, width / 2 - 0.02, 0.27)
-        return b.piece()
 
 
-class DrawerUnit(Unit):
+class DrawerUnit(Unit, piece=("drawer unit", "kitchen unit", "wall"), front_clearance=0.9):
     """A base unit with three or four drawers, sometimes one pulled out."""
 
     shares: tuple[float, ...] = drawn(
@@ -169,15 +167,15 @@ class DrawerUnit(Unit):
         lambda draw, spec: pulled_out(draw, spec.style, len(spec.shares) - 1, 0.08, 0.28)
     )
 
-    def build(self) -> FurniturePiece:
-        b, half = self.started("drawer unit"), self.width / 2
+    def assemble(self, b: Builder) -> None:
+        self.add_body(b)
+        half = self.width / 2
         zs = PLINTH + (self.under - 0.002 - PLINTH) * np.array(self.shares)
         add_drawers(b, self.style, self.style.kitchen, INSIDE, half, zs, DEPTH, self.pulled)
         b.surface(0, 0, self.style.worktop_height, half - 0.02, 0.27)
-        return b.piece()
 
 
-class SinkUnit(Unit):
+class SinkUnit(Unit, piece=("sink unit", "kitchen unit", "wall"), front_clearance=0.9):
     """A base unit with doors, a sink in the worktop and a high tap."""
 
     width: float = 0.8
@@ -185,12 +183,12 @@ class SinkUnit(Unit):
     tap: Material = either(0.7, CHROME, "metal")
     doors: Doors = _doors()
 
-    def build(self) -> FurniturePiece:
+    def assemble(self, b: Builder) -> None:
         width, high = self.width, self.style.worktop_height
         half_x, half_y, y = min(0.2, width / 2 - 0.08), 0.19, -0.04
         x = self.side * max(0.0, width / 2 - 0.1 - half_x)
         hole = superellipse(half_x, half_y, 0, 7, 40, x, y)[:, :2]
-        b = self.started("sink unit", (hole,), bare=True)
+        self.add_body(b, (hole,), bare=True)
         basin = (  # beyond the hole, above the worktop, power
             *((-0.03, -0.19, 4.0), (-0.008, -0.17, 6.0), (-0.004, 0.0005, 7.0)),
             *((0.014, 0.0005, 7.0), (0.014, 0.003, 7.0), (-0.008, 0.003, 7.0)),
@@ -209,7 +207,6 @@ class SinkUnit(Unit):
         if free > 0.16:
             at = -float(np.sign(x)) * (width / 2 - free / 2)
             b.surface(at, -0.02, high, free / 2 - 0.01, 0.24)
-        return b.piece()
 
     def _add_tap(self, b: Builder, x: float, high: float) -> None:
         t = np.linspace(0, np.pi, 12)
@@ -239,15 +236,16 @@ class PotOnHob(Spec):
     lid: bool = chance(0.5)
 
 
-class HobUnit(Unit):
+class HobUnit(Unit, piece=("hob and oven", "kitchen unit", "wall"), front_clearance=0.9):
     """An oven with knobs below a gas or glass-ceramic hob."""
 
     front: Material = either(0.6, STEEL, BLACK_PLASTIC)
     gas: bool = chance(0.5)
     pot: PotOnHob | None = optional(0.14, PotOnHob)
 
-    def build(self) -> FurniturePiece:
-        b, high = self.started("hob and oven"), self.style.worktop_height
+    def assemble(self, b: Builder) -> None:
+        self.add_body(b)
+        high = self.style.worktop_height
         self._add_oven(b)
         hob = box((min(0.58, self.width - 0.02), 0.51, 0.007), (0, -0.02, high), 0.002)
         b.add(STEEL if self.gas else SCREEN, hob, name="hob")
@@ -259,7 +257,6 @@ class HobUnit(Unit):
             pot = _pot(0.1, self.pot.height, self.pot.lid).moved(x, y, z)
             with b.holding("pot on the hob", "pot"):
                 b.add(self.pot.body, pot, name="pot")
-        return b.piece()
 
     def _add_oven(self, b: Builder) -> None:
         half, under, f, panel = self.width / 2, self.under, -DEPTH / 2, 0.1
@@ -329,7 +326,7 @@ class Note(Spec):
             b.add(self.style.accents[1], magnet, name="magnet")
 
 
-class Fridge(Spec):
+class Fridge(Spec, piece=("fridge", "fridge", "wall"), front_clearance=0.9):
     """A tall fridge with a freezer compartment below or above."""
 
     width: float = 0.6
@@ -344,9 +341,8 @@ class Fridge(Spec):
         )
     )
 
-    def build(self) -> FurniturePiece:
+    def assemble(self, b: Builder) -> None:
         depth, height, half, case = 0.64, self.height, self.width / 2, self.case
-        b = Builder("fridge", "fridge", "wall", front_clearance=0.9)
         f = -depth / 2
         body = span((-half, f + 0.065, 0.03), (half, depth / 2, height), 0.006)
         b.add(case, body, name="case")
@@ -365,10 +361,9 @@ class Fridge(Spec):
         for note in self.notes:
             note.add_to(b, f, split)
         b.surface(0, 0.03, height, half - 0.05, depth / 2 - 0.08)
-        return b.piece()
 
 
-class WallCupboard(Spec):
+class WallCupboard(Spec, piece=("wall cupboard", "kitchen unit", "on_wall")):
     """A wall cupboard, with crockery if a door is ajar; the origin is on its lower back edge."""
 
     width: float = 0.6
@@ -381,27 +376,25 @@ class WallCupboard(Spec):
         lambda draw, spec: tuple(draw.whole(3, 8) for _ in range(3 if spec.doors.angle else 0))
     )
 
-    def build(self) -> FurniturePiece:
+    def assemble(self, b: Builder) -> None:
         depth, height, width, levels = 0.34, 0.7, self.width, (0.24, 0.47)
         mount_height = self.style.worktop_height + 0.52
-        b = Builder("wall cupboard", "kitchen unit", "on_wall", mount_height=mount_height)
-        parts = Builder("", "", "free")
-        parts.add(self.style.kitchen, *carcass(width, depth, 0, height))
+        b.mount_height = mount_height
+        b.add(self.style.kitchen, *carcass(width, depth, 0, height))
         for z in levels:
-            parts.add(INSIDE, shelf(width, depth, z))
-        self.doors.add_to(parts, width, 0.0, height, depth, True, self.handed)
+            b.add(INSIDE, shelf(width, depth, z))
+        self.doors.add_to(b, width, 0.0, height, depth, True, self.handed)
         profile = [(0.03, 0), (0.04, 0.012), (0.043, 0.085), (0.039, 0.085), (0.034, 0.014)]
         cup = lathe([*profile, (0, 0.01)], 20)
         for z, count in zip((BOARD, *levels), self.plates, strict=False):
-            parts.add(CERAMIC, _plates(count).moved(-0.2 * width, 0.01, z), name="plates")
+            b.add(CERAMIC, _plates(count).moved(-0.2 * width, 0.01, z), name="plates")
             for k in range(2):
                 at = (0.22 * width, -0.06 + 0.11 * k, z)
-                parts.add(self.glaze or CERAMIC, cup.moved(*at), name="cups")
-        b.add_from(parts, y=-depth / 2)
-        return b.piece()
+                b.add(self.glaze or CERAMIC, cup.moved(*at), name="cups")
+        b.move(y=-depth / 2)
 
 
-class ExtractorHood(Spec):
+class ExtractorHood(Spec, piece=("extractor hood", "extractor hood", "on_wall"), mount_height=1.58):
     """A steel canopy with a flue and two small lamps; `height` of the flue's upper end, metres."""
 
     width: float = 0.6
@@ -409,8 +402,7 @@ class ExtractorHood(Spec):
     steel: Material = either(0.8, STEEL, WHITE_PAINT)
     top: float = between(0.2, 0.34)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("extractor hood", "extractor hood", "on_wall", mount_height=1.58)
+    def assemble(self, b: Builder) -> None:
         width, steel, top = self.width, self.steel, self.top
         b.add(
             steel,
@@ -430,7 +422,6 @@ class ExtractorHood(Spec):
         for k in range(3):
             button = cylinder(0.009, 0, 0.004, 14).turned("x", 90)
             b.add(BLACK_PLASTIC, button.moved((k - 1) * 0.035, -0.4995, 0.025), name="buttons")
-        return b.piece()
 
 
 def _pot(radius: float, height: float, lid: bool = False) -> BodyMesh:
@@ -472,26 +463,23 @@ def _plates(count: int) -> BodyMesh:
     return merge([lathe(plate, 28).moved(z=0.0075 * k) for k in range(count)])
 
 
-class CookingPot(Spec):
+class CookingPot(Spec, piece=("cooking pot", "pot", "on_top")):
     """A pot with a lid."""
 
     body: Material = either(0.5, STEEL, "accents")
     radius: float = between(0.09, 0.13)
     height: float = between(0.09, 0.16)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("cooking pot", "pot", "on_top")
+    def assemble(self, b: Builder) -> None:
         b.add(self.body, _pot(self.radius, self.height, True))
-        return b.piece()
 
 
-class Kettle(Spec):
+class Kettle(Spec, piece=("kettle", "kettle", "on_top")):
     """An electric kettle on its base."""
 
     body: Material = either(0.6, STEEL, "accents")
 
-    def build(self) -> FurniturePiece:
-        b = Builder("kettle", "kettle", "on_top")
+    def assemble(self, b: Builder) -> None:
         b.add(BLACK_PLASTIC, cylinder(0.08, 0, 0.018, 32, bevel=0.004), name="base")
         profile = [(0.075, 0.0185), (0.078, 0.03), (0.066, 0.16), (0.056, 0.2), (0.05, 0.207)]
         b.add(self.body, lathe([*profile, (0, 0.212)], 32), name="body")
@@ -502,10 +490,9 @@ class Kettle(Spec):
             [(-0.05, 0, 0.15), (-0.085, 0, 0.19), (-0.095, 0, 0.2)], [0.022, 0.014, 0.011], 12
         )
         b.add(self.body, spout, name="body")
-        return b.piece()
 
 
-class Microwave(Spec):
+class Microwave(Spec, piece=("microwave", "microwave", "on_top")):
     """A microwave oven."""
 
     width: float = between(0.44, 0.52)
@@ -517,8 +504,7 @@ class Microwave(Spec):
         )
     )
 
-    def build(self) -> FurniturePiece:
-        b = Builder("microwave", "microwave", "on_top")
+    def assemble(self, b: Builder) -> None:
         half, depth, height, case = self.width / 2, self.depth, self.height, self.case
         f = -depth / 2
         body = span((-half, f + 0.012, 0.012), (half, depth / 2, height), 0.004)
@@ -539,4 +525,3 @@ class Microwave(Spec):
         for sx, sy in CORNERS:
             foot = cylinder(0.014, 0, 0.013, 12).moved(sx * (half - 0.04), sy * (depth / 2 - 0.05))
             b.add(BLACK_PLASTIC, foot, name="feet")
-        return b.piece()

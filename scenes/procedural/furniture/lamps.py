@@ -17,16 +17,9 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
     superellipse,
     tube,
 )
-from pbrnet.scenes.procedural.furniture.spec import (
-    Spec,
-    between,
-    chance,
-    drawn,
-    either,
-    shape,
-)
+from pbrnet.scenes.procedural.furniture.spec import Spec, between, chance, drawn, either, shape
 from pbrnet.scenes.procedural.furniture.style import CHROME, WHITE_PAINT, Style
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 
 OPAL = Material("plastic", (0.86, 0.85, 0.82), 0.4)
 _DOWNWARDS = 0.5  # share of a shaded lamp's light that leaves by its diffuser
@@ -86,7 +79,7 @@ _RADII = {
 _HEIGHTS = {"drum": (0.17, 0.24), "dome": (0.16, 0.22)}
 
 
-class PendantLamp(Spec):
+class PendantLamp(Spec, piece=("pendant lamp", "lamp", "ceiling")):
     """A lamp hanging from the ceiling: drum, dome, globe or paper lantern.
 
     `drop` metres to its lowest point.
@@ -110,14 +103,13 @@ class PendantLamp(Spec):
     ribs: int = drawn(lambda draw, spec: draw.whole(9, 14) if spec.kind == "lantern" else 0)
     flat: float = drawn(lambda draw, spec: draw.between(0.6, 0.95) if spec.ribs else 1.0)
 
-    def build(self) -> FurniturePiece:
-        b, metal = Builder("pendant lamp", "lamp", "ceiling"), self.style.metal
+    def assemble(self, b: Builder) -> None:
+        metal = self.style.metal
         b.add(metal, lathe([(0.05, -0.025), (0.055, -0.012), (0.055, 0.0)], 24), name="rose")
         add = {"drum": self._add_drum, "dome": self._add_dome, "lantern": self._add_lantern}
         top = add.get(self.kind, self._add_globe)(b)
         cord = bar((0, 0, top), (0, 0, -0.02), 0.003, 8)
         b.add(Material("plastic", (0.02, 0.02, 0.02), 0.6), cord, name="cord")
-        return b.piece()
 
     def _add_drum(self, b: Builder) -> float:
         radius, low, high = self.radius, -self.drop, -self.drop + self.height
@@ -166,7 +158,7 @@ class PendantLamp(Spec):
         return top + 0.048
 
 
-class CeilingLamp(Spec):
+class CeilingLamp(Spec, piece=("ceiling lamp", "lamp", "ceiling")):
     """A flat ceiling lamp: a round bowl or a square panel with a rim."""
 
     lumens: float = between(1200, 2400)
@@ -176,8 +168,8 @@ class CeilingLamp(Spec):
     )
     depth: float = drawn(lambda draw, spec: draw.between(0.07, 0.1) if spec.is_bowl else 0.0)
 
-    def build(self) -> FurniturePiece:
-        b, half, kelvin = Builder("ceiling lamp", "lamp", "ceiling"), self.half, self.style.kelvin
+    def assemble(self, b: Builder) -> None:
+        half, kelvin = self.half, self.style.kelvin
         lumens = self.lumens
         if self.is_bowl:
             rim = cylinder(half + 0.008, -0.03, 0.0, 40, bevel=0.004)
@@ -190,10 +182,9 @@ class CeilingLamp(Spec):
             diffuser = box((2 * half - 0.03, 2 * half - 0.03, 0.012), (0, 0, -0.054), 0.003)
             lumens, kelvin = 1.2 * lumens, kelvin + 500
         b.add(OPAL, diffuser, name="diffuser", lumens=lumens, kelvin=kelvin)
-        return b.piece()
 
 
-class SpotRail(Spec):
+class SpotRail(Spec, piece=("ceiling spots", "lamp", "ceiling")):
     """A rail at the ceiling with three spotlights in random directions."""
 
     length: float = between(0.6, 0.9)
@@ -201,8 +192,8 @@ class SpotRail(Spec):
         lambda draw, spec: tuple((draw.between(15, 45), draw.between(0, 360)) for _ in range(3))
     )
 
-    def build(self) -> FurniturePiece:
-        b, metal = Builder("ceiling spots", "lamp", "ceiling"), self.style.metal
+    def assemble(self, b: Builder) -> None:
+        metal = self.style.metal
         b.add(metal, box((self.length, 0.05, 0.022), (0, 0, -0.022), 0.003), name="rail")
         can = lathe([(0.036, -0.075), (0.04, -0.07), (0.04, 0.01), (0.03, 0.03)], 24)
         lamp = lathe([(0.0, -0.0785), (0.032, -0.0785), (0.032, -0.0745)], 24)
@@ -213,10 +204,9 @@ class SpotRail(Spec):
             diffuser = lamp.turned("x", tilt).turned("z", turn).moved(x, 0, -0.1)
             b.add(metal, aimed, name="spot")
             b.add(OPAL, diffuser, name="diffuser", lumens=1350.0, kelvin=self.style.kelvin)
-        return b.piece()
 
 
-class FloorLamp(Spec):
+class FloorLamp(Spec, piece=("floor lamp", "lamp", "corner")):
     """A floor lamp: straight, on a tripod, or arched."""
 
     height: float = between(1.45, 1.7)
@@ -226,8 +216,8 @@ class FloorLamp(Spec):
     lumens: float = between(600, 1000)
     kind: str = shape("floor_lamp", "straight", "tripod", "arch")
 
-    def build(self) -> FurniturePiece:
-        b, style = Builder("floor lamp", "lamp", "corner"), self.style
+    def assemble(self, b: Builder) -> None:
+        style = self.style
         height, tall, shade = self.height, self.tall, (style, self.low, self.low * self.narrow)
         if self.kind == "arch":
             t = np.radians(np.linspace(0, 115, 18))
@@ -238,7 +228,7 @@ class FloorLamp(Spec):
             y, top = float(ys[-1]), float(zs[-1])
             b.add(style.metal, cylinder(0.02, top - 0.07, top + 0.01, 16).moved(y=y))
             _add_shade(b, *shade, top - tall, top, self.lumens, y=y)
-            return b.piece()
+            return
         _add_shade(b, *shade, height - tall, height, self.lumens)
         stem_top = height - 0.018
         if self.kind == "straight":
@@ -247,7 +237,6 @@ class FloorLamp(Spec):
         else:
             self._add_tripod(b, height - tall - 0.06, stem_top)
         b.add(OPAL, sphere(0.035, 14, 8).moved(z=height - 0.4 * tall - 0.05), name="bulb")
-        return b.piece()
 
     def _add_tripod(self, b: Builder, joint: float, stem_top: float) -> None:
         rest = 0.012 * 0.265 / float(np.hypot(0.265, joint))  # the slanted end touches z = 0
@@ -260,7 +249,7 @@ class FloorLamp(Spec):
         b.add(self.style.metal, bar((0, 0, joint), (0, 0, stem_top), 0.007, 10))
 
 
-class TableLamp(Spec):
+class TableLamp(Spec, piece=("table lamp", "lamp", "on_top")):
     """A lamp with a turned ceramic or wooden body and a cloth shade."""
 
     body: float = between(0.2, 0.28)
@@ -272,8 +261,7 @@ class TableLamp(Spec):
     narrow: float = between(0.6, 0.95)
     lumens: float = between(350, 550)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("table lamp", "lamp", "on_top")
+    def assemble(self, b: Builder) -> None:
         body, width, low, t = self.body, self.width, self.low, np.linspace(0, 1, 11)
         radii = 0.016 + (width - 0.016) * np.sin(np.pi * t**self.power) ** 0.8
         profile = [(0.9 * width, 0.0), (0.9 * width, 0.012)]
@@ -285,10 +273,9 @@ class TableLamp(Spec):
         stem = bar((0, 0, body - 0.004), (0, 0, z0 + self.height - 0.018), 0.005, 10)
         b.add(self.style.metal, stem)
         b.add(OPAL, sphere(0.028, 14, 8).moved(z=z0 + 0.5 * self.height), name="bulb")
-        return b.piece()
 
 
-class DeskLamp(Spec):
+class DeskLamp(Spec, piece=("desk lamp", "lamp", "on_top")):
     """A jointed desk lamp with its diffuser pointing down."""
 
     metal: Material = drawn(
@@ -299,8 +286,8 @@ class DeskLamp(Spec):
     tilt: float = between(8, 22)
     lumens: float = between(300, 450)
 
-    def build(self) -> FurniturePiece:
-        b, metal, tilt = Builder("desk lamp", "lamp", "on_top"), self.metal, self.tilt
+    def assemble(self, b: Builder) -> None:
+        metal, tilt = self.metal, self.tilt
         b.add(metal, cylinder(0.085, 0, 0.018, 32, bevel=0.004), name="foot")
         joint, head = (0.0, 0.09, 0.3 + self.joint), (0.0, -0.17, 0.42 + self.head)
         for side in (-0.008, 0.008):
@@ -317,10 +304,9 @@ class DeskLamp(Spec):
         cone, cap, lamp = (mesh.turned("x", tilt).moved(*head) for mesh in (cone, cap, lamp))
         b.add(metal, cone, cap, name="reflector")
         b.add(OPAL, lamp, name="diffuser", lumens=self.lumens, kelvin=3200.0)
-        return b.piece()
 
 
-class WallLamp(Spec):
+class WallLamp(Spec, piece=("wall lamp", "lamp", "on_wall")):
     """A lamp on the wall: a globe on an arm, or a half-round shade."""
 
     mount_height: float = between(1.6, 1.8)
@@ -329,8 +315,7 @@ class WallLamp(Spec):
         lambda draw, spec: draw.between(0.06, 0.085) if draw.chance(0.5) else None
     )
 
-    def build(self) -> FurniturePiece:
-        b = Builder("wall lamp", "lamp", "on_wall", mount_height=self.mount_height)
+    def assemble(self, b: Builder) -> None:
         metal, glow = self.style.metal, {"lumens": self.lumens, "kelvin": self.style.kelvin}
         b.add(metal, cylinder(0.05, 0, 0.018, 24, bevel=0.004).turned("x", 90), name="plate")
         if self.radius:
@@ -347,10 +332,9 @@ class WallLamp(Spec):
             ]
             b.add(self.style.shade, loft(rings), name="shade", **glow)
             b.add(metal, bar((0, -0.01, 0), (0, -0.05, 0), 0.012, 10))
-        return b.piece()
 
 
-class LightStrip(Spec):
+class LightStrip(Spec, piece=("mirror lamp", "lamp", "on_wall")):
     """A slim wall lamp for above a mirror or below wall cupboards."""
 
     width: float = 0.6
@@ -359,12 +343,10 @@ class LightStrip(Spec):
     depth: float = between(0.036, 0.05)
     lumens: float = between(500, 800)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("mirror lamp", "lamp", "on_wall", mount_height=self.mount_height)
+    def assemble(self, b: Builder) -> None:
         b.add(self.metal, box((0.09, 0.03, 0.04), (0, -0.015, -0.02), 0.003), name="plate")
         b.add(self.metal, box((self.width, 0.022, 0.03), (0, -0.055, -0.008), 0.003), name="rail")
         b.add(self.metal, bar((0, -0.028, 0), (0, -0.05, 0), 0.009, 8))
         size, at = (self.width - 0.02, self.depth, 0.035), (0, -0.06, -0.042)
         lamp, kelvin = rounded_box(size, at, 0.016, steps=2, inner=2), self.style.kelvin + 500
         b.add(OPAL, lamp, name="diffuser", lumens=self.lumens, kelvin=kelvin)
-        return b.piece()

@@ -20,7 +20,7 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
 from pbrnet.scenes.procedural.furniture.spec import Spec, between, drawn, pick, whole
 from pbrnet.scenes.procedural.furniture.storage import add_basket
 from pbrnet.scenes.procedural.furniture.style import CERAMIC, SOIL, TERRACOTTA, hex_color
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
 SPECIES = ("rubber plant", "palm", "aloe", "cactus", "herbs")  # of small plants
@@ -238,7 +238,7 @@ def _foliage(draw: Draw, spec: Plant | SmallPlant, kind: str | None = None) -> F
     return Foliage.draw(draw, spec.style, pot=pot, height=spec.height, kind=kind)
 
 
-class Plant(Spec):
+class Plant(Spec, piece=("plant", "plant", "corner")):
     """A tall pot plant: broad leaves on stalks, a palm's fronds, or sword leaves."""
 
     height: float = between(0.8, 1.5)
@@ -246,13 +246,11 @@ class Plant(Spec):
     pot: float = between(0.26, 0.34)
     foliage: Foliage = drawn(_foliage)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("plant", "plant", "corner")
+    def assemble(self, b: Builder) -> None:
         self.foliage.add_to(b)
-        return b.piece()
 
 
-class SmallPlant(Spec):
+class SmallPlant(Spec, piece=("plant", "plant", "on_top")):
     """A pot plant for tables and sills, of a species of `SPECIES`."""
 
     species: int = whole(0, len(SPECIES))
@@ -261,10 +259,9 @@ class SmallPlant(Spec):
     pot: float = between(0.08, 0.12)
     foliage: Foliage = drawn(lambda draw, spec: _foliage(draw, spec, [*_GROWTH][spec.species]))
 
-    def build(self) -> FurniturePiece:
-        b = Builder(SPECIES[self.species], "plant", "on_top")
+    def assemble(self, b: Builder) -> None:
+        b.name = SPECIES[self.species]
         self.foliage.add_to(b)
-        return b.piece()
 
 
 def _leaf(length: float, width: float, droop: float, rows: int = 7) -> BodyMesh:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from pbrnet.scenes.procedural.furniture.cabinets import add_feet, leg_material
@@ -61,7 +59,7 @@ def _chair(draw: Draw, style: Style, back: str) -> WoodenChair | ShellChair:
     )
 
 
-class WoodenChair(Spec):
+class WoodenChair(Spec, piece=("dining chair", "chair", "free"), front_clearance=0.5):
     """A wooden chair with a back of slats, rails, spindles or a pad."""
 
     back: str
@@ -89,8 +87,7 @@ class WoodenChair(Spec):
         share = (z - self.seat) / (self.top - self.seat)
         return float(self.rear + self.lean * np.interp(share, [0, 0.6, 1], [0, 0.4, 1]))
 
-    def build(self) -> FurniturePiece:
-        b = Builder("dining chair", "chair", "free", front_clearance=0.5)
+    def assemble(self, b: Builder) -> None:
         thick, seat, front, rear = 0.036, self.seat, self.front, self.rear
         x, under, wood = self.width / 2 - thick / 2, seat - 0.03, self.wood
         foot = [(0.7 * thick, 0.7 * thick), (thick, thick)]
@@ -122,7 +119,6 @@ class WoodenChair(Spec):
         else:
             b.add(wood, box((width, deep, 0.028), (0, y, under), bevel=0.008, grain="y"))
         self._add_back(b, 2 * x - 0.02, self.top - 0.05)
-        return b.piece()
 
     def _add_back(self, b: Builder, inner: float, high: float) -> None:
         wood, seat, on_back, count = self.wood, self.seat, self._on_back, self.spars
@@ -154,7 +150,7 @@ class WoodenChair(Spec):
             b.add(self.style.second_upholstery, pad)
 
 
-class ShellChair(Spec):
+class ShellChair(Spec, piece=("dining chair", "chair", "free"), front_clearance=0.5):
     """A chair with seat and back of one moulded shell, on four splayed legs."""
 
     width: float = between(0.43, 0.47)
@@ -163,8 +159,7 @@ class ShellChair(Spec):
     paint: Material = either(0.5, "lacquer", "accents")
     wooden: bool = chance(0.35)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("dining chair", "chair", "free", front_clearance=0.5)
+    def assemble(self, b: Builder) -> None:
         style, seat, top = self.style, self.seat, self.top
         # Profile of the shell from the front edge of the seat to the top of the back: y, z.
         profile = np.array(
@@ -192,7 +187,6 @@ class ShellChair(Spec):
             for y, foot in ((-0.1, -0.2), (0.06, 0.19)):
                 ends = [(sx * 0.2, foot, 0), (sx * 0.1, y, under - 0.004)]
                 b.add(frame, post(ends, [(0.6 * thick, 0.6 * thick), (thick, thick)]))
-        return b.piece()
 
 
 class LooseCushion(Spec):
@@ -217,7 +211,6 @@ class LooseCushion(Spec):
 class Couch(Spec):
     """Parts that armchairs and sofas share: a frame, arms, cushions to sit and lean on."""
 
-    name: ClassVar[str]
     width: float  # with its arms
     seats: int
     depth: float = between(0.84, 0.96)
@@ -244,9 +237,7 @@ class Couch(Spec):
             back_z = max(back_z, 0.78)
         return arm, foot, min(arm_z, 0.84 * back_z - 0.055 * (self.form == "rolled")), back_z
 
-    def build(self) -> FurniturePiece:
-        sofa = self.name == "sofa"
-        b = Builder(self.name, self.name, "wall" if sofa else "free", front_clearance=0.45)
+    def assemble(self, b: Builder) -> None:
         width, depth, seat_z, cloth = self.width, self.depth, self.seat, self.cloth
         arm, foot, arm_z, back_z = self.measures()
         back, cushion = 0.17, 0.15
@@ -278,32 +269,29 @@ class Couch(Spec):
             with b.holding("cushion", "cushion"):
                 placed = mesh.moved(x, depth / 2 - back - 0.29, seat_z - lowest)
                 b.add(loose.cloth, placed, name="cushion")
-        if sofa and len(self.loose) == 2:  # between the cushions at its ends
+        if b.name == "sofa" and len(self.loose) == 2:  # between the cushions at its ends
             b.surface(0, -depth / 2 + 0.22, seat_z + 0.008, inner / 2 - 0.62, 0.17)
-        return b.piece()
 
 
-class Armchair(Couch):
+class Armchair(Couch, piece=("armchair", "armchair", "free"), front_clearance=0.45):
     """An upholstered armchair."""
 
-    name = "armchair"
     width: float = between(0.78, 0.92)
     seats: int = 1
     cloth: Material = either(0.6, "second_upholstery", "upholstery")
     loose: tuple[LooseCushion, ...] = several(LooseCushion, 0, 2)
 
 
-class Sofa(Couch):
+class Sofa(Couch, piece=("sofa", "sofa", "wall"), front_clearance=0.45):
     """A sofa of two or three seats with loose cushions; `width` includes the arms, metres."""
 
-    name = "sofa"
     width: float = between(1.6, 2.35)
     seats: int = drawn(lambda draw, spec: 3 if spec.width > 1.95 else 2)
     cloth: Material = drawn(lambda draw, spec: spec.style.upholstery)
     loose: tuple[LooseCushion, ...] = several(LooseCushion, 2, 4)
 
 
-class Stool(Spec):
+class Stool(Spec, piece=("stool", "stool", "free")):
     """A round stool, low or of bar height."""
 
     high: bool = chance(0.35)
@@ -313,8 +301,8 @@ class Stool(Spec):
     radius: float = between(0.15, 0.19)
     wooden: bool = chance(0.5)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("bar stool" if self.high else "stool", "stool", "free")
+    def assemble(self, b: Builder) -> None:
+        b.name = "bar stool" if self.high else "stool"
         seat, radius, wood = self.seat, self.radius, self.style.wood
         frame = leg_material(self.style, wood)
         size = 0.024 if self.style.legs == "metal" else 0.034
@@ -334,16 +322,15 @@ class Stool(Spec):
             b.add(frame, bar(corners[k], corners[(k + 1) % 4], 0.009, 8))
         if self.wooden:
             b.add(wood, cylinder(radius, seat - 0.035, seat, 32, bevel=0.008))
-            return b.piece()
+            return
         b.add(wood, cylinder(radius - 0.01, seat - 0.045, seat - 0.028, 32))
         profile = [(radius - 0.012, seat - 0.03), (radius - 0.003, seat - 0.022)]
         profile += [(radius, seat - 0.01), (radius - 0.003, seat + 0.002)]
         profile += [(radius - 0.014, seat + 0.011), (0.75 * radius, seat + 0.019)]
         b.add(self.style.second_upholstery, lathe([*profile, (0, seat + 0.024)], 32))
-        return b.piece()
 
 
-class OfficeChair(Spec):
+class OfficeChair(Spec, piece=("office chair", "chair", "free"), front_clearance=0.4):
     """A swivel chair on a five-armed base with castors."""
 
     seat: float = between(0.45, 0.51)
@@ -356,8 +343,7 @@ class OfficeChair(Spec):
     height: float = between(0.46, 0.64)
     has_arms: bool = chance(0.75)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("office chair", "chair", "free", front_clearance=0.4)
+    def assemble(self, b: Builder) -> None:
         self._add_base(b)
         seat, cloth = self.seat, self.cloth
         low = box((0.2, 0.24, 0.03), (0, 0, seat - 0.1), bevel=0.006)
@@ -374,7 +360,6 @@ class OfficeChair(Spec):
             stem = tube([(side * x, 0.03, seat + z) for x, z in corners], 0.014, 10)
             pad = rounded_box((0.075, 0.25, 0.03), (side * 0.29, -0.01, seat + 0.18), 0.013)
             b.add(BLACK_PLASTIC, stem, pad)
-        return b.piece()
 
     def _add_base(self, b: Builder) -> None:
         ends = ((0.02, 0.026, 0.115, 0.02), (0.31, 0.015, 0.078, 0.009))
@@ -394,14 +379,14 @@ class OfficeChair(Spec):
         b.add(CHROME, cylinder(0.016, 0.27, self.seat - 0.09, 16))
 
 
-class Pouf(Spec):
+class Pouf(Spec, piece=("pouf", "stool", "free")):
     """A round upholstered footstool."""
 
     radius: float = between(0.22, 0.3)
     height: float = between(0.34, 0.42)
 
-    def build(self) -> FurniturePiece:
-        b, radius, height = Builder("pouf", "stool", "free"), self.radius, self.height
+    def assemble(self, b: Builder) -> None:
+        radius, height = self.radius, self.height
         shares = ((0.3, 1.0), (0.48, 0.985), (0.5, 0.965), (0.52, 0.985), (0.7, 1.0), (0.93, 0.92))
         outline = [(0.0, 0.86), (0.02, 0.94), *((z * height, share) for z, share in shares)]
         outline += [(0.985 * height, 0.75), (height, 0.4), (1.004 * height, 0.05)]
@@ -409,18 +394,16 @@ class Pouf(Spec):
         b.add(self.style.second_upholstery, loft(rings))
         b.add(self.style.dark_wood, sphere(0.014, 12, 6).scaled(z=0.5).moved(z=1.004 * height))
         b.surface(0, 0, height, 0.6 * radius, 0.6 * radius)
-        return b.piece()
 
 
-class Bench(Spec):
+class Bench(Spec, piece=("bench", "bench", "wall"), front_clearance=0.4):
     """A plain wooden bench, for the hall or along a table."""
 
     width: float = between(0.95, 1.5)
     depth: float = between(0.32, 0.38)
     height: float = between(0.43, 0.47)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("bench", "bench", "wall", front_clearance=0.4)
+    def assemble(self, b: Builder) -> None:
         width, depth, height, wood = self.width, self.depth, self.height, self.style.wood
         add_feet(b, self.style, wood, width, depth, height - 0.03, 0.045, 0.04, splay=0.01)
         each = depth / 3
@@ -431,4 +414,3 @@ class Bench(Spec):
             x = sx * (width / 2 - 0.12)
             b.add(wood, box((0.03, depth - 0.1, 0.04), (x, 0, height - 0.071)))
         b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.03)
-        return b.piece()

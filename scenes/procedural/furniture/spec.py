@@ -1,23 +1,26 @@
 """Specifications: everything random about a piece is drawn first, then it is built from that.
 
-    class Pouf(Spec):
+    class Pouf(Spec, piece=("pouf", "stool", "free")):
         radius: float = between(0.22, 0.3)
 
-        def build(self) -> FurniturePiece: ...
+        def assemble(self, b: Builder) -> None: ...
 
     Pouf.draw(draw, style).build()
 
-A field says how it is drawn; fields are drawn in their order.
+A field says how it is drawn; fields are drawn in their order. `piece` is its name, category and
+anchor; clearances and a constant `mount_height` are given as `Builder` has them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from typing import Any, Self, dataclass_transform
+from functools import partial
+from typing import Any, ClassVar, Self, dataclass_transform
 
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.style import Style
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece, Material
 from pbrnet.scenes.seeds import Draw
 
 
@@ -61,11 +64,6 @@ def either(share: float, one: Material | str, other: Material | str) -> Any:
     )
 
 
-def one_of(*materials: Material | str) -> Any:
-    """A field drawn from materials; names are those of the style's."""
-    return drawn(lambda draw, spec: material(draw, spec.style, draw.pick(materials)))
-
-
 def any_of(which: str) -> Any:
     """A field drawn from the style's materials of a name: "accents", "cushions", "books"."""
     return drawn(lambda draw, spec: material(draw, spec.style, which))
@@ -103,9 +101,14 @@ def material(draw: Draw, style: Style, which: Material | str) -> Material:
 class Spec:
     """Specification of one piece: frozen, printable; equal ones build equal pieces."""
 
+    _started: ClassVar[Callable[[], Builder]]
     style: Style = field(repr=False)
 
-    def __init_subclass__(cls) -> None:
+    def __init_subclass__(
+        cls, piece: tuple[str, str, Anchor] | None = None, **measures: float
+    ) -> None:
+        if piece:
+            cls._started = staticmethod(partial(Builder, *piece, **measures))
         dataclass(frozen=True, kw_only=True)(cls)
 
     @classmethod
@@ -131,5 +134,12 @@ class Spec:
         return cls.draw(draw, style, **given).build()
 
     def build(self) -> FurniturePiece:
-        """Build the piece: no draws, no files. Parts of pieces have other ways to be built."""
+        """Build the piece: no draws, no files."""
+        b = self._started()
+        b.mount_height = vars(self).get("mount_height", b.mount_height)
+        self.assemble(b)
+        return b.piece()
+
+    def assemble(self, b: Builder) -> None:
+        """Add the parts of the piece. Parts of pieces have other ways to be built."""
         raise NotImplementedError

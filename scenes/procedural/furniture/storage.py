@@ -49,7 +49,7 @@ from pbrnet.scenes.procedural.furniture.style import (
     WICKER,
     Style,
 )
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
 
@@ -203,7 +203,7 @@ class Level(NamedTuple):
     free: tuple[float, float] = (0.0, 0.0)
 
 
-class Bookshelf(Spec):
+class Bookshelf(Spec, piece=("bookshelf", "bookshelf", "wall"), front_clearance=0.5):
     """A tall open shelf with rows and stacks of books and baskets, and room for things."""
 
     width: float = between(0.7, 1.1)
@@ -232,8 +232,7 @@ class Bookshelf(Spec):
         """Between the sides: least and greatest x."""
         return -self.width / 2 + BOARD + 0.004, self.width / 2 - BOARD - 0.004
 
-    def build(self) -> FurniturePiece:
-        b = Builder("bookshelf", "bookshelf", "wall", front_clearance=0.5)
+    def assemble(self, b: Builder) -> None:
         width, depth, height, wood = self.width, self.depth, self.height, self.style.cabinet
         b.add(wood, *carcass(width, depth + FRONT, 0.06, height))
         low = (-width / 2 + 0.019, -depth / 2 + 0.03, 0)
@@ -257,7 +256,6 @@ class Bookshelf(Spec):
                 half = (0.5 * (end - begin) - 0.012, depth / 2 - 0.05)
                 b.surface(0.5 * (begin + end), 0.0, z, *half, self.headroom - 0.01)
         b.surface(0, 0.01, height, width / 2 - 0.05, depth / 2 - 0.03)
-        return b.piece()
 
 
 def _level(draw: Draw, shelf: Bookshelf, z: float) -> Level:
@@ -323,7 +321,7 @@ def _add_clothes(b: Builder, width: float, rail: float, garments: Iterable[Garme
         b.add(CHROME, bar((x, 0, rail - 0.08), (x, 0, rail + 0.012), 0.003, 8), name="hanger")
 
 
-class Wardrobe(Spec):
+class Wardrobe(Spec, piece=("wardrobe", "wardrobe", "wall"), front_clearance=0.7):
     """A wardrobe of two or three doors; clothes hang behind a door that is ajar."""
 
     width: float = between(1.0, 1.6)
@@ -338,8 +336,7 @@ class Wardrobe(Spec):
     def doors(self) -> int:
         return 2 if self.width < 1.25 else 3
 
-    def build(self) -> FurniturePiece:
-        b = Builder("wardrobe", "wardrobe", "wall", front_clearance=0.7)
+    def assemble(self, b: Builder) -> None:
         style, width, depth, height = self.style, self.width, self.depth, self.height
         finish, base = style.cabinet, 0.07
         b.add(finish, *carcass(width, depth, base, height))
@@ -359,7 +356,6 @@ class Wardrobe(Spec):
         if self.ajar < self.doors:
             _add_clothes(b, width, height - 0.14, self.garments)
         b.surface(0, 0, height + 0.024, width / 2 - 0.05, depth / 2 - 0.05)
-        return b.piece()
 
 
 def _behind(draw: Draw, spec: Wardrobe | BuiltInWardrobe) -> tuple[Garment, ...]:
@@ -371,7 +367,7 @@ def _behind(draw: Draw, spec: Wardrobe | BuiltInWardrobe) -> tuple[Garment, ...]
     return tuple(_garments(draw, spec.style, *ends))
 
 
-class BuiltInWardrobe(Spec):
+class BuiltInWardrobe(Spec, piece=("built-in wardrobe", "wardrobe", "wall"), front_clearance=0.7):
     """A wardrobe from wall to wall and up to the ceiling, its upper doors above 2.05 metres."""
 
     width: float = between(1.5, 3.0)
@@ -383,8 +379,7 @@ class BuiltInWardrobe(Spec):
     angle: float = drawn(lambda draw, spec: draw.between(18, 60) if spec.ajar < spec.doors else 0.0)
     garments: tuple[Garment, ...] = drawn(lambda draw, spec: _behind(draw, spec))
 
-    def build(self) -> FurniturePiece:
-        b = Builder("built-in wardrobe", "wardrobe", "wall", front_clearance=0.7)
+    def assemble(self, b: Builder) -> None:
         style, width, depth, finish = self.style, self.width, self.depth, self.finish
         base, top = 0.07, self.height - 0.05
         split = min(2.05, top - 0.22)
@@ -404,7 +399,6 @@ class BuiltInWardrobe(Spec):
             add_door(*door, split, top - 0.002, depth, hinge, handle_low=True)
         if self.ajar < self.doors:
             _add_clothes(b, width, split - 0.1, self.garments)
-        return b.piece()
 
 
 def _add_body(
@@ -427,7 +421,7 @@ def _add_body(
     b.add(finish, box(size, (0, 0, height - top), 0.003))
 
 
-class ChestOfDrawers(Spec):
+class ChestOfDrawers(Spec, piece=("chest of drawers", "chest", "wall"), front_clearance=0.6):
     """A chest of three or four drawers on feet, sometimes one pulled out."""
 
     width: float = between(0.75, 1.1)
@@ -442,8 +436,7 @@ class ChestOfDrawers(Spec):
     def rows(self) -> int:
         return 3 if self.height < 0.9 else 4
 
-    def build(self) -> FurniturePiece:
-        b = Builder("chest of drawers", "chest", "wall", front_clearance=0.6)
+    def assemble(self, b: Builder) -> None:
         style, width, depth, height = self.style, self.width, self.depth, self.height
         finish, foot = style.cabinet, 0.11
         add_feet(b, style, style.wood, width, depth - FRONT, foot + 0.002, 0.045, 0.015)
@@ -458,10 +451,9 @@ class ChestOfDrawers(Spec):
                     at = (float(x), -depth / 2 - out + 0.22, float(zs[k]) + 0.035)
                     b.add(cloth, rounded_box((0.18, 0.3, 0.08), at, 0.03), name="linen")
         b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)
-        return b.piece()
 
 
-class Sideboard(Spec):
+class Sideboard(Spec, piece=("sideboard", "sideboard", "wall"), front_clearance=0.5):
     """A sideboard: doors at the sides, drawers between them."""
 
     width: float = between(1.3, 1.9)
@@ -470,8 +462,7 @@ class Sideboard(Spec):
     ajar: int = drawn(lambda draw, spec: left_open(draw, spec.style, 3))
     angle: float = drawn(lambda draw, spec: draw.between(15, 60) if spec.ajar in (0, 2) else 0.0)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("sideboard", "sideboard", "wall", front_clearance=0.5)
+    def assemble(self, b: Builder) -> None:
         style, width, depth, finish = self.style, self.width, self.depth, self.style.cabinet
         foot, third, top = 0.15, width / 3, self.height - 0.024
         _add_body(b, self, foot, (0.045, 0.05, 0.02), 0.022, (0.01, 0.006))
@@ -484,10 +475,9 @@ class Sideboard(Spec):
             b.add(finish, span(low, (x + 0.009, depth / 2 - 0.013, top - BOARD)))
         add_drawers(b, style, finish, style.wood, third / 2, np.linspace(foot, top, 4), depth)
         b.surface(0, 0, self.height, width / 2 - 0.05, depth / 2 - 0.05)
-        return b.piece()
 
 
-class TvStand(Spec):
+class TvStand(Spec, piece=("tv stand", "tv stand", "wall"), front_clearance=0.4):
     """A television stand: an open compartment with a player between two doors."""
 
     width: float = between(1.2, 1.8)
@@ -496,8 +486,7 @@ class TvStand(Spec):
     player: bool = chance(0.25)
     books: tuple[LyingBook, ...] = several(LyingBook, 1, 4)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("tv stand", "tv stand", "wall", front_clearance=0.4)
+    def assemble(self, b: Builder) -> None:
         width, depth, finish = self.width, self.depth, self.style.cabinet
         foot, third, top = 0.1, width / 3, self.height - 0.024
         _add_body(b, self, foot, (0.04, 0.04, 0.01), 0.022, (0.008, 0.006))
@@ -518,10 +507,9 @@ class TvStand(Spec):
         with b.holding("books", "books"):
             add_stack(b, self.books, 0.0, -0.02, foot + BOARD)
         b.surface(0, 0, self.height, width / 2 - 0.05, depth / 2 - 0.05)
-        return b.piece()
 
 
-class NightTable(Spec):
+class NightTable(Spec, piece=("night table", "night table", "wall"), front_clearance=0.3):
     """A bedside cabinet: a drawer above an open compartment."""
 
     width: float = between(0.4, 0.5)
@@ -538,8 +526,7 @@ class NightTable(Spec):
         )
     )
 
-    def build(self) -> FurniturePiece:
-        b = Builder("night table", "night table", "wall", front_clearance=0.3)
+    def assemble(self, b: Builder) -> None:
         style, width, depth, height = self.style, self.width, self.depth, self.height
         finish, foot, split = style.cabinet, 0.12, height - 0.022 - 0.17
         _add_body(b, self, foot, (0.035, 0.015), 0.02, (0.01, 0.006))
@@ -550,10 +537,9 @@ class NightTable(Spec):
             with b.holding("books", "books"):
                 add_stack(b, self.books, 0, 0.0, foot + BOARD)
         b.surface(0, 0, height, width / 2 - 0.04, depth / 2 - 0.04)
-        return b.piece()
 
 
-class WallShelf(Spec):
+class WallShelf(Spec, piece=("wall shelf", "shelf", "on_wall")):
     """A wall shelf on brackets with books and room for things, at eye height."""
 
     width: float = between(0.6, 1.1)
@@ -579,8 +565,7 @@ class WallShelf(Spec):
         low, high = -self.width / 2 + 0.03, self.width / 2 - 0.03
         return low, low + self.filled * (high - low), high
 
-    def build(self) -> FurniturePiece:
-        b = Builder("wall shelf", "shelf", "on_wall", mount_height=self.mount_height)
+    def assemble(self, b: Builder) -> None:
         width, depth, thick = self.width, self.depth, 0.025
         board = span((-width / 2, -depth, -thick), (width / 2, 0, 0), 0.002)
         b.add(self.style.wood, board)
@@ -597,10 +582,9 @@ class WallShelf(Spec):
         _, middle, high = self.ends
         half = (0.5 * (high - middle) - 0.01, depth / 2 - 0.02)
         b.surface(0.5 * (middle + high) + 0.01, -depth / 2, 0.0, *half)
-        return b.piece()
 
 
-class WallBoard(Spec):
+class WallBoard(Spec, piece=("wall board", "shelf", "on_wall")):
     """A board on the wall with room for things, for bathrooms and kitchens."""
 
     width: float = between(0.4, 0.8)
@@ -608,8 +592,7 @@ class WallBoard(Spec):
     mount_height: float = between(1.25, 1.5)
     top: Material = either(0.6, "wood", "lacquer")
 
-    def build(self) -> FurniturePiece:
-        b = Builder("wall board", "shelf", "on_wall", mount_height=self.mount_height)
+    def assemble(self, b: Builder) -> None:
         width, depth, metal = self.width, self.depth, self.style.metal
         b.add(self.top, span((-width / 2, -depth, -0.02), (width / 2, 0, 0), 0.002))
         for side in (-1, 1):
@@ -617,10 +600,9 @@ class WallBoard(Spec):
             b.add(metal, span((x - 0.01, -0.004, -0.1), (x + 0.01, 0, -0.0205)))
             b.add(metal, bar((x, -0.006, -0.08), (x, -depth + 0.03, -0.0235), 0.004, 8))
         b.surface(0, -depth / 2, 0.0, width / 2 - 0.015, depth / 2 - 0.01)
-        return b.piece()
 
 
-class Rack(Spec):
+class Rack(Spec, piece=("rack", "shelf", "wall"), front_clearance=0.4):
     """A narrow open rack of three to five boards between four posts."""
 
     width: float = between(0.36, 0.6)
@@ -629,8 +611,7 @@ class Rack(Spec):
     frame: Material = either(0.6, "metal", "wood")
     board: Material = either(0.7, "wood", "lacquer")
 
-    def build(self) -> FurniturePiece:
-        b = Builder("rack", "shelf", "wall", front_clearance=0.4)
+    def assemble(self, b: Builder) -> None:
         width, depth, height = self.width, self.depth, self.height
         for x, y in CORNERS:
             at = (x * (width / 2 - 0.011), y * (depth / 2 - 0.011), 0.0)
@@ -640,10 +621,9 @@ class Rack(Spec):
             low = (0.023 - width / 2, 0.002 - depth / 2, z - 0.018)
             b.add(self.board, span(low, (width / 2 - 0.023, depth / 2 - 0.002, z)))
             b.surface(0, 0, z, width / 2 - 0.03, depth / 2 - 0.01, above - z - 0.03)
-        return b.piece()
 
 
-class ShoeRack(Spec):
+class ShoeRack(Spec, piece=("shoe rack", "shelf", "wall"), front_clearance=0.4):
     """Two slatted boards with pairs of shoes."""
 
     width: float = between(0.6, 0.8)
@@ -651,8 +631,7 @@ class ShoeRack(Spec):
         lambda draw, spec: tuple(_pairs(draw, spec.width))
     )  # x, z of the board, material
 
-    def build(self) -> FurniturePiece:
-        b = Builder("shoe rack", "shelf", "wall", front_clearance=0.4)
+    def assemble(self, b: Builder) -> None:
         half, deep, metal = self.width / 2, 0.3 / 2 - 0.01, self.style.metal
         for sx, sy in CORNERS:
             foot = (sx * half, sy * deep)
@@ -666,7 +645,6 @@ class ShoeRack(Spec):
             for x, own, material in self.shoes:
                 if own == z:
                     self._add_pair(b, material, x, z + 0.0195)
-        return b.piece()
 
     def _add_pair(self, b: Builder, material: Material, x: float, z: float) -> None:
         upper, sole = _shoe()

@@ -36,7 +36,7 @@ from pbrnet.scenes.procedural.furniture.spec import (
     shape,
 )
 from pbrnet.scenes.procedural.furniture.style import GLASS, Style
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
 
@@ -74,7 +74,9 @@ def _table_linen(draw: Draw, style: Style) -> Material:
     return Material("fabric", color, 0.9, variant=draw.whole(1 << 20), family=family)
 
 
-class DiningTable(Spec):
+class DiningTable(
+    Spec, piece=("dining table", "table", "centre"), front_clearance=0.6, side_clearance=0.6
+):
     """A rectangular table; `width` along x."""
 
     width: float = between(1.2, 2.0)
@@ -84,8 +86,7 @@ class DiningTable(Spec):
     leg: float = between(0.055, 0.08)
     cloth: TableCloth | None = optional(0.2, TableCloth)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("dining table", "table", "centre", front_clearance=0.6, side_clearance=0.6)
+    def assemble(self, b: Builder) -> None:
         width, depth, height, top, wood = (
             self.width, self.depth, self.height, self.top, self.style.wood,
         )  # fmt: skip
@@ -104,10 +105,11 @@ class DiningTable(Spec):
             b.add(self.cloth.linen, self.cloth.mesh(width, depth, height), name="cloth")
             height = height + 0.003 + 0.002
         b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)
-        return b.piece()
 
 
-class RoundTable(Spec):
+class RoundTable(
+    Spec, piece=("round table", "table", "centre"), front_clearance=0.6, side_clearance=0.6
+):
     """A round table on one turned column; `width` is its diameter."""
 
     width: float = between(0.9, 1.25)
@@ -118,8 +120,7 @@ class RoundTable(Spec):
         lambda draw, spec: _tulip(draw, spec) if spec.foot == "tulip" else None
     )
 
-    def build(self) -> FurniturePiece:
-        b = Builder("round table", "table", "centre", front_clearance=0.6, side_clearance=0.6)
+    def assemble(self, b: Builder) -> None:
         radius, height, wood = self.width / 2, self.height, self.wood
         b.add(wood, cylinder(radius, height - 0.03, height, 48, bevel=0.006), name="top")
         b.add(wood, cylinder(0.35 * radius, height - 0.05, height - 0.028, 32))
@@ -136,14 +137,13 @@ class RoundTable(Spec):
             for k in range(4):
                 b.add(wood, arm.turned("z", 45 + 90 * k))
         b.surface(0, 0, height, 0.62 * radius, 0.62 * radius)
-        return b.piece()
 
 
 def _tulip(draw: Draw, spec: RoundTable) -> Material:
     return spec.style.lacquer if draw.chance(0.5) else spec.wood
 
 
-class CoffeeTable(Spec):
+class CoffeeTable(Spec, piece=("coffee table", "table", "centre"), front_clearance=0.3):
     """A low table with a shelf, with a round or glass top, or a drum."""
 
     width: float = between(0.8, 1.2)
@@ -153,15 +153,13 @@ class CoffeeTable(Spec):
     form: str = shape("coffee_table", "shelf", "oval", "glass", "drum")
     painted: bool = drawn(lambda draw, spec: spec.form == "drum" and not draw.chance(0.6))
 
-    def build(self) -> FurniturePiece:
-        b = Builder("coffee table", "table", "centre", front_clearance=0.3)
+    def assemble(self, b: Builder) -> None:
         if self.form == "drum":
             self._add_drum(b)
         elif self.form == "oval":
             self._add_oval(b)
         else:
             self._add_shelved(b)
-        return b.piece()
 
     def _add_drum(self, b: Builder) -> None:
         height, radius = self.height, min(0.5 * self.width, 0.5 * self.depth + 0.08)
@@ -203,15 +201,14 @@ class CoffeeTable(Spec):
         b.surface(0, 0, shelf_z, width / 2 - 0.08, depth / 2 - 0.08, height - shelf_z - 0.08)
 
 
-class SideTable(Spec):
+class SideTable(Spec, piece=("side table", "table", "free")):
     """A small round table for beside a seat."""
 
     radius: float = between(0.2, 0.27)
     height: float = between(0.46, 0.58)
     on_legs: bool = chance(0.5)  # else a tray on one stem
 
-    def build(self) -> FurniturePiece:
-        b = Builder("side table", "table", "free")
+    def assemble(self, b: Builder) -> None:
         radius, height, wood, metal = self.radius, self.height, self.style.wood, self.style.metal
         if self.on_legs:
             b.add(wood, cylinder(radius, height - 0.02, height, 36, bevel=0.004), name="top")
@@ -230,10 +227,9 @@ class SideTable(Spec):
             b.add(metal, cylinder(0.014, 0.008, height - 0.011, 16))
             b.add(metal, cylinder(0.75 * radius, 0, 0.012, 36, bevel=0.003))
         b.surface(0, 0, height, 0.6 * radius, 0.6 * radius)
-        return b.piece()
 
 
-class Desk(Spec):
+class Desk(Spec, piece=("desk", "desk", "wall"), front_clearance=0.75):
     """A desk with a pedestal of drawers, sometimes one pulled out; the seat is in front (-Y)."""
 
     width: float = between(1.15, 1.6)
@@ -244,8 +240,7 @@ class Desk(Spec):
         lambda draw, spec: pulled_out(draw, spec.style, 3, 0.06, 0.18, closed=1)
     )
 
-    def build(self) -> FurniturePiece:
-        b = Builder("desk", "desk", "wall", front_clearance=0.75)
+    def assemble(self, b: Builder) -> None:
         width, depth, height, side = self.width, self.depth, self.height, self.side
         wood, top, pedestal, inner = self.style.wood, 0.028, 0.4, depth - 0.06
         b.add(wood, box((width, depth, top), (0, 0, height - top), 0.002), name="top")
@@ -268,18 +263,16 @@ class Desk(Spec):
         y = depth / 2 - 0.09
         b.add(wood, span((low, y, under - 0.3), (high, y + BOARD, under + 0.0005)))
         b.surface(0, 0.02, height, width / 2 - 0.06, depth / 2 - 0.08)
-        return b.piece()
 
 
-class ConsoleTable(Spec):
+class ConsoleTable(Spec, piece=("console table", "table", "wall"), front_clearance=0.5):
     """A narrow table for the hall, with a lower shelf."""
 
     width: float = between(0.8, 1.2)
     depth: float = between(0.3, 0.36)
     height: float = between(0.76, 0.84)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("console table", "table", "wall", front_clearance=0.5)
+    def assemble(self, b: Builder) -> None:
         width, depth, height, wood = self.width, self.depth, self.height, self.style.wood
         b.add(wood, box((width, depth, 0.026), (0, 0, height - 0.026), 0.002), name="top")
         add_feet(b, self.style, wood, width, depth, height - 0.024, 0.035, 0.015)
@@ -289,4 +282,3 @@ class ConsoleTable(Spec):
             b.add(wood, box((width - 0.1, 0.016, 0.06), at))
         b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.04)
         b.surface(0, 0, 0.178, width / 2 - 0.08, depth / 2 - 0.06, height - 0.28)
-        return b.piece()

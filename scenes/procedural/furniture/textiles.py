@@ -40,7 +40,7 @@ from pbrnet.scenes.procedural.furniture.spec import (
     whole,
 )
 from pbrnet.scenes.procedural.furniture.style import WHITE_PAINT
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw, generator
 
 SHAPES = 6  # simulations of each size of curtain
@@ -58,7 +58,7 @@ _TIED_X = 0.07  # metres from the outer edge to the middle of the tie
 _TIED_Z = 0.07  # metres above and below the middle of a tie without a sill
 
 
-class Curtains(Spec):
+class Curtains(Spec, piece=("curtains", "curtain", "on_wall")):
     """A pair of open curtains on a rod with rings or in a rail, some of them tied back.
 
     `width` of the window, heights of the rod, of the cloth's `hem` and of the window's `sill` above
@@ -89,8 +89,7 @@ class Curtains(Spec):
         drop = self.height - self.gap - self.hem
         return self.tied and self.hem < 0.1 and drop > _TIE + 0.6 and clear
 
-    def build(self) -> FurniturePiece:
-        b = Builder("curtains", "curtain", "on_wall")
+    def assemble(self, b: Builder) -> None:
         wide = min(max(0.25 * self.width, 0.26), 0.6) * self.wide
         half_span = self.width / 2 + self.beyond
         size = int(np.argmin([abs(bunch - wide) for bunch in _BUNCHES]))
@@ -105,7 +104,6 @@ class Curtains(Spec):
                 along = side * (half_span - stretch * at)
                 b.add(self.style.metal, loop.moved(along, -_OFF, self.height), name="ring")
         (self._add_rail if self.railed else self._add_rod)(b, half_span)
-        return b.piece()
 
     def _add_panel(
         self,
@@ -278,7 +276,7 @@ def _cut(place: Float64Array, drop: float) -> Float64Array:
     return np.concatenate([place[:, :, :last], hem[:, :, None]], axis=2)
 
 
-class Rug(Spec):
+class Rug(Spec, piece=("rug", "rug", "centre")):
     """A rug with a border and fringes at its short ends, or a round one."""
 
     width: float = between(1.6, 2.4)
@@ -306,14 +304,14 @@ class Rug(Spec):
         """Places of the fringes along the short ends."""
         return np.arange(-self.depth / 2 + 0.015, self.depth / 2, 0.03).tolist()
 
-    def build(self) -> FurniturePiece:
-        b, cloth = Builder("rug", "rug", "centre"), self.style.rug
+    def assemble(self, b: Builder) -> None:
+        cloth = self.style.rug
         width, depth, thickness = self.width, self.depth, self.thickness
         if self.is_round:
             edge = ((0.0, 0.0), (0.7 * thickness, 0.0), (thickness, 0.006))
             half = width / 2
             b.add(cloth, loft([superellipse(half - dx, half - dx, z, 2.0, 64) for z, dx in edge]))
-            return b.piece()
+            return
         x, y = np.meshgrid(np.linspace(-1, 1, 25), np.linspace(-1, 1, 17), indexing="ij")
         one, other = self.phases
         lie = 0.0015 * np.sin(4 * x + one) * np.sin(3 * y + other)
@@ -325,10 +323,9 @@ class Rug(Spec):
         for (side, v), (length, off) in zip(places, self.fringes, strict=False):
             at = (side * (width / 2 - 0.003) + side * length / 2, v + off, 0.0015)
             b.add(cloth, box((length, 0.009, 0.003), at), name="fringe")
-        return b.piece()
 
 
-class Cushion(Spec):
+class Cushion(Spec, piece=("cushion", "cushion", "on_top")):
     """A loose cushion."""
 
     size: float = between(0.38, 0.5)
@@ -336,10 +333,8 @@ class Cushion(Spec):
     narrow: float = between(0.75, 1.0)
     form: int = whole(0, 5)
 
-    def build(self) -> FurniturePiece:
-        b = Builder("cushion", "cushion", "on_top")
+    def assemble(self, b: Builder) -> None:
         b.add(self.fabric, stuffed((self.size, self.size * self.narrow, 0.15), self.form))
-        return b.piece()
 
 
 class Fold(Spec):
@@ -351,20 +346,17 @@ class Fold(Spec):
     y: float = between(-0.006, 0.006)
 
 
-class FoldedBlanket(Spec):
+class FoldedBlanket(Spec, piece=("folded blanket", "textile", "on_top")):
     """A blanket folded into a stack of layers."""
 
     width: float = between(0.32, 0.42)
     depth: float = between(0.26, 0.34)
     folds: tuple[Fold, ...] = several(Fold, 3, 5)
 
-    def build(self) -> FurniturePiece:
-        b, z = Builder("folded blanket", "textile", "on_top"), 0.0
+    def assemble(self, b: Builder) -> None:
+        z = 0.0
         for fold in self.folds:
             size = (self.width * fold.wide, self.depth * fold.deep, 0.032)
-            b.add(
-                self.style.throw,
-                rounded_box(size, (fold.x, fold.y, z), 0.0155, (0, 0, 0.001)),
-            )
+            b.add(self.style.throw, rounded_box(size, (fold.x, fold.y, z), 0.0155, (0, 0, 0.001)))
             z += 0.031
-        return b.grounded().piece()
+        b.ground()

@@ -44,12 +44,7 @@ class Block:
 
 
 def building(
-    rng: Draw,
-    name: str,
-    block: Block,
-    at: Float64Array,
-    degrees: float,
-    ground: float,
+    rng: Draw, name: str, block: Block, at: Float64Array, degrees: float, ground: float
 ) -> SceneItem:
     """Return a building whose front faces -Y before it is turned, with its centre at `at` (2,).
 
@@ -142,12 +137,7 @@ def hazed(color: Color, distance: float) -> Color:
 
 
 def _facade(
-    rng: Draw,
-    length: float,
-    high: float,
-    block: Block,
-    size: tuple[float, float],
-    turn: int,
+    rng: Draw, length: float, high: float, block: Block, size: tuple[float, float], turn: int
 ) -> tuple[list[BodyMesh], list[BodyMesh], list[list[BodyMesh]]]:
     """Return wall, trim and panes of a facade in the plane y = 0 that faces -Y.
 

@@ -202,11 +202,7 @@ def _amount(
 
 
 def _broken(
-    how: str,
-    rng: Draw,
-    amount: Float32Array,
-    layout: Layout,
-    window: tuple[slice, slice],
+    how: str, rng: Draw, amount: Float32Array, layout: Layout, window: tuple[slice, slice]
 ) -> AnyArray:
     """Factor that breaks traces up, of the shape of `amount`."""
     spectrum = {"cloud": BLOTCH, "blotch": CLOUD, "scratch": _SCRATCH}[how]

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pbrnet.scenes.assets.free_space import SupportSurface
+from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.procedural.furniture.parts.geometry import Axis, BodyMesh, merge
+from pbrnet.scenes.procedural.furniture.style import SCREEN, Style
 from pbrnet.scenes.procedural.piece import Anchor, Contained, FurniturePiece, Material, PiecePart
+from pbrnet.scenes.seeds import Draw
+
+
+class Shown(NamedTuple):
+    """Picture of a display: mean luminance, candelas a square metre, and seed of the picture."""
+
+    luminance: float
+    picture: int
 
 
 @dataclass
@@ -29,6 +40,7 @@ class Builder:
         field(default_factory=dict)
     )
     _own: Contained | None = None
+    _displays: list[PiecePart] = field(default_factory=list)
 
     def add(
         self,
@@ -68,23 +80,27 @@ class Builder:
             other._groups[key] = [mesh.turned(axis, degrees) for mesh in meshes]
         return other
 
-    def grounded(self) -> Builder:
-        """Return a builder with all meshes moved so that the lowest point is at z = 0."""
-        other = Builder(self.name, self.category, self.anchor)
-        low = min(
-            float(mesh.vertices[:, 2].min()) for each in self._groups.values() for mesh in each
+    def ground(self) -> None:
+        """Move all meshes so that the lowest point is at z = 0."""
+        groups = self._groups.values()
+        self.move(z=-min(float(mesh.vertices[:, 2].min()) for each in groups for mesh in each))
+
+    def move(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> None:
+        """Translate all meshes by metres."""
+        for key, meshes in self._groups.items():
+            self._groups[key] = [mesh.moved(x, y, z) for mesh in meshes]
+
+    def show(self, mesh: BodyMesh, shown: Shown) -> None:
+        """Add a display, a one-sided mesh with uvs [0, 1], that shows something."""
+        area = float(face_areas(mesh.vertices[mesh.faces])[0].sum())
+        lumens = round(np.pi * shown.luminance * area, 1)
+        surface = (mesh.vertices, mesh.faces, mesh.uvs, SCREEN)
+        self._displays.append(
+            PiecePart("display", *surface, lumens=lumens, kelvin=6500.0, picture=shown.picture)
         )
-        other.add_from(self, z=-low)
-        return other
 
     def surface(
-        self,
-        x: float,
-        y: float,
-        z: float,
-        half_x: float,
-        half_y: float,
-        headroom: float = 10.0,
+        self, x: float, y: float, z: float, half_x: float, half_y: float, headroom: float = 10.0
     ) -> None:
         """Add a support surface for other pieces, metres."""
         self.surfaces.append(SupportSurface(x, y, z, half_x, half_y, headroom))
@@ -112,10 +128,41 @@ class Builder:
         return FurniturePiece(
             name=self.name,
             category=self.category,
-            parts=tuple(parts),
+            parts=(*parts, *self._displays),
             anchor=self.anchor,
             front_clearance=self.front_clearance,
             side_clearance=self.side_clearance,
             surfaces=tuple(self.surfaces),
             mount_height=self.mount_height,
         )
+
+
+@dataclass(frozen=True)
+class Assembler:
+    """A function that adds the parts of a piece to a builder; called, it makes the piece."""
+
+    add: Callable[..., None]  # takes a builder, a `Draw`, a style and options
+    category: str
+    anchor: Anchor
+
+    def __call__(
+        self,
+        draw: Draw,
+        style: Style,
+        *options: Any,
+        name: str,
+        category: str = "",
+        anchor: Anchor | None = None,
+        **more: Any,
+    ) -> FurniturePiece:
+        """Make a piece of this name; `category` and `anchor` replace the usual ones."""
+        b = Builder(name, category or self.category, anchor or self.anchor)
+        self.add(b, draw, style, *options, **more)
+        return b.piece()
+
+
+def assembles(
+    category: str, anchor: Anchor = "on_top"
+) -> Callable[[Callable[..., None]], Assembler]:
+    """Decorator that makes an `Assembler` of a function."""
+    return lambda add: Assembler(add, category, anchor)

@@ -470,10 +470,7 @@ def refined(place: Float64Array) -> Float64Array:
 
 
 def solid(
-    place: Float64Array,
-    rest: tuple[float, float],
-    thickness: float,
-    cells: BoolArray | None = None,
+    place: Float64Array, rest: tuple[float, float], thickness: float, cells: BoolArray | None = None
 ) -> BodyMesh:
     """Return the closed body of a sheet whose front is `place` (3, n, m); uvs are those at rest.
 

@@ -151,9 +151,7 @@ def _box_columns(bevelled: bool, axes: tuple[tuple[int, int], ...]) -> Int64Arra
 
 
 @lru_cache
-def _box_template(
-    bevelled: bool,
-) -> tuple[Float64Array, Float64Array, Int64Array, Int64Array]:
+def _box_template(bevelled: bool) -> tuple[Float64Array, Float64Array, Int64Array, Int64Array]:
     """Topology of all boxes: (signs, inset, axis, faces).
 
     `signs` (V, 3): signs of the corner of each vertex; `inset` (V, 3): 1 along the axes where the
@@ -381,11 +379,7 @@ def _carried_frames(tangents: Float64Array) -> tuple[Float64Array, Float64Array]
 
 def _cross(a: list[float], b: list[float]) -> list[float]:
     # For single vectors, twenty times faster than NumPy.
-    return [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def bar(

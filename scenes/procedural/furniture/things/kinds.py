@@ -13,11 +13,13 @@ from typing import Any
 
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.files import data_beside
+from pbrnet.scenes.procedural.furniture.parts.build import Assembler
 from pbrnet.scenes.procedural.furniture.things import ornaments, packages, sets, soft, vessels
 from pbrnet.scenes.procedural.piece import FurniturePiece
 
 _MODULES = {"ornaments": ornaments, "packages": packages, "sets": sets, "soft": soft}
 _MODULES["vessels"] = vessels
+_OF_ALL = ("name", "category", "anchor")  # options of every generator
 
 
 @dataclass(frozen=True)
@@ -32,16 +34,16 @@ class Thing:
 def _thing(title: str, places: str, make: str, **options: Any) -> Thing:
     """A kind of the table; `ParameterError` names one whose generator does not take its options."""
     module, _, generator = make.partition(".")
-    function = getattr(_MODULES.get(module), generator, None)
-    if function is None:
+    assembler = getattr(_MODULES.get(module), generator, None)
+    if not isinstance(assembler, Assembler):
         raise ParameterError(f"{title}: there is no generator {make!r}")
-    if "name" in inspect.signature(function).parameters:
-        options.setdefault("name", title)
+    options = {"name": title} | options
+    own = {key: value for key, value in options.items() if key not in _OF_ALL}
     try:
-        inspect.signature(function).bind(None, None, **options)
+        inspect.signature(assembler.add).bind(None, None, None, **own)
     except TypeError as error:
         raise ParameterError(f"{title}: {make}: {error}") from None
-    return Thing(title.replace(" ", "_"), tuple(places.split()), partial(function, **options))
+    return Thing(title.replace(" ", "_"), tuple(places.split()), partial(assembler, **options))
 
 
 _KINDS = [_thing(title, **entry) for title, entry in data_beside(__file__).items()]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
 from pbrnet.scenes.procedural.furniture.parts.drapes import hooked, pleats
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
@@ -29,8 +29,8 @@ from pbrnet.scenes.procedural.furniture.style import (
     Style,
     hex_color,
 )
-from pbrnet.scenes.procedural.furniture.things.vessels import glazed, printed, tinted
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.furniture.things.vessels import Range, glazed, printed, tinted
+from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
 _CORK = Material("paper", hex_color("#b08a5e"), 0.95, family="corrugated")
@@ -63,17 +63,9 @@ _SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
 }
 
 
-def turned(
-    draw: Draw,
-    style: Style,
-    name: str,
-    shape: str,
-    radius: tuple[float, float],
-    height: tuple[float, float],
-    category: str = "clutter",
-) -> FurniturePiece:
+@assembles("clutter")
+def turned(b: Builder, draw: Draw, style: Style, shape: str, radius: Range, height: Range) -> None:
     """A turned ornament of glaze, wood or metal, with or without a candle."""
-    b = Builder(name, category, "on_top")
     r, h = draw.between(*radius), draw.between(*height)
     outline = np.array(_SHAPES[shape])
     t = np.linspace(0, 1, len(outline))
@@ -86,12 +78,11 @@ def turned(
     b.add(body, lathe(profile, 24), name="body")
     if shape == "candlestick":
         b.add(_WAX, cylinder(0.011, h, h + draw.between(0.06, 0.2), 14), name="candle")
-    return b.piece()
 
 
-def globe(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("clutter")
+def globe(b: Builder, draw: Draw, style: Style) -> None:
     """A globe on a turned foot."""
-    b = Builder("globe", "clutter", "on_top")
     r = draw.between(0.07, 0.13)
     foot = [(0.6 * r, 0), (0.62 * r, 0.012), (0.12 * r, 0.03), (0.1 * r, 0.06)]
     b.add(style.dark_wood, lathe(foot, 22), name="foot")
@@ -101,12 +92,11 @@ def globe(draw: Draw, style: Style) -> FurniturePiece:
         [(r + 0.008) * np.cos(turn), 0 * turn, 0.058 + r + (r + 0.008) * np.sin(turn)], 1
     )
     b.add(style.metal, tube(arc, 0.0035, 8), name="arc")
-    return b.piece()
 
 
-def lantern(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("candle")
+def lantern(b: Builder, draw: Draw, style: Style) -> None:
     """A lantern: a candle between four posts under a hood."""
-    b = Builder("lantern", "candle", "on_top")
     half, h = draw.between(0.05, 0.08), draw.between(0.18, 0.3)
     frame = style.metal if draw.chance(0.6) else style.wood
     b.add(frame, box((2 * half, 2 * half, 0.015), (0, 0, 0), 0.002), name="frame")
@@ -119,23 +109,18 @@ def lantern(draw: Draw, style: Style) -> FurniturePiece:
     ring = np.stack([0.03 * np.cos(turn), 0 * turn, h + 0.011 + 0.03 * np.sin(turn)], 1)
     b.add(frame, tube(ring, 0.003, 8), name="handle")
     b.add(_WAX, cylinder(0.45 * half, 0.0152, 0.5 * h, 20, 0.002), name="candle")
-    return b.piece()
 
 
+@assembles("clutter", "on_wall")
 def sheet(
-    draw: Draw,
-    style: Style,
-    name: str,
-    size: tuple[float, float],
-    look: str,
-    height: float = 1.5,
-) -> FurniturePiece:
+    b: Builder, draw: Draw, style: Style, size: tuple[float, float], look: str, height: float = 1.5
+) -> None:
     """A flat thing on the wall, its middle `height` metres up: poster, calendar, board, plate.
 
     What is pinned to a notice board are objects of their own.
     """
     categories = {"mirror": "mirror", "board": "clutter", "plate": "crockery", "woven": "textile"}
-    b = Builder(name, categories.get(look, "picture" if look == "poster" else "paper"), "on_wall")
+    b.category = categories.get(look, "picture" if look == "poster" else "paper")
     b.mount_height = height
     x, z = (float(length * draw.between(0.85, 1.15)) for length in size)
     if look == "plate":
@@ -158,7 +143,7 @@ def sheet(
             half = draw.between(0.035, 0.055)
             left = -x / 2 + 0.1 + (x - 0.2) * k / 4
             up = draw.between(-0.5, 0.5) * (z - 0.2)
-            with b.holding(_PINNED.get(name, "flyer"), "paper"):
+            with b.holding(_PINNED.get(b.name, "flyer"), "paper"):
                 note = span((left - half, -0.0178, up - half), (left + half, -0.0168, up + half))
                 b.add(*printed(draw, style, note), name="note")
                 pin = cylinder(0.006, 0.0, 0.008, 10).turned("x", 90)
@@ -174,7 +159,6 @@ def sheet(
                 for column in range(7):
                     at = ((column - 3) * 0.12 * x, -0.0026, -0.06 * z - 0.085 * z * row)
                     b.add(BLACK_PLASTIC, box((0.03 * x, 0.0006, 0.02 * z), at), name="days")
-    return b.piece()
 
 
 def _whole(face: BodyMesh, x: float, z: float) -> BodyMesh:
@@ -183,27 +167,26 @@ def _whole(face: BodyMesh, x: float, z: float) -> BodyMesh:
     return BodyMesh(face.vertices, face.faces, uvs, smooth=False)
 
 
-def on_hook(
-    draw: Draw, style: Style, name: str, size: tuple[float, float], category: str
-) -> FurniturePiece:
+@assembles("fitting", "on_wall")
+def on_hook(b: Builder, draw: Draw, style: Style, size: tuple[float, float], held: str) -> None:
     """A hook on the wall with a towel, an apron or a coat, an object of its own."""
-    b = Builder(f"hook of the {name}", "fitting", "on_wall")
+    name, b.name = b.name, f"hook of the {b.name}"
     b.mount_height = draw.between(1.5, 1.7)
     b.add(style.metal, cylinder(0.022, 0.0, 0.006, 18, 0.001).turned("x", 90), name="plate")
     path = [(0, -0.004, 0.0), (0, -0.05, -0.022), (0, -0.08, -0.016), (0, -0.088, 0.016)]
     b.add(style.metal, tube(path, 0.006, 8), name="hook")
     cloth = draw.pick(style.cushions)
-    if category == "towel":
+    if held == "towel":
         cloth = style.towel
     wide, long = (float(length * draw.between(0.9, 1.1)) for length in size)
-    with b.holding(name, category):
+    with b.holding(name, held):
         b.add(cloth, hooked(pleats(draw), (wide, long)).moved(0, -0.035, -0.012), name="cloth")
-    return b.piece()
 
 
-def rail(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("fitting", "on_wall")
+def rail(b: Builder, draw: Draw, style: Style) -> None:
     """A rail with ladles, sieves and spatulas on hooks, each an object of its own."""
-    b = Builder("utensil rail", "fitting", "on_wall", mount_height=draw.between(1.5, 1.65))
+    b.mount_height = draw.between(1.5, 1.65)
     metal = STEEL if draw.chance(0.6) else style.metal
     half = draw.between(0.2, 0.32)
     b.add(metal, bar((-half, -0.04, 0), (half, -0.04, 0), 0.006, 10), name="rail")
@@ -224,35 +207,32 @@ def rail(draw: Draw, style: Style) -> FurniturePiece:
             sizes = ((0.3, 0.0), (1.0, 0.03), (1.0, 0.07), (0.3, 0.095))
             rings = [blade * (size, size, 1) + (0, 0, z) for size, z in sizes]
             b.add(body, loft(np.stack(rings)).moved(float(x), -0.032, end - 0.085), name="blade")
-    return b.piece()
 
 
-def paper_holder(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("paper", "on_wall")
+def paper_holder(b: Builder, draw: Draw, style: Style) -> None:
     """A toilet roll on a holder."""
-    b = Builder("toilet roll holder", "paper", "on_wall")
     b.mount_height = draw.between(0.68, 0.8)
     b.add(CHROME, cylinder(0.022, 0.0, 0.008, 18, 0.001).turned("x", 90), name="plate")
     b.add(CHROME, bar((0, -0.004, 0), (0, -0.07, 0), 0.006, 10), name="arm")
     b.add(CHROME, bar((-0.004, -0.07, 0), (0.13, -0.07, 0), 0.006, 10), name="arm")
     roll = cylinder(draw.between(0.04, 0.056), 0.016, 0.116, 26, 0.002).turned("y", 90)
     b.add(PAGES, roll.moved(0, -0.07, -0.012), name="roll")
-    return b.piece()
 
 
-def brush(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("fitting", "free")
+def brush(b: Builder, draw: Draw, style: Style) -> None:
     """A toilet brush in its holder, on the floor."""
-    b = Builder("toilet brush", "fitting", "free")
     holder = [(0.045, 0), (0.05, 0.16), (0.046, 0.16), (0.04, 0.008), (0, 0.008)]
     b.add(CERAMIC if draw.chance(0.5) else STEEL, lathe(holder, 22), name="holder")
     b.add(WHITE_PLASTIC, bar((0, 0, 0.0085), (0.008, 0, 0.38), 0.008, 10), name="handle")
-    return b.piece()
 
 
-def leaning(draw: Draw, style: Style, name: str) -> FurniturePiece:
+@assembles("clutter", "free")
+def leaning(b: Builder, draw: Draw, style: Style) -> None:
     """A long thing that stands against the wall: a broom, an ironing board, a yoga roll."""
-    b = Builder(name, "clutter", "free")
     tall = draw.between(0.95, 1.05)
-    if name == "broom":
+    if b.name == "broom":
         b.add(style.wood, bar((0, -0.06, 0.07), (0, 0.05, tall), 0.012, 10), name="stick")
         head = box((0.3, 0.05, 0.05), (0, -0.065, 0.03), 0.006)
         b.add(tinted(draw, style), head, name="head")
@@ -264,4 +244,3 @@ def leaning(draw: Draw, style: Style, name: str) -> FurniturePiece:
         for side in (-1, 1):
             leg = bar((side * 0.1, 0.041, 0.01), (-side * 0.1, 0.041, tall - 0.15), 0.01, 8)
             b.add(STEEL, leg.moved(y=0.006 * side + 0.006), name="legs")
-    return b.piece()

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scipy import ndimage
 
-from pbrnet.scenes.procedural.furniture.decoration import display, shown_on, with_display
-from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.decoration import display, shown_on
+from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     bar,
@@ -30,7 +30,7 @@ from pbrnet.scenes.procedural.furniture.style import (
     hex_color,
 )
 from pbrnet.scenes.procedural.furniture.things.vessels import glazed, printed, tinted
-from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 from pbrnet.scenes.seeds import Draw
 
 CARDBOARD = Material("paper", hex_color("#a98a62"), 0.9, family="corrugated")
@@ -42,17 +42,9 @@ def _sized(draw: Draw, size: Size, spread: float = 0.12) -> list[float]:
     return [float(length * draw.between(1 - spread, 1 + spread)) for length in size]
 
 
-def package(
-    draw: Draw,
-    style: Style,
-    name: str,
-    size: Size,
-    look: str = "print",
-    category: str = "box",
-    anchor: Anchor = "on_top",
-) -> FurniturePiece:
+@assembles("box")
+def package(b: Builder, draw: Draw, style: Style, size: Size, look: str = "print") -> None:
     """A cardboard box or carton: printed, plain brown with tape, or of one colour."""
-    b = Builder(name, category, anchor)
     x, y, z = _sized(draw, size)
     body = box((x, y, z), bevel=0.0008)
     if look == "print":
@@ -63,23 +55,22 @@ def package(
         b.add(tape, box((x * 0.995, 0.05, 0.0006), (0, 0, z + 0.0001)), name="tape")
     else:
         b.add(draw.pick(style.books), body, name="carton")
-    return b.piece()
 
 
-def gabled(draw: Draw, style: Style, name: str) -> FurniturePiece:
+@assembles("box")
+def gabled(b: Builder, draw: Draw, style: Style) -> None:
     """A milk or juice carton with a gable or a cap."""
-    b = Builder(name, "box", "on_top")
     x, y, z = _sized(draw, (0.07, 0.07, 0.19), 0.08)
     b.add(*printed(draw, style, box((x, y, z), bevel=0.001)), name="carton")
     b.add(WHITE_PLASTIC, cylinder(0.014, z + 0.0002, z + 0.016, 16, 0.002), name="cap")
-    return b.piece()
 
 
+@assembles("clutter")
 def papers(
-    draw: Draw, style: Style, name: str, size: Size, sheets: int, look: str = "white"
-) -> FurniturePiece:
+    b: Builder, draw: Draw, style: Style, size: Size, sheets: int, look: str = "white"
+) -> None:
     """Papers, letters, magazines or notebooks, each a little askew."""
-    b = Builder(name, "books" if look == "cover" else "paper", "on_top")
+    b.category = "books" if look == "cover" else "paper"
     z = 0.0
     for _ in range(draw.whole(1, sheets + 1)):
         x, y, thick = _sized(draw, size, 0.06)
@@ -99,21 +90,19 @@ def papers(
     if look == "white" and draw.chance(0.4):
         pen = bar((-0.06, 0.01, z + 0.0042), (0.07, 0.03, z + 0.0042), 0.004, 8)
         b.add(tinted(draw, style), pen, name="pen")
-    return b.piece()
 
 
+@assembles("electronics")
 def slab(
+    b: Builder,
     draw: Draw,
     style: Style,
-    name: str,
     size: Size,
     screen: bool = False,
     keys: bool = False,
-    category: str = "electronics",
     white: bool = False,
-) -> FurniturePiece:
+) -> None:
     """A flat device: phone, tablet, remote control, calculator, console."""
-    b = Builder(name, category, "on_top")
     x, y, z = _sized(draw, size, 0.06)
     shell = WHITE_PLASTIC if white or draw.chance(0.25) else BLACK_PLASTIC
     b.add(
@@ -133,20 +122,12 @@ def slab(
                 b.add(RUBBER, box((0.5 * x / columns, 0.5 * y / rows, 0.0014), at), name="keys")
     if screen:
         shown = display(0.45 * x, 0.45 * y).turned("x", -90).moved(z=z + 0.001)
-        return with_display(b.piece(), shown, shown_on(draw, 40, 100))
-    return b.piece()
+        b.show(shown, shown_on(draw, 40, 100))
 
 
-def device(
-    draw: Draw,
-    style: Style,
-    name: str,
-    size: Size,
-    detail: str = "",
-    category: str = "electronics",
-) -> FurniturePiece:
+@assembles("electronics")
+def device(b: Builder, draw: Draw, style: Style, size: Size, detail: str = "") -> None:
     """A device on its feet: speaker, router, radio, toaster, coffee machine, printer and so on."""
-    b = Builder(name, category, "on_top")
     x, y, z = _sized(draw, size)
     shells = [BLACK_PLASTIC, WHITE_PLASTIC, STEEL, tinted(draw, style)]
     shell = draw.pick(shells)
@@ -189,7 +170,6 @@ def device(
     elif detail == "paper":
         b.add(_PAPER, box((0.6 * x, 0.3 * y, 0.006), (0, front - 0.14 * y, 0.35 * z)), name="paper")
         b.add(dark, box((0.2 * x, 0.05 * y, 0.004), (0.3 * x, -0.3 * y, z + 0.0001)), name="keys")
-    return b.piece()
 
 
 def _wire(draw: Draw, start: list[float], turns: int, size: float) -> np.ndarray:
@@ -202,9 +182,9 @@ def _wire(draw: Draw, start: list[float], turns: int, size: float) -> np.ndarray
     return np.stack([x, y, np.full(count, 0.0026)], axis=1)
 
 
-def charger(draw: Draw, style: Style, name: str = "charger") -> FurniturePiece:
+@assembles("cable")
+def charger(b: Builder, draw: Draw, style: Style) -> None:
     """A charger with its cable in loose loops."""
-    b = Builder(name, "cable", "on_top")
     plastic = WHITE_PLASTIC if draw.chance(0.6) else BLACK_PLASTIC
     path = _wire(draw, [0.0, 0.0], draw.whole(2, 4), draw.between(0.04, 0.07))
     b.add(plastic, tube(path, 0.0026, 7), name="cable")
@@ -220,7 +200,6 @@ def charger(draw: Draw, style: Style, name: str = "charger") -> FurniturePiece:
         ),
         name="plug",
     )
-    return b.piece()
 
 
 def power_cable(draw: Draw, style: Style, run: float, end: float) -> FurniturePiece:
@@ -265,9 +244,9 @@ def _sign(value: float) -> float:
     return 1.0 if value > 0 else -1.0
 
 
-def power_strip(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("cable", "free")
+def power_strip(b: Builder, draw: Draw, style: Style) -> None:
     """A strip of sockets with its cable, on the floor."""
-    b = Builder("power strip", "cable", "free")
     count = draw.whole(3, 6)
     long = 0.055 * count + 0.04
     b.add(WHITE_PLASTIC, box((long, 0.055, 0.04), (0, 0, 0), 0.005), name="strip")
@@ -277,12 +256,11 @@ def power_strip(draw: Draw, style: Style) -> FurniturePiece:
     t = np.linspace(0, 1, 24)
     path = np.stack([0.5 * long + 0.004 + 0.5 * t, 0.09 * np.sin(5 * t) * t, 0.0036 + 0 * t], 1)
     b.add(WHITE_PLASTIC, tube(path, 0.0035, 8), name="cable")
-    return b.piece()
 
 
-def frame(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("picture")
+def frame(b: Builder, draw: Draw, style: Style) -> None:
     """A photograph in a frame that stands on its prop."""
-    b = Builder("photo frame", "picture", "on_top")
     x, z = draw.between(0.1, 0.2), draw.between(0.13, 0.24)
     body = draw.pick([style.wood, style.metal, style.lacquer])
     tilted = [(body, box((x, 0.014, z), (0, 0, 0), 0.002))]
@@ -292,12 +270,12 @@ def frame(draw: Draw, style: Style) -> FurniturePiece:
         b.add(material, mesh.turned("x", lean), name="frame" if material is body else "photo")
     prop = bar((0, 0.018, 0.5 * z), (0, 0.3 * z, 0.003), 0.003, 8)
     b.add(BLACK_PLASTIC, prop, name="prop")
-    return b.grounded().piece()
+    b.ground()
 
 
-def rack(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("crockery")
+def rack(b: Builder, draw: Draw, style: Style) -> None:
     """A dish rack with plates standing in it."""
-    b = Builder("dish rack", "crockery", "on_top")
     x, y = 0.38, 0.28
     metal = STEEL if draw.chance(0.6) else style.metal
     ring = [(-x / 2, -y / 2), (x / 2, -y / 2), (x / 2, y / 2), (-x / 2, y / 2)]
@@ -312,95 +290,87 @@ def rack(draw: Draw, style: Style) -> FurniturePiece:
         disc = cylinder(draw.between(0.085, 0.12), 0.0, 0.006, 30, 0.002).turned("y", 82)
         low = float(disc.vertices[:, 2].min())
         b.add(glaze, disc.moved(-0.14 + 0.036 * k, 0, 0.016 - low), name="plates")
-    return b.piece()
 
 
-def board(draw: Draw, style: Style, name: str) -> FurniturePiece:
+@assembles("clutter")
+def board(b: Builder, draw: Draw, style: Style) -> None:
     """A chopping board with a knife, a tray, or a placemat."""
-    b = Builder(name, "clutter", "on_top")
     x, y, z = _sized(draw, (0.36, 0.24, 0.018))
     b.add(style.wood, box((x, y, z), bevel=0.004), name="board")
-    if name == "chopping board":
+    if b.name == "chopping board":
         b.add(STEEL, box((0.18, 0.03, 0.0016), (-0.04, 0.01, z + 0.0002)), name="blade")
         b.add(
             BLACK_PLASTIC, box((0.1, 0.024, 0.014), (0.1005, 0.01, z + 0.0002), 0.004), name="grip"
         )
-    return b.piece()
 
 
-def knives(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("clutter")
+def knives(b: Builder, draw: Draw, style: Style) -> None:
     """A block of knives."""
-    b = Builder("knife block", "clutter", "on_top")
     b.add(style.wood, box((0.1, 0.14, 0.2), bevel=0.005), name="block")
     for k in range(5):
         at = (-0.03 + 0.03 * (k % 3), -0.03 + 0.06 * (k // 3), 0.2002)
         b.add(BLACK_PLASTIC, box((0.016, 0.022, 0.09), at, 0.004), name="grips")
-    return b.piece()
 
 
-def cleaner(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("clutter")
+def cleaner(b: Builder, draw: Draw, style: Style) -> None:
     """A sponge and a bottle of washing-up liquid's little tray."""
-    b = Builder("sponge", "clutter", "on_top")
     foam = Material("paper", hex_color("#d9b93a"), 0.95, family="corrugated")
     b.add(foam, box((0.1, 0.065, 0.028), bevel=0.003), name="foam")
     scourer = box((0.1, 0.065, 0.008), (0, 0, 0.0281), 0.001)
     b.add(Material("carpet", hex_color("#3a6a3a"), 0.95, family="loop"), scourer, name="scourer")
-    return b.piece()
 
 
-def eggs(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("food")
+def eggs(b: Builder, draw: Draw, style: Style) -> None:
     """Eggs in their tray."""
-    b = Builder("eggs", "food", "on_top")
     b.add(CARDBOARD, box((0.15, 0.1, 0.03), bevel=0.006), name="tray")
     shell = Material("ceramic", hex_color("#c9966a"), 0.6, family="earthenware")
     for k in range(6):
         egg = sphere(0.021, 16, 10).scaled(z=1.25)
         eggs = egg.moved(-0.048 + 0.048 * (k % 3), -0.024 + 0.048 * (k // 3), 0.046)
         b.add(shell, eggs, name="eggs")
-    return b.piece()
 
 
-def fixture(
-    draw: Draw, style: Style, name: str, size: Size, height: float, holes: int
-) -> FurniturePiece:
+@assembles("clutter", "on_wall")
+def fixture(b: Builder, draw: Draw, style: Style, size: Size, height: float, holes: int) -> None:
     """A plate on the wall: socket, switch, thermostat, vent, intercom."""
-    category = "switch" if name in ("socket", "switch") else "fitting"
-    b = Builder(name, category, "on_wall", mount_height=height)
+    b.category = "switch" if b.name in ("socket", "switch") else "fitting"
+    b.mount_height = height
     x, y, z = size
     plate = box((x, y, z), (0, -0.5 * y, 0), min(0.003, 0.3 * y))
     b.add(WHITE_PLASTIC, plate, name="plate")
-    if name == "socket":
+    if b.name == "socket":
         for k in range(holes):
             at = (k - 0.5 * (holes - 1)) * x / holes
             ring = cylinder(0.02, 0.0, 0.001, 20).turned("x", 90)
             b.add(RUBBER, ring.moved(at, -y - 0.0001, 0.5 * z), name="sockets")
-    elif name == "switch":
+    elif b.name == "switch":
         for k in range(holes):
             at = (k - 0.5 * (holes - 1)) * 0.9 * x / holes
             rockers = box((0.75 * x / holes, 0.005, 0.72 * z), (at, -y - 0.0026, 0.14 * z), 0.0015)
             b.add(WHITE_PLASTIC, rockers, name="rockers")
-    elif name == "vent":
+    elif b.name == "vent":
         for k in range(6):
             slat = box((0.84 * x, 0.004, 0.05 * z), (0, -y - 0.0021, (0.13 + 0.14 * k) * z))
             b.add(RUBBER, slat, name="slats")
     else:
         b.add(SCREEN, box((0.55 * x, 0.002, 0.4 * z), (0, -y - 0.0011, 0.4 * z)), name="display")
-    return b.piece()
 
 
-def detector(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("fitting", "ceiling")
+def detector(b: Builder, draw: Draw, style: Style) -> None:
     """A smoke detector under the ceiling."""
-    b = Builder("smoke detector", "fitting", "ceiling")
     r = draw.between(0.045, 0.06)
     b.add(WHITE_PLASTIC, cylinder(0.75 * r, -0.036, 0.0, 28, 0.004, top=1.33), name="case")
     lamp = sphere(0.0025, 8, 6).moved(0.4 * r, 0, -0.0365)
     b.add(Material("plastic", hex_color("#8a1a14"), 0.3), lamp, name="lamp")
-    return b.piece()
 
 
-def bricks(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("toy", "free")
+def bricks(b: Builder, draw: Draw, style: Style) -> None:
     """A scatter of building bricks around a little tower."""
-    b = Builder("building bricks", "toy", "free")
     used: list[tuple[float, float]] = []
     for k in range(draw.whole(6, 16)):
         x, y = (float(value) for value in draw.uniform(-0.2, 0.2, 2))
@@ -417,13 +387,12 @@ def bricks(draw: Draw, style: Style) -> FurniturePiece:
                 ),
                 name="bricks",
             )
-    return b.piece()
 
 
-def car(draw: Draw, style: Style, name: str = "toy car") -> FurniturePiece:
+@assembles("toy")
+def car(b: Builder, draw: Draw, style: Style) -> None:
     """A toy car or train of two."""
-    b = Builder(name, "toy", "on_top")
-    for k in range(2 if name == "toy train" else 1):
+    for k in range(2 if b.name == "toy train" else 1):
         x = 0.12 * k
         paint = tinted(draw, style)
         b.add(paint, box((0.1, 0.05, 0.025), (x, 0, 0.012), 0.006), name="body")
@@ -434,17 +403,13 @@ def car(draw: Draw, style: Style, name: str = "toy car") -> FurniturePiece:
                 wheel = cylinder(0.013, 0.0, 0.01, 16, 0.002).turned("x", 90)
                 at = (x + 0.03 * end, side * 0.0305 + 0.005, 0.013)
                 b.add(RUBBER, wheel.moved(*at), name="wheels")
-    return b.piece()
 
 
-def teddy(draw: Draw, style: Style, name: str) -> FurniturePiece:
+@assembles("toy")
+def teddy(b: Builder, draw: Draw, style: Style) -> None:
     """A stuffed animal that sits."""
-    b = Builder(name, "toy", "on_top")
     plush = Material(
-        "fabric",
-        hex_color(draw.pick(("#8a6240", "#b59a78", "#77706a"))),
-        0.95,
-        family="boucle",
+        "fabric", hex_color(draw.pick(("#8a6240", "#b59a78", "#77706a"))), 0.95, family="boucle"
     )
     s = draw.between(0.8, 1.3)
 
@@ -462,33 +427,30 @@ def teddy(draw: Draw, style: Style, name: str) -> FurniturePiece:
         )
         b.add(BLACK_PLASTIC, ball(0.006, side * 0.02, -0.05, 0.205), name="eyes")
     b.add(BLACK_PLASTIC, ball(0.008, 0, -0.055, 0.185), name="nose")
-    return b.piece()
 
 
-def ball(draw: Draw, style: Style, name: str, radius: float) -> FurniturePiece:
+@assembles("toy", "free")
+def ball(b: Builder, draw: Draw, style: Style, radius: float) -> None:
     """A ball or a globe without its stand."""
-    b = Builder(name, "toy", "free")
     r = radius * draw.between(0.9, 1.1)
     skin = Material("leather", draw.pick(style.accents).color, 0.4, family="pebbled")
     b.add(skin, sphere(r, 26, 16).moved(0, 0, r), name="ball")
-    return b.piece()
 
 
-def dumbbells(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("toy", "free")
+def dumbbells(b: Builder, draw: Draw, style: Style) -> None:
     """A pair of dumbbells."""
-    b = Builder("dumbbells", "toy", "free")
     for k in (-1, 1):
         y = 0.065 * k
         b.add(CHROME, bar((-0.07, y, 0.045), (0.07, y, 0.045), 0.013, 14), name="bars")
         for side in (-1, 1):
             disc = cylinder(0.045, -0.025, 0.025, 26, 0.005).turned("y", 90)
             b.add(RUBBER, disc.moved(side * 0.0952, y, 0.045), name="weights")
-    return b.piece()
 
 
-def pages(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("books")
+def pages(b: Builder, draw: Draw, style: Style) -> None:
     """An open book, face up."""
-    b = Builder("open book", "books", "on_top")
     x, y = draw.between(0.13, 0.18), draw.between(0.19, 0.26)
     cover = draw.pick(style.books)
     b.add(cover, box((2 * x + 0.012, y + 0.008, 0.004)), name="cover")
@@ -496,4 +458,3 @@ def pages(draw: Draw, style: Style) -> FurniturePiece:
         b.add(
             PAGES, box((x, y, 0.012), (side * (0.5 * x + 0.0006), 0, 0.0042), 0.0025), name="pages"
         )
-    return b.piece()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     bar,
@@ -92,9 +92,9 @@ def _row(
     return found
 
 
-def tray(draw: Draw, style: Style, name: str, what: str, width: float = 0.34) -> FurniturePiece:
+@assembles("clutter")
+def tray(b: Builder, draw: Draw, style: Style, what: str, width: float = 0.34) -> None:
     """A tray with a row of bottles, jars, cups or candles."""
-    b = Builder(name, "clutter", "on_top")
     width *= draw.between(0.9, 1.1)
     depth = 0.13
     body = draw.pick([style.wood, style.metal, style.lacquer, glazed(draw, style)])
@@ -104,12 +104,12 @@ def tray(draw: Draw, style: Style, name: str, what: str, width: float = 0.34) ->
         b.add(body, box((0.008, depth - 0.004, 0.014), at, 0.002), name="rim")
     for made, x in _row(draw, style, what, width - 0.04, 0.92):
         _add(b, made, x, draw.between(-0.02, 0.02), 0.0122)
-    return b.piece()
 
 
-def ledge(draw: Draw, style: Style, name: str, what: str, width: float = 0.42) -> FurniturePiece:
+@assembles("shelf", "on_wall")
+def ledge(b: Builder, draw: Draw, style: Style, what: str, width: float = 0.42) -> None:
     """A narrow board on the wall with a rail, and a row of bottles or jars on it."""
-    b = Builder(name, "shelf", "on_wall", mount_height=draw.between(1.3, 1.5))
+    b.mount_height = draw.between(1.3, 1.5)
     width *= draw.between(0.9, 1.15)
     depth = 0.1
     board = [style.wood, style.lacquer, GLASS if what == "care" else style.dark_wood]
@@ -122,12 +122,12 @@ def ledge(draw: Draw, style: Style, name: str, what: str, width: float = 0.42) -
         b.add(rail, bar((x, y, 0.0002), (x, y, z), 0.003, 8), name="rail")
     for made, x in _row(draw, style, what, width - 0.05, 0.97):
         _add(b, made, x, -0.048, 0.0004)
-    return b.piece()
 
 
-def frames(draw: Draw, style: Style, name: str = "picture ledge") -> FurniturePiece:
+@assembles("shelf", "on_wall")
+def frames(b: Builder, draw: Draw, style: Style) -> None:
     """A ledge on the wall with photographs in frames that lean at it."""
-    b = Builder(name, "shelf", "on_wall", mount_height=draw.between(1.3, 1.5))
+    b.mount_height = draw.between(1.3, 1.5)
     width = draw.between(0.5, 0.8)
     body = style.wood if draw.chance(0.5) else style.lacquer
     b.add(body, span((-width / 2, -0.09, -0.014), (width / 2, 0, 0)), name="ledge")
@@ -136,7 +136,7 @@ def frames(draw: Draw, style: Style, name: str = "picture ledge") -> FurniturePi
     while True:
         x, z = draw.between(0.11, 0.2), draw.between(0.13, 0.26)
         if at + x > width / 2 - 0.01:
-            return b.piece()
+            return
         rim = draw.pick([style.wood, style.metal, style.dark_wood])
         photo = box((x - 0.03, 0.001, z - 0.03), (0, -0.0076, 0.015))
         with b.holding("framed photograph", "picture"):
@@ -150,9 +150,10 @@ def frames(draw: Draw, style: Style, name: str = "picture ledge") -> FurniturePi
         at += x + draw.between(0.01, 0.06)
 
 
-def keys(draw: Draw, style: Style, name: str = "key board") -> FurniturePiece:
+@assembles("fitting", "on_wall")
+def keys(b: Builder, draw: Draw, style: Style) -> None:
     """A board with hooks and keys on most of them."""
-    b = Builder(name, "fitting", "on_wall", mount_height=draw.between(1.4, 1.55))
+    b.mount_height = draw.between(1.4, 1.55)
     count = draw.whole(4, 7)
     width = 0.055 * count + 0.03
     b.add(style.wood, span((-width / 2, -0.015, -0.035), (width / 2, 0, 0.035), 0.003))
@@ -173,12 +174,11 @@ def keys(draw: Draw, style: Style, name: str = "key board") -> FurniturePiece:
             if draw.chance(0.5):
                 fob = box((0.022, 0.004, 0.034), (x + 0.006, -0.0301, -0.07), 0.001)
                 b.add(tinted(draw, style), fob, name="fob")
-    return b.piece()
 
 
-def stand(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("fitting", "free")
+def stand(b: Builder, draw: Draw, style: Style) -> None:
     """An umbrella stand with umbrellas and a stick."""
-    b = Builder("umbrella stand", "fitting", "free")
     r, h = draw.between(0.11, 0.13), draw.between(0.42, 0.5)
     wall = [(0.0, 0.0), (r, 0.0), (r, h), (r - 0.006, h), (r - 0.006, 0.012), (0.0, 0.012)]
     body = draw.pick([style.metal, glazed(draw, style), style.dark_wood])
@@ -198,12 +198,11 @@ def stand(draw: Draw, style: Style) -> FurniturePiece:
                 b.add(style.dark_wood, bar(at, ends[1], 0.008, 8), name="grip")
             else:
                 b.add(style.wood, bar(*ends, 0.01, 10), name="stick")
-    return b.piece()
 
 
-def rolls(draw: Draw, style: Style, name: str = "roll tower") -> FurniturePiece:
+@assembles("fitting", "free")
+def rolls(b: Builder, draw: Draw, style: Style) -> None:
     """A stand with spare rolls of toilet paper on a pole."""
-    b = Builder(name, "fitting", "free")
     b.add(CHROME, cylinder(0.08, 0.0, 0.012, 28, 0.002), name="foot")
     count = draw.whole(2, 5)
     r = draw.between(0.05, 0.058)
@@ -214,4 +213,3 @@ def rolls(draw: Draw, style: Style, name: str = "roll tower") -> FurniturePiece:
     top = 0.0127 + 0.1005 * count
     b.add(CHROME, cylinder(0.02, top, top + 0.004, 20, 0.001), name="pole")
     b.add(CHROME, cylinder(0.008, top + 0.0038, 0.48, 12, 0.002), name="pole")
-    return b.piece()

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     bar,
     box,
@@ -21,7 +21,7 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
 )
 from pbrnet.scenes.procedural.furniture.style import BLACK_PLASTIC, RUBBER, Style, hex_color
 from pbrnet.scenes.procedural.furniture.things.vessels import tinted
-from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw, generator
 
 _CLOTHS = ("cotton", "denim", "knit", "twill", "striped", "checked", "linen")
@@ -33,13 +33,7 @@ def garment(draw: Draw, style: Style) -> Material:
     """Cloth of a garment, in one of the home's small colours or in white, grey or blue."""
     plain = ("#d8d6d0", "#3a3d44", "#41546e", "#7a7d80")
     color = draw.pick(style.accents).color if draw.chance(0.5) else hex_color(draw.pick(plain))
-    return Material(
-        "fabric",
-        color,
-        0.95,
-        family=draw.pick(_CLOTHS),
-        variant=draw.whole(4) + 1,
-    )
+    return Material("fabric", color, 0.95, family=draw.pick(_CLOTHS), variant=draw.whole(4) + 1)
 
 
 @lru_cache(maxsize=64)
@@ -91,63 +85,39 @@ def fallen(fall: int, width: int, depth: int, gather: int) -> Float64Array:
     return np.round(place, 4)
 
 
-def sheet(
-    draw: Draw,
-    style: Style,
-    name: str,
-    size: tuple[int, int],
-    gather: int,
-    category: str,
-    anchor: Anchor = "free",
-    material: Material | None = None,
-) -> FurniturePiece:
+@assembles("clutter", "free")
+def sheet(b: Builder, draw: Draw, style: Style, size: tuple[int, int], gather: int) -> None:
     """A cloth that fell: towel, garment, throw."""
-    b = Builder(name, category, anchor)
     points = fallen(draw.whole(_FALLS), *size, gather)
     mesh = thick_sheet(points, 0.003)
     low = float(mesh.vertices[:, 2].min())
-    b.add(
-        garment(draw, style) if material is None else material, mesh.moved(0, 0, -low), name="cloth"
-    )
-    return b.piece()
+    b.add(garment(draw, style), mesh.moved(0, 0, -low), name="cloth")
 
 
-def folded(
-    draw: Draw,
-    style: Style,
-    name: str,
-    size: tuple[float, float],
-    layers: int,
-    category: str = "textile",
-    material: Material | None = None,
-) -> FurniturePiece:
+@assembles("textile")
+def folded(b: Builder, draw: Draw, style: Style, size: tuple[float, float], layers: int) -> None:
     """A pile of folded cloth; each piece has a colour of its own."""
-    b = Builder(name, category, "on_top")
     z = 0.0
     for _ in range(draw.whole(max(1, layers - 2), layers + 1)):
         x, y = (length * draw.between(0.92, 1.0) for length in size)
         thick = draw.between(0.022, 0.034)
-        cloth = garment(draw, style) if material is None else material
+        cloth = garment(draw, style)
         at = (draw.between(-0.006, 0.006), draw.between(-0.006, 0.006), z)
         b.add(cloth, rounded_box((x, y, thick), at, 0.45 * thick), name="cloth")
         z += thick + 0.0004
-    return b.piece()
 
 
-def shoes(draw: Draw, style: Style, name: str) -> FurniturePiece:
+@assembles("shoe", "free")
+def shoes(b: Builder, draw: Draw, style: Style) -> None:
     """A pair of shoes, sneakers, slippers or boots, not quite in line."""
-    b = Builder(name, "shoe", "free")
     long, wide = draw.between(0.25, 0.3), 0.048
     upper = Material(
-        "leather",
-        hex_color(draw.pick(("#2a2522", "#5f4028", "#8a6a48"))),
-        0.45,
-        family="nappa",
+        "leather", hex_color(draw.pick(("#2a2522", "#5f4028", "#8a6a48"))), 0.45, family="nappa"
     )
-    if name in ("sneakers", "slippers"):
+    if b.name in ("sneakers", "slippers"):
         upper = garment(draw, style)
-    sole = Material("plastic", hex_color("#dedbd2"), 0.6) if name == "sneakers" else RUBBER
-    tall = {"boots": 0.24, "slippers": 0.05, "sneakers": 0.085}.get(name, 0.075)
+    sole = Material("plastic", hex_color("#dedbd2"), 0.6) if b.name == "sneakers" else RUBBER
+    tall = {"boots": 0.24, "slippers": 0.05, "sneakers": 0.085}.get(b.name, 0.075)
     t = np.linspace(0, 2 * np.pi, 36, endpoint=False)
     waist = 1 - 0.16 * np.cos(2 * t) * (np.sin(t) > -2)
     outline = np.stack([wide * np.cos(t) * waist, 0.5 * long * np.sin(t)], axis=1)
@@ -158,7 +128,7 @@ def shoes(draw: Draw, style: Style, name: str) -> FurniturePiece:
         )
         return np.asarray(points)
 
-    thick = 0.02 if name != "slippers" else 0.012
+    thick = 0.02 if b.name != "slippers" else 0.012
     for k in (-1, 1):
         turn, x = draw.between(-14, 14), 0.075 * k
         y = draw.between(-0.03, 0.03)
@@ -172,21 +142,17 @@ def shoes(draw: Draw, style: Style, name: str) -> FurniturePiece:
         body = loft(np.stack(rings))
         b.add(sole, bottom.turned("z", turn).moved(x, y), name="soles")
         b.add(upper, body.turned("z", turn).moved(x, y), name="uppers")
-    return b.piece()
 
 
-def bag(draw: Draw, style: Style, name: str, size: tuple[float, float, float]) -> FurniturePiece:
+@assembles("bag", "free")
+def bag(b: Builder, draw: Draw, style: Style, size: tuple[float, float, float]) -> None:
     """A bag that stands and sags: backpack, handbag, tote, paper bag."""
-    b = Builder(name, "bag", "free")
     x, y, z = (length * draw.between(0.9, 1.1) for length in size)
-    if name == "paper bag":
+    if b.name == "paper bag":
         cloth = Material("paper", hex_color("#b0916a"), 0.9, family="creased")
-    elif name == "handbag":
+    elif b.name == "handbag":
         cloth = Material(
-            "leather",
-            hex_color(draw.pick(("#3a2a22", "#7a4a30", "#20222a"))),
-            0.4,
-            family="full",
+            "leather", hex_color(draw.pick(("#3a2a22", "#7a4a30", "#20222a"))), 0.4, family="full"
         )
     else:
         cloth = garment(draw, style)
@@ -210,14 +176,13 @@ def bag(draw: Draw, style: Style, name: str, size: tuple[float, float, float]) -
             axis=1,
         )
         b.add(
-            cloth if name != "backpack" else BLACK_PLASTIC, tube(handle, 0.006, 8), name="handles"
+            cloth if b.name != "backpack" else BLACK_PLASTIC, tube(handle, 0.006, 8), name="handles"
         )
-    return b.piece()
 
 
-def suitcase(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("bag", "free")
+def suitcase(b: Builder, draw: Draw, style: Style) -> None:
     """A suitcase on wheels with its handle down."""
-    b = Builder("suitcase", "bag", "free")
     x, y, z = 0.42, 0.25, draw.between(0.55, 0.68)
     shell = tinted(draw, style)
     b.add(shell, rounded_box((x, y, z), (0, 0, 0.045), 0.04, steps=3, inner=2), name="shell")
@@ -228,12 +193,11 @@ def suitcase(draw: Draw, style: Style) -> FurniturePiece:
             forks = box((0.03, 0.03, 0.03), (0.38 * side * x, 0.32 * front * y, 0.0442))
             b.add(BLACK_PLASTIC, forks, name="forks")
     b.add(BLACK_PLASTIC, box((0.16, 0.025, 0.02), (0, 0.06, z + 0.0455), 0.006), name="grip")
-    return b.piece()
 
 
-def hat(draw: Draw, style: Style, name: str) -> FurniturePiece:
+@assembles("clothing")
+def hat(b: Builder, draw: Draw, style: Style) -> None:
     """A felt or straw hat."""
-    b = Builder(name, "clothing", "on_top")
     straw = draw.chance(0.4)
     cloth = (
         Material("wood", hex_color("#c9a86a"), 0.8, family="wicker", scale=0.5)
@@ -242,24 +206,21 @@ def hat(draw: Draw, style: Style, name: str) -> FurniturePiece:
     )
     profile = [(0.16, 0.0), (0.162, 0.004), (0.098, 0.01), (0.09, 0.1), (0.06, 0.12), (0.0, 0.112)]
     b.add(cloth, lathe(profile, 36).scaled(y=1.15), name="hat")
-    return b.piece()
 
 
-def mat(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("toy", "free")
+def mat(b: Builder, draw: Draw, style: Style) -> None:
     """A rolled exercise mat."""
-    b = Builder("rolled mat", "toy", "free")
     r = draw.between(0.05, 0.065)
     body = cylinder(r, -0.3, 0.3, 26, 0.004).turned("y", 90)
     rubber = Material("leather", tinted(draw, style).color, 0.8, family="pebbled")
     b.add(rubber, body.moved(0, 0, r), name="mat")
-    return b.piece()
 
 
-def umbrella(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("bag", "free")
+def umbrella(b: Builder, draw: Draw, style: Style) -> None:
     """A closed umbrella lying on the floor."""
-    b = Builder("umbrella", "bag", "free")
     cloth = Material("fabric", tinted(draw, style).color, 0.8, family="satin")
     body = lathe([(0.004, 0.0), (0.03, 0.06), (0.034, 0.4), (0.014, 0.6), (0.006, 0.62)], 18)
     b.add(cloth, body.turned("y", 90).moved(-0.3, 0, 0.034), name="cloth")
     b.add(style.wood, bar((-0.3, 0, 0.034), (-0.42, 0, 0.034), 0.009, 10), name="grip")
-    return b.piece()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     bar,
@@ -24,10 +24,11 @@ from pbrnet.scenes.procedural.furniture.style import (
     Style,
     hex_color,
 )
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
 Profile = list[tuple[float, float]]
+Range = tuple[float, float]  # least and greatest, metres
 _GREEN = Material("plastic", hex_color("#24402a"), 0.08)
 _BROWN = Material("plastic", hex_color("#3a2312"), 0.08)
 _ALUMINIUM = Material("metal", hex_color("#c4c5c6"), 0.35, family="brushed")
@@ -55,20 +56,19 @@ def printed(draw: Draw, style: Style, mesh: BodyMesh) -> tuple[Material, BodyMes
     return print_, BodyMesh(mesh.vertices, mesh.faces, uvs, mesh.smooth)
 
 
+@assembles("bottle")
 def bottle(
+    b: Builder,
     draw: Draw,
     style: Style,
-    radius: tuple[float, float],
-    height: tuple[float, float],
+    radius: Range,
+    height: Range,
     shoulder: float = 0.6,
     neck: float = 0.35,
     body: str = "any",
     label: bool = True,
-    name: str = "bottle",
-    category: str = "bottle",
-) -> FurniturePiece:
+) -> None:
     """A bottle: body, shoulder from `shoulder` of the height on, neck, cap, paper label."""
-    b = Builder(name, category, "on_top")
     r, h = draw.between(*radius), draw.between(*height)
     n = max(neck * r, 0.009)
     s, top = shoulder * h, h - 0.02
@@ -88,22 +88,20 @@ def bottle(
     if label and s > 0.05:
         paper = lathe([(r + 0.0006, 0.22 * s), (r + 0.0006, 0.85 * s)], 20)
         b.add(*printed(draw, style, paper), name="label")
-    return b.piece()
 
 
+@assembles("box")
 def jar(
+    b: Builder,
     draw: Draw,
     style: Style,
-    radius: tuple[float, float],
-    height: tuple[float, float],
+    radius: Range,
+    height: Range,
     body: str = "plastic",
     lid: bool = True,
     label: bool = True,
-    name: str = "jar",
-    category: str = "box",
-) -> FurniturePiece:
+) -> None:
     """A jar, tin or can: straight body with a lid."""
-    b = Builder(name, category, "on_top")
     r, h = draw.between(*radius), draw.between(*height)
     top = 0.88 * h if lid else h
     material = {
@@ -121,7 +119,6 @@ def jar(
     if label:
         paper = lathe([(r + 0.0006, 0.15 * top), (r + 0.0006, 0.8 * top)], 22)
         b.add(*printed(draw, style, paper), name="label")
-    return b.piece()
 
 
 def _hollow(
@@ -134,19 +131,18 @@ def _hollow(
     return [*outer, *inner[:-1], (inner[-1][0] - 0.001, wall * 1.6)]
 
 
+@assembles("crockery")
 def cup(
+    b: Builder,
     draw: Draw,
     style: Style,
-    radius: tuple[float, float],
-    height: tuple[float, float],
+    radius: Range,
+    height: Range,
     handle: bool = True,
     glass: bool = False,
     foot: float = 0.75,
-    name: str = "mug",
-    category: str = "crockery",
-) -> FurniturePiece:
+) -> None:
     """A cup, mug, tumbler or bowl."""
-    b = Builder(name, category, "on_top")
     r, h = draw.between(*radius), draw.between(*height)
     material = GLASS if glass else glazed(draw, style)
     b.add(material, lathe(_hollow(r, h, foot), 24), name="body")
@@ -156,12 +152,11 @@ def cup(
             [0.92 * r + 0.3 * h * np.cos(turn), 0 * turn, 0.52 * h + 0.3 * h * np.sin(turn)], axis=1
         )
         b.add(material, tube(ear, 0.0045, 8), name="handle")
-    return b.piece()
 
 
-def stemmed(draw: Draw, style: Style, name: str, slim: bool) -> FurniturePiece:
+@assembles("glass")
+def stemmed(b: Builder, draw: Draw, style: Style, slim: bool) -> None:
     """A wine or champagne glass."""
-    b = Builder(name, "glass", "on_top")
     r = draw.between(0.024, 0.028) if slim else draw.between(0.034, 0.042)
     h = draw.between(0.19, 0.23)
     bowl = 0.42 * h if not slim else 0.36 * h
@@ -171,13 +166,13 @@ def stemmed(draw: Draw, style: Style, name: str, slim: bool) -> FurniturePiece:
         (r - 0.0014, bowl + 0.35 * (h - bowl)), (0.55 * r, bowl + 0.0145), (0.001, bowl + 0.006),
     ]  # fmt: skip
     b.add(GLASS, lathe(profile, 24), name="glass")
-    return b.piece()
 
 
-def filled_cup(draw: Draw, style: Style, name: str, what: str) -> FurniturePiece:
+@assembles("clutter")
+def filled_cup(b: Builder, draw: Draw, style: Style, what: str) -> None:
     """A beaker with pens, brushes, spoons or toothbrushes in it."""
-    category = {"pens": "clutter", "brushes": "clutter", "spoons": "crockery"}.get(what, "fitting")
-    b = Builder(name, category, "on_top")
+    kinds = {"pens": "clutter", "brushes": "clutter", "spoons": "crockery"}
+    b.category = kinds.get(what, "fitting")
     r = draw.between(0.035, 0.045) if what != "spoons" else draw.between(0.055, 0.065)
     h = draw.between(0.09, 0.11) if what != "spoons" else draw.between(0.14, 0.17)
     b.add(glazed(draw, style), lathe(_hollow(r, h, 0.92), 20), name="beaker")
@@ -193,23 +188,21 @@ def filled_cup(draw: Draw, style: Style, name: str, what: str) -> FurniturePiece
         body = bar((*foot.tolist(), 0.006), (*end.tolist(), reach * h), thick, 8)
         stick = draw.pick([style.wood, tinted(draw, style), BLACK_PLASTIC])
         b.add(stick, body, name="sticks")
-    return b.piece()
 
 
-def pan(draw: Draw, style: Style, name: str, deep: float) -> FurniturePiece:
+@assembles("pot")
+def pan(b: Builder, draw: Draw, style: Style, deep: float) -> None:
     """A pan or saucepan with a straight handle."""
-    b = Builder(name, "pot", "on_top")
     r = draw.between(0.1, 0.14) if deep < 0.08 else draw.between(0.075, 0.1)
     metal = draw.pick([IRON, STEEL, BLACK_PLASTIC])
     b.add(metal, lathe(_hollow(r, deep, 0.82), 32), name="pan")
     grip = BLACK_PLASTIC if draw.chance(0.6) else style.wood
     b.add(grip, box((0.17, 0.022, 0.016), (r + 0.075, 0, 0.75 * deep), 0.005), name="handle")
-    return b.piece()
 
 
-def plate(draw: Draw, style: Style, name: str, crumbs: bool) -> FurniturePiece:
+@assembles("crockery")
+def plate(b: Builder, draw: Draw, style: Style, crumbs: bool) -> None:
     """A plate with crumbs, or two plates with a fork and a knife on them."""
-    b = Builder(name, "crockery", "on_top")
     r = draw.between(0.095, 0.135)
     glaze = glazed(draw, style)
     profile = [
@@ -227,12 +220,11 @@ def plate(draw: Draw, style: Style, name: str, crumbs: bool) -> FurniturePiece:
     else:
         for y in (-0.012, 0.012):
             b.add(STEEL, box((1.35 * r, 0.009, 0.002), (0.0, y, 0.0202), 0.0006), name="cutlery")
-    return b.piece()
 
 
-def teapot(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("crockery")
+def teapot(b: Builder, draw: Draw, style: Style) -> None:
     """A teapot with a spout, a handle and a lid."""
-    b = Builder("teapot", "crockery", "on_top")
     r = draw.between(0.065, 0.085)
     glaze = glazed(draw, style)
     body = [
@@ -247,26 +239,22 @@ def teapot(draw: Draw, style: Style) -> FurniturePiece:
         [-0.85 * r - 0.5 * r * np.cos(turn), 0 * turn, 0.8 * r + 0.45 * r * np.sin(turn)], 1
     )
     b.add(glaze, tube(ear, 0.007, 8), name="handle")
-    return b.piece()
 
 
-def mill(draw: Draw, style: Style) -> FurniturePiece:
+@assembles("clutter")
+def mill(b: Builder, draw: Draw, style: Style) -> None:
     """A pepper mill."""
-    b = Builder("pepper mill", "clutter", "on_top")
     h = draw.between(0.14, 0.26)
     profile = [
         (0.026, 0.0), (0.028, 0.1 * h), (0.018, 0.5 * h), (0.026, 0.74 * h), (0.012, 0.78 * h),
         (0.025, 0.86 * h), (0.012, 0.97 * h), (0.0, h),
     ]  # fmt: skip
     b.add(style.dark_wood if draw.chance(0.5) else style.wood, lathe(profile, 20), name="mill")
-    return b.piece()
 
 
-def roll(
-    draw: Draw, style: Style, name: str, radius: float, height: float, spike: bool
-) -> FurniturePiece:
+@assembles("paper")
+def roll(b: Builder, draw: Draw, style: Style, radius: float, height: float, spike: bool) -> None:
     """A roll of paper standing, with its core; kitchen rolls on a stand."""
-    b = Builder(name, "paper", "on_top")
     core = 0.021
     z = 0.012 if spike else 0.0
     tube_ = [(core, z), (radius, z), (radius, z + height), (core, z + height), (core - 0.001, z)]
@@ -277,24 +265,20 @@ def roll(
         b.add(style.wood, cylinder(0.01, 0.0118, height + 0.05, 14, 0.002), name="stand")
     else:
         b.add(PAGES, cylinder(core - 0.0015, 0.0006, height - 0.0006, 18), name="core")
-    return b.piece()
 
 
-def bucket(
-    draw: Draw, style: Style, name: str, size: float, category: str = "bin"
-) -> FurniturePiece:
+@assembles("bin", "free")
+def bucket(b: Builder, draw: Draw, style: Style, size: float) -> None:
     """A bucket, basket or planter on the floor."""
-    b = Builder(name, category, "free")
     r = size * draw.between(0.9, 1.1)
     materials = [tinted(draw, style), style.metal, WHITE_PLASTIC]
     body = draw.pick(materials)
     b.add(body, lathe(_hollow(r, 1.7 * r, 0.75, 0.004), 28), name="bucket")
-    return b.piece()
 
 
-def wrapped_food(draw: Draw, style: Style, name: str) -> FurniturePiece:
+@assembles("food")
+def wrapped_food(b: Builder, draw: Draw, style: Style) -> None:
     """A loaf of bread, an onion, a lemon or a pumpkin."""
-    b = Builder(name, "food", "on_top")
     color, r, flat = {
         "bread": ("#9a6a3a", 0.06, 1.0),
         "onion": ("#b0763c", 0.035, 0.9),
@@ -306,24 +290,23 @@ def wrapped_food(draw: Draw, style: Style, name: str) -> FurniturePiece:
         "avocado": ("#39402a", 0.036, 1.0),
         "pear": ("#a7a242", 0.034, 1.25),
         "pepper": ("#c03a22", 0.04, 1.1),
-    }[name]
+    }[b.name]
     r *= draw.between(0.9, 1.12)
     turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 12)
     profile = [(max(r * float(np.cos(t)), 0.0), r * flat * (1 + float(np.sin(t)))) for t in turn]
     profile[0], profile[-1] = (0.0, 0.0), (0.0, profile[-1][1])
     body = lathe(profile, 24)
-    if name in ("bread", "avocado", "lemon"):
-        long = 2.2 if name == "bread" else 1.35
+    if b.name in ("bread", "avocado", "lemon"):
+        long = 2.2 if b.name == "bread" else 1.35
         body = BodyMesh(body.scaled(x=long).vertices, body.faces, body.uvs * long**0.5)
     skin = Material(
-        "leather" if name == "orange" else "paper",
+        "leather" if b.name == "orange" else "paper",
         hex_color(color),
         0.6,
-        family="nappa" if name == "orange" else "creased",
+        family="nappa" if b.name == "orange" else "creased",
     )
     b.add(skin, body, name="food")
-    if name in ("apple", "pumpkin"):
+    if b.name in ("apple", "pumpkin"):
         high = profile[-1][1]
         stalk = bar((0, 0, 0.9 * high), (0.004, 0, 1.12 * high), 0.04 * r + 0.001, 6)
         b.add(style.dark_wood, stalk, name="stalk")
-    return b.piece()
