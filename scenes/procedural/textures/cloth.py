@@ -111,13 +111,9 @@ def knitted(rng: Draw, size: int, pitch: float = 0.007) -> Surface:
     body = np.clip(body, 0, 1)
     fuzz = noise(rng, size, GRIT)
     yarn = drawn(rng, (count,))[(j.astype(np.int64)) % count]
-    return tile(
-        metres,
-        0.25 + 0.1 * fuzz + 0.1 * yarn,
-        0.72 + 0.36 * body + 0.04 * fuzz,
-        0.02 * fuzz,
-        0.2 * pitch * body + 0.0001 * fuzz,
-    )
+    mix = 0.25 + 0.1 * fuzz + 0.1 * yarn
+    shade = 0.72 + 0.36 * body + 0.04 * fuzz
+    return tile(metres, mix, shade, 0.02 * fuzz, 0.2 * pitch * body + 0.0001 * fuzz)
 
 
 def cabled(rng: Draw, size: int) -> Surface:
@@ -132,13 +128,8 @@ def cabled(rng: Draw, size: int) -> Surface:
     two = np.clip(1 - ((x + 0.2 * twist) * 3.4) ** 2, 0, 1)
     rope = np.maximum(one, two)
     fuzz = noise(rng, size, GRIT)
-    return tile(
-        metres,
-        0.25 + 0.12 * fuzz,
-        0.7 + 0.36 * rope + 0.05 * fuzz,
-        0.02 * fuzz,
-        0.004 * rope + 0.0002 * fuzz,
-    )
+    shade = 0.7 + 0.36 * rope + 0.05 * fuzz
+    return tile(metres, 0.25 + 0.12 * fuzz, shade, 0.02 * fuzz, 0.004 * rope + 0.0002 * fuzz)
 
 
 def pile(rng: Draw, size: int, nap: float = 1.0, metres: float = 0.6) -> Surface:
@@ -147,13 +138,8 @@ def pile(rng: Draw, size: int, nap: float = 1.0, metres: float = 0.6) -> Surface
     strokes = noise(rng, size, BLOTCH._replace(along=2.0))
     fibre = noise(rng, size, GRIT)
     shade = 1 + 0.04 * lie * nap + 0.025 * strokes + 0.04 * fibre
-    return tile(
-        metres,
-        0.25 + 0.07 * strokes + 0.04 * lie,
-        shade,
-        0.02 * lie,
-        0.0006 * nap * lie + 0.00025 * fibre * nap,
-    )
+    mix = 0.25 + 0.07 * strokes + 0.04 * lie
+    return tile(metres, mix, shade, 0.02 * lie, 0.0006 * nap * lie + 0.00025 * fibre * nap)
 
 
 def corduroy(rng: Draw, size: int, wales: int = 64) -> Surface:
@@ -164,13 +150,8 @@ def corduroy(rng: Draw, size: int, wales: int = 64) -> Surface:
     body = 1 - (2 * (t - np.floor(t)) - 1) ** 2
     lie, fuzz = noise(rng, size, CLOUD), noise(rng, size, GRIT)
     fine = min(1.0, size / wales / 5)
-    return tile(
-        metres,
-        0.3 + 0.05 * lie,
-        1 + fine * (0.4 * body - 0.26) + 0.05 * fuzz + 0.04 * lie,
-        0.02 * fuzz,
-        fine * 0.0012 * body + 0.0001 * fuzz,
-    )
+    shade = 1 + fine * (0.4 * body - 0.26) + 0.05 * fuzz + 0.04 * lie
+    return tile(metres, 0.3 + 0.05 * lie, shade, 0.02 * fuzz, fine * 0.0012 * body + 0.0001 * fuzz)
 
 
 def looped(
@@ -193,12 +174,8 @@ def felt(rng: Draw, size: int) -> Surface:
     a = noise(rng, size, STREAK._replace(along=6.0))
     b = noise(rng, size, STREAK._replace(along=1.0, across=6.0))
     lie = noise(rng, size, CLOUD)
-    return tile(
-        0.5,
-        0.3 + 0.14 * a + 0.14 * b,
-        1 + 0.03 * (a + b) + 0.03 * lie,
-        height=0.00008 * (a + b) + 0.0002 * lie,
-    )
+    mix = 0.3 + 0.14 * a + 0.14 * b
+    return tile(0.5, mix, 1 + 0.03 * (a + b) + 0.03 * lie, height=0.00008 * (a + b) + 0.0002 * lie)
 
 
 def carpet(rng: Draw, size: int, tuft: float = 1.0, metres: float = 1.0) -> Surface:
@@ -207,13 +184,9 @@ def carpet(rng: Draw, size: int, tuft: float = 1.0, metres: float = 1.0) -> Surf
     clump = noise(rng, size, Spectrum(0.5, 40))
     worn = noise(rng, size, CLOUD)
     mix = 0.25 + 0.13 * tufts + 0.1 * worn
-    return tile(
-        metres,
-        mix,
-        1 + 0.09 * tufts * tuft + 0.06 * clump * tuft + 0.05 * worn,
-        0.02 * tufts,
-        tuft * (0.001 * tufts + 0.0014 * clump) + 0.0006 * worn,
-    )
+    shade = 1 + 0.09 * tufts * tuft + 0.06 * clump * tuft + 0.05 * worn
+    rough = 0.02 * tufts
+    return tile(metres, mix, shade, rough, tuft * (0.001 * tufts + 0.0014 * clump) + 0.0006 * worn)
 
 
 def sisal(rng: Draw, size: int) -> Surface:
@@ -232,12 +205,8 @@ def rag(rng: Draw, size: int) -> Surface:
     body = 1 - (2 * (t - j) - 1) ** 2
     tone = (rng.integers(0, 256, rows) / 256).astype(np.float32)[j]
     crumple = noise(rng, size, CRUMB._replace(along=2.0))
-    return tile(
-        metres,
-        tone + 0.1 * crumple,
-        0.78 + 0.26 * body + 0.06 * crumple,
-        height=0.0025 * body + 0.0006 * crumple,
-    )
+    shade = 0.78 + 0.26 * body + 0.06 * crumple
+    return tile(metres, tone + 0.1 * crumple, shade, height=0.0025 * body + 0.0006 * crumple)
 
 
 def kilim(rng: Draw, size: int) -> Surface:
@@ -255,13 +224,8 @@ def kilim(rng: Draw, size: int) -> Surface:
     rib = 1 - (2 * (t - np.floor(t)) - 1) ** 2
     slub = noise(rng, size, SLUB)
     fine = min(1.0, size / 180 / 4)
-    return tile(
-        metres,
-        mix + 0.08 * slub,
-        1 + fine * (0.22 * rib - 0.15) + 0.04 * slub,
-        0.02 * slub,
-        fine * 0.0006 * rib + 0.00015 * slub,
-    )
+    shade = 1 + fine * (0.22 * rib - 0.15) + 0.04 * slub
+    return tile(metres, mix + 0.08 * slub, shade, 0.02 * slub, fine * 0.0006 * rib + 0.00015 * slub)
 
 
 def leather(rng: Draw, size: int, grain: float = 1.0, count: int = 60) -> Surface:
@@ -270,13 +234,10 @@ def leather(rng: Draw, size: int, grain: float = 1.0, count: int = 60) -> Surfac
     crease = 1 - smoothstep(0.0, 0.3, second - near)
     folds = noise(rng, size, CLOUD)
     fine = min(1.0, size / count / 4)
-    return tile(
-        0.32,
-        0.15 + 0.5 * fine * grain * crease - 0.06 * folds,
-        1 + 0.03 * folds + 0.03 * own - 0.08 * fine * crease,
-        0.15 * crease * fine * grain - 0.03 * folds,
-        -0.0003 * grain * fine * crease + 0.0006 * folds,
-    )
+    mix = 0.15 + 0.5 * fine * grain * crease - 0.06 * folds
+    shade = 1 + 0.03 * folds + 0.03 * own - 0.08 * fine * crease
+    rough = 0.15 * crease * fine * grain - 0.03 * folds
+    return tile(0.32, mix, shade, rough, -0.0003 * grain * fine * crease + 0.0006 * folds)
 
 
 def suede(rng: Draw, size: int) -> Surface:

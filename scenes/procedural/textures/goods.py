@@ -45,13 +45,9 @@ def travertine(rng: Draw, size: int) -> Surface:
     """Travertine or limestone: bands with elongated holes."""
     bands = noise(rng, size, Spectrum(1.2, 2, 7.0))
     holes = smoothstep(1.7, 2.3, noise(rng, size, CRUMB._replace(along=4.0)))
-    return tile(
-        1.0,
-        0.3 + 0.2 * bands + 0.4 * holes,
-        1 + 0.03 * bands - 0.2 * holes,
-        0.03 * bands + 0.3 * holes,
-        -0.0012 * holes,
-    )
+    mix = 0.3 + 0.2 * bands + 0.4 * holes
+    shade = 1 + 0.03 * bands - 0.2 * holes
+    return tile(1.0, mix, shade, 0.03 * bands + 0.3 * holes, -0.0012 * holes)
 
 
 def slate(rng: Draw, size: int) -> Surface:
@@ -59,13 +55,8 @@ def slate(rng: Draw, size: int) -> Surface:
     field = 2.2 * noise(rng, size, BLOTCH)
     steps = np.floor(field) + smoothstep(0.8, 1.0, field - np.floor(field))
     grit = noise(rng, size, GRIT)
-    return tile(
-        0.9,
-        0.3 + 0.1 * steps,
-        1 + 0.04 * steps + 0.03 * grit,
-        0.04 * grit,
-        0.0006 * steps + 0.00012 * grit,
-    )
+    shade = 1 + 0.04 * steps + 0.03 * grit
+    return tile(0.9, 0.3 + 0.1 * steps, shade, 0.04 * grit, 0.0006 * steps + 0.00012 * grit)
 
 
 def terrazzo(rng: Draw, size: int) -> Surface:
@@ -75,12 +66,8 @@ def terrazzo(rng: Draw, size: int) -> Surface:
     _, gap, other = cells(rng, size, 64)
     small = smoothstep(0.7, 0.75, other) * smoothstep(0.3, 0.5, gap) * (1 - chip)
     tone = np.maximum(chip * own, 0.8 * small)
-    return tile(
-        0.8,
-        tone,
-        1 + 0.12 * chip * (own - 0.7) + 0.015 * noise(rng, size, CLOUD),
-        -0.06 * chip + 0.01 * noise(rng, size, CLOUD),
-    )
+    shade = 1 + 0.12 * chip * (own - 0.7) + 0.015 * noise(rng, size, CLOUD)
+    return tile(0.8, tone, shade, -0.06 * chip + 0.01 * noise(rng, size, CLOUD))
 
 
 def composite(rng: Draw, size: int) -> Surface:
@@ -94,24 +81,18 @@ def lacquer(rng: Draw, size: int, peel: float = 1.0) -> Surface:
     """Sprayed lacquer or powder coat: orange peel of `peel`."""
     skin = noise(rng, size, Spectrum(0.9, 40))
     cloud = noise(rng, size, CLOUD)
-    return tile(
-        0.4,
-        shade=1 + 0.006 * cloud,
-        rough=0.025 * cloud + 0.02 * peel * skin,
-        height=0.00002 * peel * skin + 0.00005 * cloud,
-    )
+    shade = 1 + 0.006 * cloud
+    rough = 0.025 * cloud + 0.02 * peel * skin
+    return tile(0.4, shade=shade, rough=rough, height=0.00002 * peel * skin + 0.00005 * cloud)
 
 
 def plastic(rng: Draw, size: int, spark: float = 0.0) -> Surface:
     """Moulded plastic: smooth, or with an eroded texture of `spark`."""
     grain = noise(rng, size, GRIT)
     cloud = noise(rng, size, CLOUD)
-    return tile(
-        0.24,
-        shade=1 + 0.01 * cloud + 0.02 * spark * grain,
-        rough=0.02 * cloud + 0.05 * spark * grain,
-        height=0.00005 * spark * grain + 0.00006 * cloud,
-    )
+    shade = 1 + 0.01 * cloud + 0.02 * spark * grain
+    rough = 0.02 * cloud + 0.05 * spark * grain
+    return tile(0.24, shade=shade, rough=rough, height=0.00005 * spark * grain + 0.00006 * cloud)
 
 
 def brushed(rng: Draw, size: int) -> Surface:
@@ -126,12 +107,8 @@ def brushed(rng: Draw, size: int) -> Surface:
 def polished(rng: Draw, size: int) -> Surface:
     """Plated or polished metal with smears of hands."""
     smear = smoothstep(0.6, 2.0, noise(rng, size, BLOTCH))
-    return tile(
-        0.4,
-        shade=1 - 0.03 * smear,
-        rough=0.12 * smear + 0.01 * noise(rng, size, CLOUD),
-        height=0.00003 * noise(rng, size, CLOUD),
-    )
+    rough = 0.12 * smear + 0.01 * noise(rng, size, CLOUD)
+    return tile(0.4, shade=1 - 0.03 * smear, rough=rough, height=0.00003 * noise(rng, size, CLOUD))
 
 
 def cast(rng: Draw, size: int) -> Surface:
@@ -154,26 +131,16 @@ def patinated(rng: Draw, size: int) -> Surface:
     """Aged brass or galvanised steel: patches of other tone and gloss."""
     _, _, own = cells(rng, size, 22)
     patch = noise(rng, size, BLOTCH)
-    return tile(
-        0.4,
-        0.3 + 0.25 * patch + 0.2 * (own - 0.5),
-        1 + 0.08 * (own - 0.5),
-        0.07 * patch + 0.06 * own,
-        0.00005 * patch,
-    )
+    mix = 0.3 + 0.25 * patch + 0.2 * (own - 0.5)
+    return tile(0.4, mix, 1 + 0.08 * (own - 0.5), 0.07 * patch + 0.06 * own, 0.00005 * patch)
 
 
 def glazed(rng: Draw, size: int, wavy: float = 1.0) -> Surface:
     """Glazed ceramic with slight waves and pinholes."""
     waves = noise(rng, size, CLOUD)
     pins = smoothstep(3.0, 3.4, noise(rng, size, CRUMB))
-    return tile(
-        0.4,
-        np.float32(0.4) * pins,
-        1 + 0.01 * waves,
-        0.015 * waves + 0.3 * pins,
-        0.00025 * wavy * waves,
-    )
+    mix = np.float32(0.4) * pins
+    return tile(0.4, mix, 1 + 0.01 * waves, 0.015 * waves + 0.3 * pins, 0.00025 * wavy * waves)
 
 
 def speckled(rng: Draw, size: int) -> Surface:
@@ -181,13 +148,8 @@ def speckled(rng: Draw, size: int) -> Surface:
     specks = smoothstep(2.0, 2.6, noise(rng, size, GRIT))
     rings = noise(rng, size, Spectrum(0.6, 10, 60.0))
     cloud = noise(rng, size, CLOUD)
-    return tile(
-        0.3,
-        0.7 * specks + 0.1 + 0.1 * cloud,
-        1 + 0.03 * cloud + 0.01 * rings,
-        0.04 * cloud,
-        0.0001 * rings,
-    )
+    mix = 0.7 * specks + 0.1 + 0.1 * cloud
+    return tile(0.3, mix, 1 + 0.03 * cloud + 0.01 * rings, 0.04 * cloud, 0.0001 * rings)
 
 
 def earthenware(rng: Draw, size: int) -> Surface:
@@ -202,13 +164,8 @@ def earthenware(rng: Draw, size: int) -> Surface:
 def paper(rng: Draw, size: int, fold: float = 1.0) -> Surface:
     """Paper or card: fibres and a slight cockle."""
     fibre, cockle = noise(rng, size, GRIT), noise(rng, size, CLOUD)
-    return tile(
-        0.3,
-        0.1 + 0.05 * fibre,
-        1 + 0.012 * fibre,
-        0.01 * fibre,
-        0.00002 * fibre + 0.0003 * fold * cockle,
-    )
+    mix = 0.1 + 0.05 * fibre
+    return tile(0.3, mix, 1 + 0.012 * fibre, 0.01 * fibre, 0.00002 * fibre + 0.0003 * fold * cockle)
 
 
 def corrugated(rng: Draw, size: int) -> Surface:
@@ -217,13 +174,8 @@ def corrugated(rng: Draw, size: int) -> Surface:
     t = u * 60
     flute = 1 - (2 * (t - np.floor(t)) - 1) ** 2
     fibre = noise(rng, size, STREAK)
-    return tile(
-        0.4,
-        0.3 + 0.1 * fibre,
-        1 + 0.03 * fibre + 0.02 * flute,
-        0.02 * fibre,
-        0.0001 * flute + 0.0003 * noise(rng, size, CLOUD),
-    )
+    height = 0.0001 * flute + 0.0003 * noise(rng, size, CLOUD)
+    return tile(0.4, 0.3 + 0.1 * fibre, 1 + 0.03 * fibre + 0.02 * flute, 0.02 * fibre, height)
 
 
 def canvas(rng: Draw, size: int) -> Surface:
@@ -238,13 +190,9 @@ def leaf(rng: Draw, size: int) -> Surface:
     near, second, _ = cells(rng, size, 24)
     vein = 1 - smoothstep(0.0, 0.15, second - near)
     mottle = noise(rng, size, BLOTCH)
-    return tile(
-        0.3,
-        0.3 + 0.22 * mottle + 0.2 * vein,
-        np.clip(1 + 0.1 * noise(rng, size, CRUMB), 0.5, 1.5),
-        0.06 * mottle,
-        -0.0003 * vein + 0.0004 * mottle,
-    )
+    mix = 0.3 + 0.22 * mottle + 0.2 * vein
+    shade = np.clip(1 + 0.1 * noise(rng, size, CRUMB), 0.5, 1.5)
+    return tile(0.3, mix, shade, 0.06 * mottle, -0.0003 * vein + 0.0004 * mottle)
 
 
 def soil(rng: Draw, size: int, crumbs: float = 1.0) -> Surface:
@@ -252,24 +200,17 @@ def soil(rng: Draw, size: int, crumbs: float = 1.0) -> Surface:
     near, _, own = cells(rng, size, 26)
     crumb = noise(rng, size, CRUMB)
     clod = np.clip(1 - near, 0, 1)
-    return tile(
-        0.3,
-        0.2 + 0.4 * own + 0.15 * crumb,
-        np.clip(0.7 + 0.5 * clod + 0.15 * crumb, 0.3, 1.8),
-        height=crumbs * (0.004 * clod + 0.001 * crumb),
-    )
+    mix = 0.2 + 0.4 * own + 0.15 * crumb
+    shade = np.clip(0.7 + 0.5 * clod + 0.15 * crumb, 0.3, 1.8)
+    return tile(0.3, mix, shade, height=crumbs * (0.004 * clod + 0.001 * crumb))
 
 
 def gravel(rng: Draw, size: int) -> Surface:
     """Pebbles of 1 to 3 cm."""
     near, second, own = cells(rng, size, 40)
     stone = smoothstep(0.0, 0.35, second - near)
-    return tile(
-        0.8,
-        own + 0.1 * noise(rng, size, GRIT),
-        0.45 + 0.6 * stone + 0.06 * noise(rng, size, GRIT),
-        height=0.008 * stone,
-    )
+    mix = own + 0.1 * noise(rng, size, GRIT)
+    return tile(0.8, mix, 0.45 + 0.6 * stone + 0.06 * noise(rng, size, GRIT), height=0.008 * stone)
 
 
 def lawn(rng: Draw, size: int, long: float = 1.0) -> Surface:
@@ -280,12 +221,8 @@ def lawn(rng: Draw, size: int, long: float = 1.0) -> Surface:
     patches = noise(rng, size, CLOUD)
     blade = np.maximum(blades, other)
     mix = 0.3 + 0.18 * patches + 0.12 * blade + 0.08 * tuft
-    return tile(
-        3.0,
-        mix,
-        np.clip(0.9 + 0.2 * blade + 0.1 * tuft, 0.3, 1.8),
-        height=long * (0.006 * blade + 0.008 * tuft),
-    )
+    shade = np.clip(0.9 + 0.2 * blade + 0.1 * tuft, 0.3, 1.8)
+    return tile(3.0, mix, shade, height=long * (0.006 * blade + 0.008 * tuft))
 
 
 def asphalt(rng: Draw, size: int) -> Surface:
@@ -294,10 +231,5 @@ def asphalt(rng: Draw, size: int) -> Surface:
     stone = smoothstep(0.0, 0.3, second - near) * smoothstep(0.4, 0.5, own)
     cloud = noise(rng, size, CLOUD)
     tar = 1 - smoothstep(0.0, 0.035, np.abs(noise(rng, size, CLOUD._replace(falloff=1.9))))
-    return tile(
-        1.6,
-        0.2 + 0.5 * stone,
-        1 + 0.06 * cloud - 0.35 * tar + 0.1 * stone,
-        -0.2 * tar,
-        0.002 * stone,
-    )
+    mix = 0.2 + 0.5 * stone
+    return tile(1.6, mix, 1 + 0.06 * cloud - 0.35 * tar + 0.1 * stone, -0.2 * tar, 0.002 * stone)

@@ -220,13 +220,8 @@ def roof_tiles(rng: Draw, size: int) -> Surface:
     hump = wave(at.x * np.float32(columns / metres))
     lap = at.y * np.float32(rows / metres)
     shade = 0.85 + 0.12 * hump + 0.09 * tone + 0.05 * noise(rng, size, BLOTCH) - 0.25 * (lap > 0.42)
-    return tile(
-        metres,
-        0.25 + 0.15 * noise(rng, size, BLOTCH),
-        shade,
-        height=0.02 * hump - 0.03 * lap,
-        modules=(columns, rows),
-    )
+    mix = 0.25 + 0.15 * noise(rng, size, BLOTCH)
+    return tile(metres, mix, shade, height=0.02 * hump - 0.03 * lap, modules=(columns, rows))
 
 
 def papered(rng: Draw, size: int, print_of: str) -> Surface:
@@ -270,13 +265,8 @@ def papered(rng: Draw, size: int, print_of: str) -> Surface:
         rough, relief = 0.03 * threads, 0.0003 * threads
     seam = 1 - smoothstep(0.0, 0.0008 + 0.5 * metres / size, np.abs((u * 2) % 1 - 0.5))
     grain = noise(rng, size, GRIT)
-    return tile(
-        metres,
-        mix,
-        1 + 0.01 * grain - 0.05 * seam * min(1.0, 0.002 * size),
-        rough,
-        relief + 0.00003 * grain - 0.0001 * seam,
-    )
+    shade = 1 + 0.01 * grain - 0.05 * seam * min(1.0, 0.002 * size)
+    return tile(metres, mix, shade, rough, relief + 0.00003 * grain - 0.0001 * seam)
 
 
 def _sprigs(at: Modules, texel: float) -> Float32Array:
@@ -296,13 +286,9 @@ def crazed(rng: Draw, size: int) -> Surface:
     """Glaze with a net of fine cracks."""
     near, second, _ = cells(rng, size, 18)
     crack = 1 - smoothstep(0.0, 0.05, second - near)
-    return tile(
-        0.3,
-        np.float32(0.5) * crack,
-        1 + 0.015 * noise(rng, size, CLOUD),
-        0.05 * crack,
-        -0.00005 * crack + 0.0001 * noise(rng, size, CLOUD),
-    )
+    mix = np.float32(0.5) * crack
+    shade = 1 + 0.015 * noise(rng, size, CLOUD)
+    return tile(0.3, mix, shade, 0.05 * crack, -0.00005 * crack + 0.0001 * noise(rng, size, CLOUD))
 
 
 def planked(rng: Draw, size: int) -> Surface:
@@ -311,10 +297,7 @@ def planked(rng: Draw, size: int) -> Surface:
     at = courses(size, metres, 12, 1)
     groove = 1 - smoothstep(0.001, 0.0055, at.edge)
     strokes = noise(rng, size, _COMB._replace(along=1.0, across=40.0))
-    return tile(
-        metres,
-        shade=1 - 0.16 * groove + 0.01 * strokes,
-        rough=0.02 * noise(rng, size, STREAK._replace(along=1.0, across=24.0)),
-        height=-0.003 * groove + 0.00004 * strokes,
-        modules=(12, 1),
-    )
+    shade = 1 - 0.16 * groove + 0.01 * strokes
+    rough = 0.02 * noise(rng, size, STREAK._replace(along=1.0, across=24.0))
+    height = -0.003 * groove + 0.00004 * strokes
+    return tile(metres, shade=shade, rough=rough, height=height, modules=(12, 1))

@@ -83,13 +83,9 @@ def end_grain(rng: Draw, size: int, grain: Grain) -> Surface:
     board = replace(grain, rings=8.0)
     mix, pores = _boarded(rng, size, board, at, metres)
     joint = 1 - smoothstep(0.0, 0.0012, at.edge)
-    return tile(
-        metres,
-        mix,
-        1 - 0.25 * joint * min(1.0, 0.0012 * size / metres),
-        0.14 * pores + 0.02 * noise(rng, size, CLOUD),
-        -0.0001 * pores - 0.00008 * joint,
-    )
+    shade = 1 - 0.25 * joint * min(1.0, 0.0012 * size / metres)
+    rough = 0.14 * pores + 0.02 * noise(rng, size, CLOUD)
+    return tile(metres, mix, shade, rough, -0.0001 * pores - 0.00008 * joint)
 
 
 def plywood(rng: Draw, size: int, grain: Grain) -> Surface:
