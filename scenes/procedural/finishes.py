@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from pbrnet.scenes.color import Color
-from pbrnet.scenes.procedural.furniture.interiors import Interior
-from pbrnet.scenes.procedural.furniture.style import Style, hex_color, scaled_color
+from pbrnet.scenes.procedural.furniture.style import Interior, Style, hex_color, scaled_color
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 

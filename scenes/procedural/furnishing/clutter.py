@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.files import data_beside
-from pbrnet.scenes.procedural.furnishing.cables import run_cables
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
 from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
 from pbrnet.scenes.procedural.furniture.things.kinds import BY_PLACE
+from pbrnet.scenes.procedural.furniture.things.packages import power_cable
 from pbrnet.scenes.procedural.plan import Opening
 from pbrnet.scenes.procedural.scene_item import Pose
 
@@ -26,18 +28,21 @@ class _Places:
     shelves: dict[str, str]
     floors: dict[str, tuple[tuple[str, float], ...]]
     walls: dict[str, tuple[str, float]]
+    # Of cables from behind furniture: chance, and height where they end, metres.
+    driven: dict[str, tuple[float, float]]
 
 
 _PLACES = build(_Places, data_beside(__file__))
 _HALL = 2.0  # mean number of things in the room behind the entrance
 _SOCKETS = (1, 4)  # least and greatest number in a room
+_SOCKET_HEIGHT = 0.3  # metres above the floor, of sockets with a cable
 _BESIDE_DOOR = 0.17  # metres from the opening to the centre of a switch
 
 
 def leave_things(furnisher: Furnisher) -> None:
     """Leave things in a furnished room, and mount its sockets, switches and detectors."""
     rng, space = furnisher.rng, furnisher.space
-    run_cables(furnisher)
+    _run_cables(furnisher)
     for carrier in [*space.items, *space.niches]:
         if carrier.kind in _PLACES.on_furniture and carrier.piece.surfaces:
             place, mean = _PLACES.on_furniture[carrier.kind]
@@ -132,3 +137,31 @@ def _mount_beside(furnisher: Furnisher, place: str, opening: Opening, offset: fl
                 kind, piece, wall, at, piece.mount_height
             ):
                 return
+
+
+def _run_cables(furnisher: Furnisher) -> None:
+    """Lead cables from furniture with a lamp or a device to sockets beside it."""
+    rng, space = furnisher.rng, furnisher.space
+    for item in list(space.items):
+        chance, end = _PLACES.driven.get(item.kind, (0.0, 0.0))
+        if not furnisher.chance(chance):
+            continue
+        for side in (1.0, -1.0) if furnisher.chance(0.5) else (-1.0, 1.0):
+            if _lead(furnisher, item, side, rng.between(0.1, 0.4), end):
+                break
+
+
+def _lead(furnisher: Furnisher, item: PlacedPiece, side: float, run: float, end: float) -> bool:
+    """Mount a socket `run` metres beside an item, and lead its cable there."""
+    edge = furnisher.edge_behind(item)
+    if edge is None:
+        return False
+    space = furnisher.space
+    # The x axis of what hangs on a wall points against the wall's direction.
+    beside = float(item.piece.bounds[0 if side > 0 else 1, 0])
+    middle = space.position_on(edge, np.array([item.pose.x, item.pose.y]))
+    at = middle - beside + side * run
+    if not 0.1 < at < edge.length - 0.1:
+        return False
+    cable = power_cable(furnisher.rng, furnisher.style, side * run, end - _SOCKET_HEIGHT)
+    return space.hang("cable", cable, edge, at, _SOCKET_HEIGHT) is not None

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from functools import partial
 from typing import Any, ClassVar, Self, dataclass_transform
 
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
@@ -101,14 +100,18 @@ def material(draw: Draw, style: Style, which: Material | str) -> Material:
 class Spec:
     """Specification of one piece: frozen, printable; equal ones build equal pieces."""
 
-    _started: ClassVar[Callable[[], Builder]]
+    _piece: ClassVar[tuple[str, str, Anchor, float, float, float]]
     style: Style = field(repr=False)
 
     def __init_subclass__(
-        cls, piece: tuple[str, str, Anchor] | None = None, **measures: float
+        cls,
+        piece: tuple[str, str, Anchor] | None = None,
+        front_clearance: float = 0.0,
+        side_clearance: float = 0.0,
+        mount_height: float = 0.0,
     ) -> None:
         if piece:
-            cls._started = staticmethod(partial(Builder, *piece, **measures))
+            cls._piece = (*piece, front_clearance, side_clearance, mount_height)
         dataclass(frozen=True, kw_only=True)(cls)
 
     @classmethod
@@ -135,7 +138,7 @@ class Spec:
 
     def build(self) -> FurniturePiece:
         """Build the piece: no draws, no files."""
-        b = self._started()
+        b = Builder(*self._piece)
         b.mount_height = vars(self).get("mount_height", b.mount_height)
         self.assemble(b)
         return b.piece()
