@@ -17,7 +17,7 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Portal
 from pbrnet.scenes.geometry.regions import buffered, difference, intersection, union
 from pbrnet.scenes.procedural.finishes import Finishes
-from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, span
+from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, frame_bars, span
 from pbrnet.scenes.procedural.plan import WINDOWLESS, Opening, Plan, RoofWindow, Slope, WallEdge
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part
 from pbrnet.scenes.seeds import Draw
@@ -272,12 +272,8 @@ def roof_window(window: RoofWindow, finishes: Finishes) -> SceneItem:
     def border(inset: float, wide: float, z0: float, z1: float) -> list[BodyMesh]:
         """Four bars round the window, from `inset` metres inside its outline."""
         a, b, c, d = s0 + inset, s1 - inset, d0 + inset, d1 - inset
-        return [
-            block(a, a + wide, c, d, z0, z1),
-            block(b - wide, b, c, d, z0, z1),
-            block(a + wide, b - wide, c, c + wide, z0, z1),
-            block(a + wide, b - wide, d - wide, d, z0, z1),
-        ]
+        bars = frame_bars((a, b, c, d), (a + wide, b - wide, c + wide, d - wide))
+        return [block(*bar, z0, z1) for bar in bars]
 
     boards = border(-_LINING, _LINING + 0.001, -0.004, COVER + 0.012)
     frame = border(-0.004, 0.044, middle - 0.045, middle + 0.03)
@@ -299,15 +295,8 @@ def roof_window(window: RoofWindow, finishes: Finishes) -> SceneItem:
 def roof_portal(window: RoofWindow) -> Portal:
     """Portal of a roof window, in the plane of its panes."""
     slope = window.slope
-    corners = [
-        slope.edge.at(s, depth)
-        for s, depth in (
-            (window.s0, window.near),
-            (window.s0, window.far),
-            (window.s1, window.far),
-            (window.s1, window.near),
-        )
-    ]
+    s0, s1, near, far = window.s0, window.s1, window.near, window.far
+    corners = [slope.edge.at(*at) for at in ((s0, near), (s0, far), (s1, far), (s1, near))]
     (nx, ny), rise = slope.edge.inward, slope.rise
     length = (1 + rise * rise) ** 0.5
     return Portal(

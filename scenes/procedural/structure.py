@@ -21,6 +21,7 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     bar,
     cylinder,
+    frame_bars,
     merge,
     prism,
     span,
@@ -436,24 +437,24 @@ def _edge_span(
     return span(low, high)
 
 
+def _edge_frame(
+    edge: WallEdge, outer: Hole, inner: Hole, near: float, far: float
+) -> list[BodyMesh]:
+    """Bars between two rectangles on a wall."""
+    bars = frame_bars(outer, inner)
+    return [_edge_span(edge, s0, s1, near, far, z0, z1) for s0, s1, z0, z1 in bars]
+
+
 def _portal(opening: Opening, clear: bool) -> Portal:
     edge, depth = opening.edge, -pane_depth(opening)
-    corners = [
-        (*edge.at(s, depth), z)
-        for s, z in (
-            (0.0, opening.z0),
-            (0.0, opening.z1),
-            (opening.width, opening.z1),
-            (opening.width, opening.z0),
-        )
-    ]
-    outward = (-edge.inward[0], -edge.inward[1], 0.0)
-    kind = "door" if opening.kind in ("entrance", "patio") else "window"
+    width, z0, z1 = opening.width, opening.z0, opening.z1
+    places = ((0.0, z0), (0.0, z1), (width, z1), (width, z0))
+    corners = [(*edge.at(s, depth), z) for s, z in places]
     return Portal(
         id=f"portal-{opening.id}",
-        kind="door" if kind == "door" else "window",
+        kind="door" if opening.kind in ("entrance", "patio") else "window",
         polygon=tuple((round(x, 5), round(y, 5), round(z, 5)) for x, y, z in corners),
-        normal=(outward[0] + 0.0, outward[1] + 0.0, 0.0),
+        normal=(-edge.inward[0] + 0.0, -edge.inward[1] + 0.0, 0.0),
         clear=clear,
         room=opening.rooms[0],
         panes=2 if clear else 0,
@@ -466,12 +467,11 @@ def _window(opening: Opening, finishes: Finishes) -> SceneItem:
     middle = -pane_depth(opening)
     near, far = middle + FRAME[1] / 2, middle - FRAME[1] / 2
     z0, z1 = opening.z0 if opening.z0 > 0 else 0.004, opening.z1
-    frame = [
-        _edge_span(edge, -LAP, wide, near, far, z0 - LAP, z1 + LAP),
-        _edge_span(edge, width - wide, width + LAP, near, far, z0 - LAP, z1 + LAP),
-        _edge_span(edge, wide, width - wide, near, far, z0 - LAP, z0 + wide),
-        _edge_span(edge, wide, width - wide, near, far, z1 - wide, z1 + LAP),
-    ]
+    outer, inner = (
+        (-LAP, width + LAP, z0 - LAP, z1 + LAP),
+        (wide, width - wide, z0 + wide, z1 - wide),
+    )
+    frame = _edge_frame(edge, outer, inner, near, far)
     clear = width - 2 * wide
     sashes = max(1, int(np.ceil(clear / finishes.sash_width)))
     handles = []
@@ -504,13 +504,8 @@ def _sash(opening: Opening, left: float, right: float, low: float, high: float) 
     """The frame of one sash, between two places along the wall and two heights, metres."""
     edge, middle = opening.edge, -pane_depth(opening)
     front, back = middle + FRAME[1] / 2 + 0.012, middle - FRAME[1] / 4
-    inner = left + _SASH, right - _SASH
-    return [
-        _edge_span(edge, left, inner[0], front, back, low, high),
-        _edge_span(edge, inner[1], right, front, back, low, high),
-        _edge_span(edge, *inner, front, back, low, low + _SASH),
-        _edge_span(edge, *inner, front, back, high - _SASH, high),
-    ]
+    inner = left + _SASH, right - _SASH, low + _SASH, high - _SASH
+    return _edge_frame(edge, (left, right, low, high), inner, front, back)
 
 
 def _glazing_bars(
@@ -544,21 +539,14 @@ def _door(opening: Opening, finishes: Finishes) -> SceneItem:
     """Door with lining, casings, leaf and handles; an archway has lining and casings only."""
     edge, width, top = opening.edge, opening.width, opening.z1
     near, far = 0.0, -opening.thickness
-    lining = [
-        _edge_span(edge, -LAP, LINING, near, far, 0.0, top + LAP),
-        _edge_span(edge, width - LINING, width + LAP, near, far, 0.0, top + LAP),
-        _edge_span(edge, LINING, width - LINING, near, far, top - LINING, top + LAP),
-    ]
+    outer, inner = (-LAP, width + LAP, 0.0, top + LAP), (LINING, width - LINING, 0.0, top - LINING)
+    lining = _edge_frame(edge, outer, inner, near, far)
     wide, thickness = CASING
     for face, out in ((near, near + thickness), (far, far - thickness)):
         inset = LINING - 0.005
-        lining += [
-            _edge_span(edge, -wide + inset, inset, face, out, 0.0, top + wide - inset),
-            _edge_span(
-                edge, width - inset, width + wide - inset, face, out, 0.0, top + wide - inset
-            ),
-            _edge_span(edge, inset, width - inset, face, out, top - inset, top + wide - inset),
-        ]
+        outer = (-wide + inset, width + wide - inset, 0.0, top + wide - inset)
+        inner = (inset, width - inset, 0.0, top - inset)
+        lining += _edge_frame(edge, outer, inner, face, out)
     parts = [make_part("casing", finishes.casing, *lining)]
     if opening.kind != "archway":
         leaf_edge = opening.edge_in(opening.swing)
@@ -566,11 +554,8 @@ def _door(opening: Opening, finishes: Finishes) -> SceneItem:
         # Door stops behind the closed leaf; they cover the gap around it.
         s0, s1, z1, wide = LINING, width - LINING, top - LINING, 0.012
         back = (-LEAF - 0.001, -LEAF - 0.001 - 0.03)
-        lining += [
-            _edge_span(leaf_edge, s0, s0 + wide, *back, 0.004, z1),
-            _edge_span(leaf_edge, s1 - wide, s1, *back, 0.004, z1),
-            _edge_span(leaf_edge, s0 + wide, s1 - wide, *back, z1 - wide, z1),
-        ]
+        inner = (s0 + wide, s1 - wide, 0.004, z1 - wide)
+        lining += _edge_frame(leaf_edge, (s0, s1, 0.004, z1), inner, *back)
         parts[0] = make_part("casing", finishes.casing, *lining)
     return _structure_item(opening.id, "door", opening.rooms[0], parts)
 
@@ -638,10 +623,8 @@ def _panel_frame(
 ) -> list[BodyMesh]:
     """Rectangular moulding with a raised field inside."""
     w = 0.022
+    bars = frame_bars((z0, z1, x0, x1), (z0 + w, z1 - w, x0 + w, x1 - w))
     return [
-        span((x0, y0, z0), (x1, y1, z0 + w)),
-        span((x0, y0, z1 - w), (x1, y1, z1)),
-        span((x0, y0, z0 + w), (x0 + w, y1, z1 - w)),
-        span((x1 - w, y0, z0 + w), (x1, y1, z1 - w)),
+        *(span((left, y0, low), (right, y1, high)) for low, high, left, right in bars),
         span((x0 + 0.06, y0, z0 + 0.06), (x1 - 0.06, y1, z1 - 0.06), grain="z"),
     ]

@@ -29,9 +29,11 @@ from pbrnet.scenes.procedural.furniture.spec import (
     chance,
     drawn,
     either,
+    one,
     optional,
     optional_of,
     pick,
+    repeated,
     several,
     whole,
 )
@@ -60,9 +62,7 @@ class Twig(Spec):
 
     extent: float = between(0.05, 0.14)
     rise: float = between(0.14, 0.3)
-    blossoms: tuple[float, ...] = drawn(  # their radii
-        lambda draw, spec: tuple(draw.between(0.011, 0.019) for _ in range(3))
-    )
+    blossoms: tuple[float, ...] = repeated(3, between(0.011, 0.019))  # their radii
 
 
 class Twigs(Spec):
@@ -305,9 +305,7 @@ class BooksStack(Spec, piece=("stack of books", "books", "on_top")):
 
     count: int = whole(3, 7)
     turn: float = between(-20, 20)
-    books: tuple[LyingBook, ...] = drawn(
-        lambda draw, spec: tuple(LyingBook.draw(draw, spec.style) for _ in range(spec.count))
-    )
+    books: tuple[LyingBook, ...] = repeated(lambda spec: spec.count, one(LyingBook))
 
     def assemble(self, b: Builder) -> None:
         add_stack(b, self.books, 0, 0, 0, self.turn)
@@ -388,10 +386,8 @@ def _cup() -> BodyMesh:
 class Candle(Spec, piece=("candles", "candle", "on_top")):
     """Candles of three heights on a tray."""
 
-    candles: tuple[tuple[float, float], ...] = drawn(  # radius, height
-        lambda draw, spec: tuple(
-            (draw.between(0.024, 0.034), draw.between(0.06, 0.16)) for _ in range(3)
-        )
+    candles: tuple[tuple[float, float], ...] = repeated(  # radius, height
+        3, between(0.024, 0.034), between(0.06, 0.16)
     )
 
     def assemble(self, b: Builder) -> None:
@@ -576,10 +572,8 @@ class Bottle(Spec, piece=("bottle and glasses", "glass", "on_top")):
     tint: str = pick("#24361f", "#3a2413", "#1c2f38")
     height: float = between(0.28, 0.33)
     width: float = between(0.034, 0.041)
-    glasses: tuple[tuple[float, float], ...] = drawn(  # where they are off their places
-        lambda draw, spec: tuple(
-            (draw.between(-0.01, 0.02), draw.between(-0.01, 0.01)) for _ in range(2)
-        )
+    glasses: tuple[tuple[float, float], ...] = repeated(  # where they are off their places
+        2, between(-0.01, 0.02), between(-0.01, 0.01)
     )
 
     def assemble(self, b: Builder) -> None:

@@ -46,6 +46,8 @@ from pbrnet.scenes.procedural.furniture.spec import (
     either,
     optional,
     pick,
+    repeated,
+    whole,
 )
 from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
@@ -372,9 +374,8 @@ class WallCupboard(Spec, piece=("wall cupboard", "kitchen unit", "on_wall")):
     glaze: Material | None = drawn(
         lambda draw, spec: draw.pick(spec.style.accents) if spec.doors.angle else None
     )
-    plates: tuple[int, ...] = drawn(  # on each level
-        lambda draw, spec: tuple(draw.whole(3, 8) for _ in range(3 if spec.doors.angle else 0))
-    )
+    # On each level.
+    plates: tuple[int, ...] = repeated(lambda spec: 3 if spec.doors.angle else 0, whole(3, 8))
 
     def assemble(self, b: Builder) -> None:
         depth, height, width, levels = 0.34, 0.7, self.width, (0.24, 0.47)

@@ -17,7 +17,15 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
     superellipse,
     tube,
 )
-from pbrnet.scenes.procedural.furniture.spec import Spec, between, chance, drawn, either, shape
+from pbrnet.scenes.procedural.furniture.spec import (
+    Spec,
+    between,
+    chance,
+    drawn,
+    either,
+    repeated,
+    shape,
+)
 from pbrnet.scenes.procedural.furniture.style import CHROME, WHITE_PAINT, Style
 from pbrnet.scenes.procedural.piece import Material
 
@@ -188,9 +196,8 @@ class SpotRail(Spec, piece=("ceiling spots", "lamp", "ceiling")):
     """A rail at the ceiling with three spotlights in random directions."""
 
     length: float = between(0.6, 0.9)
-    spots: tuple[tuple[float, float], ...] = drawn(  # tilt, turn
-        lambda draw, spec: tuple((draw.between(15, 45), draw.between(0, 360)) for _ in range(3))
-    )
+    # Tilt and turn of each.
+    spots: tuple[tuple[float, float], ...] = repeated(3, between(15, 45), between(0, 360))
 
     def assemble(self, b: Builder) -> None:
         metal = self.style.metal

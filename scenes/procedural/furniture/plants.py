@@ -17,7 +17,7 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
     loft,
     tube,
 )
-from pbrnet.scenes.procedural.furniture.spec import Spec, between, drawn, pick, whole
+from pbrnet.scenes.procedural.furniture.spec import Spec, between, drawn, pick, repeated, whole
 from pbrnet.scenes.procedural.furniture.storage import add_basket
 from pbrnet.scenes.procedural.furniture.style import CERAMIC, SOIL, TERRACOTTA, hex_color
 from pbrnet.scenes.procedural.piece import Material
@@ -85,9 +85,8 @@ class Frond(Spec):
     aside: float = between(-0.3, 0.3)
     out: float = between(0.45, 1.0)
     top: float = between(0.6, 0.93)
-    blades: tuple[tuple[float, int], ...] = drawn(  # degrees from the stalk, leaf
-        lambda draw, spec: tuple((draw.between(42, 62), draw.whole(2)) for _ in range(22))
-    )
+    # Degrees from the stalk, leaf.
+    blades: tuple[tuple[float, int], ...] = repeated(22, between(42, 62), whole(0, 2))
 
     def add_to(self, b: Builder, k: int, plant: Foliage) -> None:
         """Add the `k`-th frond of a plant."""
@@ -131,10 +130,8 @@ class Herb(Spec):
 
     out: float = drawn(lambda draw, spec: draw.random())
     tall: float = between(0.45, 1.0)
-    blades: tuple[tuple[float, float, int], ...] = drawn(  # length, turn, leaf
-        lambda draw, spec: tuple(
-            (draw.between(0.018, 0.032), draw.between(0, 360), draw.whole(2)) for _ in range(3)
-        )
+    blades: tuple[tuple[float, float, int], ...] = repeated(  # length, turn, leaf
+        3, between(0.018, 0.032), between(0, 360), whole(0, 2)
     )
 
     def add_to(self, b: Builder, k: int, plant: Foliage) -> None:

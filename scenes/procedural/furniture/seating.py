@@ -28,6 +28,7 @@ from pbrnet.scenes.procedural.furniture.spec import (
     chance,
     drawn,
     either,
+    repeated,
     several,
     shape,
     whole,
@@ -222,9 +223,7 @@ class Couch(Spec):
     form: str = shape("sofa", "block", "slim", "low", "rolled")
     cloth: Material
     legs: Material = either(0.4, "dark_wood", "wood")
-    leans: tuple[float, ...] = drawn(
-        lambda draw, spec: tuple(draw.between(9, 14) for _ in range(spec.seats))
-    )
+    leans: tuple[float, ...] = repeated(lambda spec: spec.seats, between(9, 14))
     loose: tuple[LooseCushion, ...]
 
     def measures(self) -> tuple[float, float, float, float]:
@@ -337,9 +336,7 @@ class OfficeChair(Spec, piece=("office chair", "chair", "free"), front_clearance
     base: Material = either(0.4, CHROME, BLACK_PLASTIC)
     cloth: Material = either(0.5, "second_upholstery", "upholstery")
     start: float = between(0, 72)
-    castors: tuple[float, ...] = drawn(
-        lambda draw, spec: tuple(draw.between(0, 360) for _ in range(5))
-    )
+    castors: tuple[float, ...] = repeated(5, between(0, 360))
     height: float = between(0.46, 0.64)
     has_arms: bool = chance(0.75)
 

@@ -68,6 +68,11 @@ def any_of(which: str) -> Any:
     return drawn(lambda draw, spec: material(draw, spec.style, which))
 
 
+def one(kind: type[Spec]) -> Any:
+    """A field that is a specification of a kind."""
+    return drawn(lambda draw, spec: kind.draw(draw, spec.style))
+
+
 def optional(share: float, kind: type[Spec]) -> Any:
     """A field that is a specification of a kind with probability `share`, else None."""
     return drawn(lambda draw, spec: kind.draw(draw, spec.style) if draw.chance(share) else None)
@@ -85,6 +90,23 @@ def several(kind: type[Spec], low: int, high: int) -> Any:
     return drawn(
         lambda draw, spec: tuple(kind.draw(draw, spec.style) for _ in range(draw.whole(low, high)))
     )
+
+
+def repeated(count: int | Callable[[Any], int], *hows: Any) -> Any:
+    """A field of `count` values, each drawn as a field is; of tuples where several are given.
+
+    `count` may depend on the fields before.
+    """
+    draws = [how.metadata["how"] for how in hows]
+
+    def each(draw: Draw, spec: Any) -> Any:
+        values = tuple(one(draw, spec) for one in draws)
+        return values if len(draws) > 1 else values[0]
+
+    def all_of(draw: Draw, spec: Any) -> tuple[Any, ...]:
+        return tuple(each(draw, spec) for _ in range(count(spec) if callable(count) else count))
+
+    return drawn(all_of)
 
 
 def material(draw: Draw, style: Style, which: Material | str) -> Material:

@@ -207,6 +207,16 @@ def span(
     return box(high_ - low_, (middle[0], middle[1], low_[2]), bevel, grain)
 
 
+def frame_bars(outer: Sequence[float], inner: Sequence[float]) -> list[tuple[float, ...]]:
+    """Return the bars (a0, a1, b0, b1) between two such rectangles: two posts, rails between them.
+
+    There is no rail where the lower or the upper sides of both agree.
+    """
+    (a, b, c, d), (e, f, g, h) = outer, inner
+    rails = [(e, f, low, high) for low, high in ((c, g), (h, d)) if low != high]
+    return [(a, e, c, d), (f, b, c, d), *rails]
+
+
 def rounded_box(
     size: Sequence[float],
     at: Sequence[float] = (0.0, 0.0, 0.0),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
 from pbrnet.scenes.procedural.furniture.parts.drapes import hooked, pleats
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
@@ -37,30 +38,8 @@ _CORK = Material("paper", hex_color("#b08a5e"), 0.95, family="corrugated")
 _WAX = Material("plastic", hex_color("#efe6d2"), 0.6)
 # Board -> what is pinned to it; on others flyers
 _PINNED = {"magnetic board": "memo", "cork board": "ticket"}
-# Shape -> outline from the foot to the top: radius and height, each relative to the greatest.
-_SHAPES: dict[str, tuple[tuple[float, float], ...]] = {
-    "candlestick": (
-        *((0.9, 0.0), (1.0, 0.03), (0.3, 0.1), (0.18, 0.5), (0.3, 0.8), (0.5, 0.97), (0.4, 1.0)),
-    ),
-    "urn": (
-        *((0.5, 0.0), (0.45, 0.06), (0.9, 0.4), (1.0, 0.6), (0.6, 0.82), (0.7, 0.86)),
-        *((0.3, 0.97), (0.1, 1.0)),
-    ),
-    "bottle vase": ((0.8, 0.0), (1.0, 0.2), (0.85, 0.42), (0.3, 0.6), (0.24, 0.95), (0.32, 1.0)),
-    "figurine": (
-        *((1.0, 0.0), (0.9, 0.05), (0.5, 0.25), (0.7, 0.5), (0.75, 0.62), (0.28, 0.76)),
-        *((0.42, 0.86), (0.3, 0.97), (0.06, 1.0)),
-    ),
-    "bell": (
-        *((1.0, 0.0), (0.82, 0.15), (0.7, 0.45), (0.3, 0.6), (0.14, 0.7), (0.2, 0.96), (0.12, 1.0)),
-    ),
-    "cone": ((1.0, 0.0), (0.8, 0.25), (0.5, 0.55), (0.15, 0.93), (0.05, 1.0)),
-    "goblet": (
-        *((0.8, 0.0), (0.8, 0.03), (0.2, 0.12), (0.18, 0.45), (0.7, 0.62), (1.0, 0.85)),
-        (0.95, 1.0),
-    ),
-    "pebble": ((0.4, 0.0), (0.85, 0.15), (1.0, 0.45), (0.85, 0.8), (0.4, 0.98), (0.1, 1.0)),
-}
+# Of turned ornaments: outline from the foot to the top, radius and height relative to the greatest.
+_SHAPES: dict[str, list[list[float]]] = data_beside(__file__)
 
 
 @assembles("clutter")

@@ -277,36 +277,29 @@ def bucket(b: Builder, draw: Draw, style: Style, size: float) -> None:
 
 
 @assembles("food")
-def wrapped_food(b: Builder, draw: Draw, style: Style) -> None:
+def wrapped_food(
+    b: Builder,
+    draw: Draw,
+    style: Style,
+    color: str,
+    radius: float,
+    flat: float,
+    long: float = 1.0,
+    peel: bool = False,
+    stalk: bool = False,
+) -> None:
     """A loaf of bread, an onion, a lemon or a pumpkin."""
-    color, r, flat = {
-        "bread": ("#9a6a3a", 0.06, 1.0),
-        "onion": ("#b0763c", 0.035, 0.9),
-        "lemon": ("#d9bf3a", 0.03, 0.95),
-        "pumpkin": ("#c0692a", 0.11, 0.75),
-        "apple": ("#a8382c", 0.037, 0.92),
-        "orange": ("#d07a28", 0.038, 0.98),
-        "tomato": ("#b5301f", 0.033, 0.85),
-        "avocado": ("#39402a", 0.036, 1.0),
-        "pear": ("#a7a242", 0.034, 1.25),
-        "pepper": ("#c03a22", 0.04, 1.1),
-    }[b.name]
-    r *= draw.between(0.9, 1.12)
+    r = radius * draw.between(0.9, 1.12)
     turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 12)
     profile = [(max(r * float(np.cos(t)), 0.0), r * flat * (1 + float(np.sin(t)))) for t in turn]
     profile[0], profile[-1] = (0.0, 0.0), (0.0, profile[-1][1])
     body = lathe(profile, 24)
-    if b.name in ("bread", "avocado", "lemon"):
-        long = 2.2 if b.name == "bread" else 1.35
+    if long > 1:
         body = BodyMesh(body.scaled(x=long).vertices, body.faces, body.uvs * long**0.5)
-    skin = Material(
-        "leather" if b.name == "orange" else "paper",
-        hex_color(color),
-        0.6,
-        family="nappa" if b.name == "orange" else "creased",
-    )
+    kind, family = ("leather", "nappa") if peel else ("paper", "creased")
+    skin = Material(kind, hex_color(color), 0.6, family=family)
     b.add(skin, body, name="food")
-    if b.name in ("apple", "pumpkin"):
+    if stalk:
         high = profile[-1][1]
-        stalk = bar((0, 0, 0.9 * high), (0.004, 0, 1.12 * high), 0.04 * r + 0.001, 6)
-        b.add(style.dark_wood, stalk, name="stalk")
+        stem = bar((0, 0, 0.9 * high), (0.004, 0, 1.12 * high), 0.04 * r + 0.001, 6)
+        b.add(style.dark_wood, stem, name="stalk")
