@@ -66,15 +66,9 @@ def _draw_niche(rng: Draw, plan: Plan, room: PlanRoom) -> Niche | None:
         if _is_corner(room.edges[index - 1], edge):
             starts.insert(0, 0.0)
         for s0 in starts if free > 0.3 else []:
-            niche = Niche(
-                room.id,
-                edge,
-                s0,
-                s0 + wide,
-                depth,
-                (s0 + pier, s0 + wide - pier, low, top),
-                tuple(round(float(z), 4) for z in between),
-            )
+            hole = (s0 + pier, s0 + wide - pier, low, top)
+            boards = tuple(round(float(z), 4) for z in between)
+            niche = Niche(room.id, edge, s0, s0 + wide, depth, hole, boards)
             before = edge.strip(s0, s0 + wide, 0.0, depth + _BEFORE)
             beside = edge.strip(s0 - 0.1, s0 + wide + 0.1, 0.0, depth)
             if (

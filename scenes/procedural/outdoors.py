@@ -159,14 +159,9 @@ def _town(rng: Draw, site: Site) -> list[SceneItem]:
         for k in range(count):
             angle = np.radians(start + 360 * k / count + rng.between(-8, 8))
             place = site.at(angle, ring * rng.between(0.95, 1.2))
-            block = Block(
-                rng.between(14, 24),
-                rng.between(10, 13),
-                rng.whole(3, 11),
-                _roof(rng, flat=0.6),
-                (0, 1, 2, 3),
-                detailed=ring < site.half + 40,
-            )
+            size = rng.between(14, 24), rng.between(10, 13), rng.whole(3, 11)
+            near_by = ring < site.half + 40
+            block = Block(*size, _roof(rng, flat=0.6), (0, 1, 2, 3), detailed=near_by)
             facing = 180.0 + _facing(angle)
             items.append(building(rng, f"block-{number}", block, place, facing, site.ground))
             number += 1
@@ -223,14 +218,8 @@ def _row(
     x, number = -length / 2, 0
     while x < length / 2:
         width, depth = rng.between(8, 16), rng.between(9, 12)
-        block = Block(
-            width,
-            depth,
-            rng.whole(storeys[0], storeys[1] + 1),
-            _roof(rng, flat=0.3),
-            (0,),
-            detailed=abs(x + width / 2) < 30,
-        )
+        levels, detailed = rng.whole(storeys[0], storeys[1] + 1), abs(x + width / 2) < 30
+        block = Block(width, depth, levels, _roof(rng, flat=0.3), (0,), detailed=detailed)
         place = site.centre + _turned(np.array([x + width / 2, -away - depth / 2]), turn)
         # Fronts face -Y: turned round, they face the home.
         items.append(building(rng, f"{name}-{number}", block, place, turn + 180.0, site.ground))
@@ -239,13 +228,8 @@ def _row(
 
 
 def _house(rng: Draw, storeys: tuple[int, int]) -> Block:
-    return Block(
-        rng.between(8, 13),
-        rng.between(7, 10),
-        rng.whole(storeys[0], storeys[1] + 1),
-        _roof(rng, flat=0.15),
-        (0, 1, 2, 3),
-    )
+    size = rng.between(8, 13), rng.between(7, 10), rng.whole(storeys[0], storeys[1] + 1)
+    return Block(*size, _roof(rng, flat=0.15), (0, 1, 2, 3))
 
 
 def _roof(rng: Draw, flat: float) -> Roof:
@@ -459,18 +443,10 @@ def _hills(rng: Draw, site: Site, ring: int) -> BodyMesh:
     tops = site.ground + np.maximum(low + high * skyline, 2.0)
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
     circle = site.centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    points = np.stack(
-        [
-            np.column_stack([circle, np.full(count, site.ground - 1.0)]),
-            np.column_stack([circle, tops]),
-        ]
-    )
+    bottoms = np.full(count, site.ground - 1.0)
+    points = np.stack([np.column_stack([circle, z]) for z in (bottoms, tops)])
     low_ring = np.arange(count)
     after = np.roll(low_ring, -1)
-    faces = np.concatenate(
-        [
-            np.column_stack([low_ring, after, low_ring + count]),
-            np.column_stack([after, after + count, low_ring + count]),
-        ]
-    )
+    lower = np.column_stack([low_ring, after, low_ring + count])
+    faces = np.concatenate([lower, np.column_stack([after, after + count, low_ring + count])])
     return BodyMesh(points.reshape(-1, 3), faces, points.reshape(-1, 3)[:, [0, 2]].copy())

@@ -72,18 +72,9 @@ def _over_back(
     at = (rng.normal(0, 0.02), middle + rng.normal(0, 0.02), top + 0.02)
     turn = rng.normal(0 if cut != "shirt" or rng.chance(0.5) else 180, 6)
     made = over(
-        rng,
-        piece,
-        name,
-        "clothing",
-        garment(rng, furnisher.style),
-        (width, length),
-        at,
-        turn=turn,
-        cut=cut,
-        within=slices(behind, low, 0.015),
-        gap=0.008,
-    )
+        rng, piece, name, "clothing", garment(rng, furnisher.style), (width, length), at,
+        turn=turn, cut=cut, within=slices(behind, low, 0.015), gap=0.008,
+    )  # fmt: skip
     return made if made is not None and _lies_on(made, points) else None
 
 
@@ -112,11 +103,8 @@ def _over_arm(furnisher: Furnisher, piece: FurniturePiece, used: set[str]) -> Fu
     size = (min(rng.between(0.3, 0.42), room - float(low[1]) - 0.1), rng.between(0.9, 1.25))
     if size[0] < _NARROWEST:
         return None
-    at = (
-        side * (float(high[0]) - rng.between(0.08, 0.16)),
-        float(low[1]) + 0.5 * size[0] + 0.05,
-        top + 0.05,
-    )
+    x = side * (float(high[0]) - rng.between(0.08, 0.16))
+    at = (x, float(low[1]) + 0.5 * size[0] + 0.05, top + 0.05)
     turn = 90.0 + rng.normal(0, 7)
     return over(
         rng, piece, "throw over an arm", "textile", furnisher.style.throw, size, at, turn=turn,

@@ -86,11 +86,8 @@ def _hang_ceiling_lamp(furnisher: Furnisher) -> None:
     if hanging and furnisher.area < 16:
         return
     kind = rng.pick(_TABLES.ceiling_lamps[furnisher.room.type])
-    lamp = (
-        furnisher.make(kind, drop=min(0.5, furnisher.plan.height - 2.05))
-        if kind == "pendant_lamp"
-        else furnisher.make(kind)
-    )
+    drop = {"drop": min(0.5, furnisher.plan.height - 2.05)} if kind == "pendant_lamp" else {}
+    lamp = furnisher.make(kind, **drop)
     middle = furnisher.space.middle()
     for attempt in range(12):
         x, y = middle + rng.normal(0, 0.05 + 0.1 * attempt, 2)

@@ -61,16 +61,10 @@ def _tap(spout: float, height: float) -> BodyMesh:
     t = np.linspace(0, 0.5 * np.pi, 6)
     bend = np.stack([0 * t, -0.05 + 0.05 * np.cos(t), height - 0.05 + 0.05 * np.sin(t)], axis=1)
     path = np.concatenate([[[0, 0, 0.0]], bend, [[0, -spout, height - 0.012]]])
-    return merge(
-        [
-            cylinder(0.023, 0, 0.014, 20, bevel=0.003),
-            tube(path, 0.0125, 12),
-            bar(
-                (0, -spout + 0.008, height - 0.006), (0, -spout + 0.004, height - 0.034), 0.0105, 10
-            ),
-            bar((0, -0.008, height), (0, 0.035, height + 0.035), 0.005, 8),
-        ]
-    )
+    ends = (0, -spout + 0.008, height - 0.006), (0, -spout + 0.004, height - 0.034)
+    lever = bar((0, -0.008, height), (0, 0.035, height + 0.035), 0.005, 8)
+    foot = cylinder(0.023, 0, 0.014, 20, bevel=0.003)
+    return merge([foot, tube(path, 0.0125, 12), bar(*ends, 0.0105, 10), lever])
 
 
 class Towel(Spec):
@@ -85,15 +79,9 @@ class Towel(Spec):
     def mesh(self, tub: Float64Array, x: float, y: float, z: float) -> BodyMesh:
         """The towel over the rim at (x, y, z) of a tub of triangles (N, 3, 3)."""
         near = (np.abs(tub[..., 0] - x).min(axis=1) < 0.35) & (tub[..., 1].min(axis=1) < 0.3)
-        return dropped(
-            self.ripples,
-            [surface(tub[near], 0.012), plane(2, 0.02)],
-            (0.42, self.long),
-            (x, y - self.out, z + 0.06),
-            turn=self.turn,
-            tight=self.tight,
-            thickness=0.008,
-        )
+        bodies, size = [surface(tub[near], 0.012), plane(2, 0.02)], (0.42, self.long)
+        how = {"turn": self.turn, "tight": self.tight, "thickness": 0.008}
+        return dropped(self.ripples, bodies, size, (x, y - self.out, z + 0.06), **how)
 
 
 class BathTub(Spec, piece=("bath tub", "bath", "wall"), front_clearance=0.5):
@@ -275,13 +263,8 @@ class Shower(Spec, piece=("shower", "shower", "corner"), front_clearance=0.6):
 
     def assemble(self, b: Builder) -> None:
         half = self.width / 2
-        tray = (
-            (0.0, 0.0, 30),
-            (0.0, 0.045, 30),
-            (0.004, 0.05, 28),
-            (0.05, 0.05, 16),
-            (0.07, 0.032, 14),
-        )
+        tray = ((0.0, 0.0, 30), (0.0, 0.045, 30), (0.004, 0.05, 28), (0.05, 0.05, 16))
+        tray += ((0.07, 0.032, 14),)
         rings = [superellipse(half - dx, half - dx, z, power, 64) for dx, z, power in tray]
         b.add(CERAMIC, loft(rings), name="tray")
         b.add(CHROME, cylinder(0.055, 0.0325, 0.036, 28).moved(-0.1, 0.1), name="drain")

@@ -31,9 +31,7 @@ FRONT = 0.019
 GAP = 0.003  # between neighbouring fronts
 
 
-def carcass(
-    width: float, depth: float, z0: float, z1: float, top: bool = True, back: bool = True
-) -> list[BodyMesh]:
+def carcass(width: float, depth: float, z0: float, z1: float, top: bool = True) -> list[BodyMesh]:
     """Return the boards of an open-fronted box, set back by the thickness of the fronts."""
     front, rear = -depth / 2 + FRONT + 0.002, depth / 2
     half = width / 2
@@ -45,8 +43,7 @@ def carcass(
     inner = half - BOARD
     if top:
         boards.append(span((-inner, front + 0.001, z1 - BOARD), (inner, rear - 0.001, z1 - 0.001)))
-    if back:
-        boards.append(span((-inner, rear - 0.012, z0 + BOARD), (inner, rear - 0.004, z1 - BOARD)))
+    boards.append(span((-inner, rear - 0.012, z0 + BOARD), (inner, rear - 0.004, z1 - BOARD)))
     return boards
 
 

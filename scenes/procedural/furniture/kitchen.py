@@ -277,13 +277,8 @@ class HobUnit(Unit, piece=("hob and oven", "kitchen unit", "wall"), front_cleara
         window = span(corner, (half - 0.05, f + 0.001, high - 0.075))
         b.add(SCREEN, window, name="window")
         z = high - 0.035
-        add_grip(
-            b,
-            ((-half + 0.06, z), (half - 0.06, z)),
-            (((-1) * (half - 0.09), z), (half - 0.09, z)),
-            (f + 0.002, f - 0.042),
-            (0.009, 0.007),
-        )
+        ends, feet = (((-x, z), (x, z)) for x in (half - 0.06, half - 0.09))
+        add_grip(b, ends, feet, (f + 0.002, f - 0.042), (0.009, 0.007))
         b.add(self.style.kitchen, board(PLINTH + 0.002, low - 0.004, 0.0015), name="front")
 
     def _add_burner(self, b: Builder, x: float, y: float, high: float, radius: float) -> None:
@@ -428,22 +423,12 @@ class ExtractorHood(Spec, piece=("extractor hood", "extractor hood", "on_wall"),
 def _pot(radius: float, height: float, lid: bool = False) -> BodyMesh:
     """Pot with two handles, open or with a lid."""
     profile = [(radius - 0.006, 0.0), (radius, 0.006), (radius, height), (radius - 0.003, height)]
-    profile += [(radius - 0.006, 0.01), (0.0, 0.008)] if not lid else []
-    meshes = [
-        lathe(
-            profile
-            if not lid
-            else [
-                *profile[:3],
-                (0.92 * radius, height + 0.008),
-                (0.03, height + 0.022),
-                (0, height + 0.022),
-            ],
-            32,
-        )
-    ]
-    if lid:
-        meshes += [
+    if not lid:
+        meshes = [lathe([*profile, (radius - 0.006, 0.01), (0.0, 0.008)], 32)]
+    else:
+        cover = [(0.92 * radius, height + 0.008), (0.03, height + 0.022), (0, height + 0.022)]
+        meshes = [
+            lathe([*profile[:3], *cover], 32),
             cylinder(0.006, height + 0.015, height + 0.036, 10),
             sphere(0.017, 14, 8).scaled(z=0.7).moved(z=height + 0.042),
         ]

@@ -33,13 +33,11 @@ OPAL = Material("plastic", (0.86, 0.85, 0.82), 0.4)
 _DOWNWARDS = 0.5  # share of a shaded lamp's light that leaves by its diffuser
 
 
-def _shade_profile(
-    low: float, high: float, z0: float, z1: float, wall: float = 0.003
-) -> list[tuple[float, float]]:
-    """Closed profile (radius, z) of an open lampshade of thickness `wall`."""
+def _shade_profile(low: float, high: float, z0: float, z1: float) -> list[tuple[float, float]]:
+    """Closed profile (radius, z) of an open lampshade, 3 mm thick."""
     t = np.linspace(0, 1, 4)
     outer = [(float(low + (high - low) * s), float(z0 + (z1 - z0) * s)) for s in t]
-    inner = [(r - wall, z) for r, z in outer[::-1]]
+    inner = [(r - 0.003, z) for r, z in outer[::-1]]
     return [*outer, *inner]
 
 

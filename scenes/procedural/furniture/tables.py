@@ -54,17 +54,10 @@ class TableCloth(Spec):
         # Down to below the hem, so that the cloth does not swing in under the top.
         low, high = (-width / 2, -depth / 2, height - 0.4), (width / 2, depth / 2, height)
         top = block(low, high, 0.008, thin + 0.001)
-        return dropped(
-            self.ripples,
-            [top, plane(2, height + thin + 0.0012, -1.0)],
-            (width + 2 * self.hang, depth + 2 * self.hang),
-            (0, 0, height + 0.01),
-            turn=self.turn,
-            tight=0.0,
-            rumple=0.1,
-            thickness=thin,
-            step=0.045,
-        )
+        bodies = [top, plane(2, height + thin + 0.0012, -1.0)]
+        size, at = (width + 2 * self.hang, depth + 2 * self.hang), (0, 0, height + 0.01)
+        how = {"turn": self.turn, "tight": 0.0, "rumple": 0.1, "thickness": thin, "step": 0.045}
+        return dropped(self.ripples, bodies, size, at, **how)
 
 
 def _table_linen(draw: Draw, style: Style) -> Material:

@@ -56,13 +56,8 @@ def building(
     is_brick = rng.chance(0.3)
     codes = _BRICKS if is_brick else _WALLS
     code = rng.pick(codes)
-    wall = Material(
-        "brick" if is_brick else "plaster",
-        hex_color(code),
-        0.9,
-        accent=hex_color("#97908a") if is_brick else None,
-        variant=rng.variant(),
-    )
+    kind, accent = ("brick", hex_color("#97908a")) if is_brick else ("plaster", None)
+    wall = Material(kind, hex_color(code), 0.9, accent=accent, variant=rng.variant())
     trim = Material("paint", hex_color(rng.pick(("#cfccc4", "#8c8880", "#4a4a4a"))), 0.6)
     walls: list[BodyMesh] = []
     trims: list[BodyMesh] = []
@@ -218,7 +213,7 @@ def _frame(x: float, wide: float, z0: float, z1: float) -> list[BodyMesh]:
 
 def _balcony(x: float, wide: float, z: float) -> list[BodyMesh]:
     """Return a slab with a railing before a window."""
-    deep, high = 1.2, 1.0
+    deep, high, ends = 1.2, 1.0, (x + -wide / 2, x + wide / 2)
     bars = [
         box((0.02, 0.02, high), (x + offset, -deep + 0.03, z))
         for offset in np.linspace(-wide / 2 + 0.03, wide / 2 - 0.03, max(6, int(wide / 0.14)))
@@ -226,10 +221,7 @@ def _balcony(x: float, wide: float, z: float) -> list[BodyMesh]:
     return [
         span((x - wide / 2, -deep, z - 0.16), (x + wide / 2, 0, z)),
         box((wide, 0.05, 0.05), (x, -deep + 0.03, z + high)),
-        *(
-            box((0.04, deep, 0.04), (x + side, -deep / 2, z + high + 0.005))
-            for side in (-wide / 2, wide / 2)
-        ),
+        *(box((0.04, deep, 0.04), (at, -deep / 2, z + high + 0.005)) for at in ends),
         *bars,
     ]
 
@@ -247,14 +239,8 @@ def _roof(rng: Draw, block: Block, high: float) -> list[BodyMesh]:
             for x in (-width / 2 + 0.15, width / 2 - 0.15)
         ]
         hut = box((2.5, 2.5, 1.8), (rng.between(-0.3, 0.3) * width, 0, high))
-        return [
-            span(
-                (0.02 - width / 2, 0.02 - depth / 2, high - 0.05),
-                (width / 2 - 0.02, depth / 2 - 0.02, high),
-            ),
-            *ring,
-            hut,
-        ]
+        low = (0.02 - width / 2, 0.02 - depth / 2, high - 0.05)
+        return [span(low, (width / 2 - 0.02, depth / 2 - 0.02, high)), *ring, hut]
     ridge = rng.between(0.3, 0.5) * depth
     chimney = box((0.6, 0.5, ridge + 0.75), (rng.between(-0.3, 0.3) * width, 0.3, high + 0.05))
     if block.roof == "hip":
@@ -267,11 +253,8 @@ def _roof(rng: Draw, block: Block, high: float) -> list[BodyMesh]:
             [[0, 1, 5], [0, 5, 4], [1, 2, 5], [2, 3, 4], [2, 4, 5], [3, 0, 4], [0, 2, 1], [0, 3, 2]]
         )
         return [BodyMesh(vertices, faces, vertices[:, :2].copy(), smooth=False), chimney]
-    roof = prism(
-        [(-depth / 2 - eaves, 0.0), (depth / 2 + eaves, 0.0), (0.0, ridge)],
-        -width / 2 - eaves,
-        width / 2 + eaves,
-    )
+    gable = [(-depth / 2 - eaves, 0.0), (depth / 2 + eaves, 0.0), (0.0, ridge)]
+    roof = prism(gable, -width / 2 - eaves, width / 2 + eaves)
     # The gable was extruded along z: permute the axes so that it runs along x with its tip up.
     vertices = np.stack([roof.vertices[:, 2], roof.vertices[:, 0], roof.vertices[:, 1]], axis=1)
     return [BodyMesh(vertices + np.array([0, 0, high]), roof.faces, roof.uvs), chimney]

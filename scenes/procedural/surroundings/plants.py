@@ -90,14 +90,9 @@ def hedge(rng: Draw, centre: Float64Array, half: float, ground: float) -> SceneI
         run[..., 1] = profile[:, 0] * thickness * (1 + rough)
         run[..., 2] = profile[:, 1] * height * (1 + 0.6 * rough) - 0.05
         runs.append(_extruded(run).moved(y=-half).turned("z", 90.0 * side))
-        spots = np.stack(
-            [
-                rng.uniform(-length / 2, length / 2, 2400),
-                -half + 0.5 * thickness * np.where(rng.random(2400) < 0.5, 1.02, -1.02),
-                rng.uniform(0.05, height, 2400),
-            ],
-            axis=1,
-        )
+        x = rng.uniform(-length / 2, length / 2, 2400)
+        y = -half + 0.5 * thickness * np.where(rng.random(2400) < 0.5, 1.02, -1.02)
+        spots = np.stack([x, y, rng.uniform(0.05, height, 2400)], axis=1)
         spots[::3, 1] = -half + rng.uniform(-0.4, 0.4, 800) * thickness
         spots[::3, 2] = height
         tufts.append(_mesh(_leaves(rng, spots, 0.045)).turned("z", 90.0 * side))

@@ -33,22 +33,9 @@ def street(rng: Draw, near: float, length: float, turn: float, ground: float) ->
 
     `near` is the distance to its first kerb, metres. Cars are parked along both kerbs, with gaps.
     """
-    asphalt = Material(
-        "soil",
-        hex_color("#4a4a4c"),
-        0.9,
-        accent=hex_color("#6b6a68"),
-        variant=rng.variant(),
-        family="asphalt",
-    )
-    stone = Material(
-        "tiles",
-        hex_color("#8d8a86"),
-        0.85,
-        accent=hex_color("#6d6a66"),
-        scale=1.2,
-        variant=rng.variant(),
-    )
+    dark, chips, grey, joints = map(hex_color, ("#4a4a4c", "#6b6a68", "#8d8a86", "#6d6a66"))
+    asphalt = Material("soil", dark, 0.9, chips, variant=rng.variant(), family="asphalt")
+    stone = Material("tiles", grey, 0.85, joints, scale=1.2, variant=rng.variant())
     far = near + ROAD
     half = length / 2
     road = span((-half, -far, -0.3), (half, -near, 0.03))

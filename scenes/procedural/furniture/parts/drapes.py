@@ -81,9 +81,6 @@ def dropped(
     thickness: float = 0.005,
     step: float = 0.03,
     cut: Cut = "sheet",
-    steps: int = 100,
-    friction: float = 0.8,
-    weave: Weave = LINEN,
 ) -> BodyMesh:
     """Return a cloth of `size` that fell from `at`, below its middle, onto bodies.
 
@@ -101,22 +98,17 @@ def dropped(
     x, y = u * size[0] * (1 - tight), v * size[1] * (1 - tight)
     cosine, sine = np.round([np.cos(np.radians(turn)), np.sin(np.radians(turn))], 9)
     height = rumple * (0.008 + 0.03 * float(np.sqrt(tight)))
-    place = started(
-        (
-            at[0] + x * cosine - y * sine,
-            at[1] + x * sine + y * cosine,
-            at[2] + height * (waves - waves.min()),
-        )
-    )
+    lifted = at[2] + height * (waves - waves.min())
+    place = started((at[0] + x * cosine - y * sine, at[1] + x * sine + y * cosine, lifted))
     cells = _cells(cut, n - 1, m - 1)
     ghost = None if cells is None else ~_corners(cells)
-    place = refined(settle(place, rest, bodies, steps, weave, ghost=ghost, friction=friction))
+    place = refined(settle(place, rest, bodies, 100, LINEN, ghost=ghost, friction=0.8))
     rest = (0.5 * rest[0], 0.5 * rest[1])
     if cells is not None:
         cells = cells.repeat(2, axis=0).repeat(2, axis=1)
         ghost = ~_corners(cells)
     # Again at twice the resolution: the sheet bends around thin rails.
-    place = settle(place, rest, bodies, _FINE_STEPS, weave, ghost=ghost, friction=friction)
+    place = settle(place, rest, bodies, _FINE_STEPS, LINEN, ghost=ghost, friction=0.8)
     return solid(place, rest, thickness, cells)
 
 
@@ -142,17 +134,15 @@ def hung(
     back: float,
     gap: float,
     wall: float,
-    thickness: float = 0.006,
-    step: float = 0.025,
 ) -> BodyMesh:
     """Return a towel of width `size` over a bar along x through the origin; the wall is at +y.
 
     It hangs down by `front` and `back` metres; it keeps `gap` metres from the bar's axis, and in
     front of the plane y = `wall`.
     """
-    n = round(size / step) + 1
+    n = round(size / 0.025) + 1
     around = np.pi * gap
-    m = round((front + back + around) / step) + 1
+    m = round((front + back + around) / 0.025) + 1
     rest = (size / (n - 1), (front + back + around) / (m - 1))
     s = (np.arange(n) / (n - 1) - 0.5)[:, None] * size
     t = np.arange(m)[None, :] * rest[1]  # from the hem in front, over the bar
@@ -165,13 +155,8 @@ def hung(
     deep = 0.022 * float(np.sqrt(tight))
     loose = np.minimum(fallen / 0.08, 1.0)
     side = np.where(t < front + 0.5 * around, -1.0, 1.0)
-    place = started(
-        (
-            s * (1 - tight * (0.4 + 0.6 * loose)),
-            y + side * deep * loose * np.abs(waves),
-            gap * np.sin(arc) - fallen * (1 + hanging.lean * s / size),
-        )
-    )
+    x, y = s * (1 - tight * (0.4 + 0.6 * loose)), y + side * deep * loose * np.abs(waves)
+    place = started((x, y, gap * np.sin(arc) - fallen * (1 + hanging.lean * s / size)))
     held = np.ones((n, m))
     held[:, int(np.argmin(np.abs(t[0] - front - 0.5 * around)))] = 0.0
 
@@ -183,7 +168,7 @@ def hung(
         return level
 
     place = settle(place, rest, [push], 120, Weave(1.0, 0.2, 0.02), mass=held, friction=0.15)
-    return solid(refined(place)[:, :, ::-1], (0.5 * rest[0], 0.5 * rest[1]), thickness)
+    return solid(refined(place)[:, :, ::-1], (0.5 * rest[0], 0.5 * rest[1]), 0.006)
 
 
 def hooked(
@@ -191,11 +176,9 @@ def hooked(
     size: tuple[float, float],
     *,
     cut: Cut = "sheet",
-    thickness: float = 0.005,
-    step: float = 0.042,
 ) -> BodyMesh:
     """Return a cloth that hangs from z = 0 at y = -0.05, in front of the wall y = 0.02."""
-    n, m = (round(length / step) + 1 for length in size)
+    n, m = (round(length / 0.042) + 1 for length in size)
     rest = (size[0] / (n - 1), size[1] / (m - 1))
     u = (np.arange(n) / (n - 1) - 0.5)[:, None]
     v = ((m - 1 - np.arange(m)) / (m - 1))[None, :]  # 0 at the top
@@ -203,29 +186,16 @@ def hooked(
     phase = 2 * np.pi * count * u + start + 0.4 * np.sin(5 * v + drift)
     narrow = 0.22 + 0.2 * v
     deep = size[0] / count * 0.22 * (0.5 + 0.5 * v)
-    place = started(
-        (
-            u * size[0] * narrow,
-            -0.05 - deep * np.sin(phase) + 0 * v,
-            -size[1] * v - 0.45 * size[0] * np.abs(u) + 0.0,
-        )
-    )
+    y, z = -0.05 - deep * np.sin(phase) + 0 * v, -size[1] * v - 0.45 * size[0] * np.abs(u) + 0.0
+    place = started((u * size[0] * narrow, y, z))
     held = np.where((np.abs(u) * size[0] < 0.04) & (v * size[1] < 0.04), 0.0, 1.0)
     cells = _cells(cut, n - 1, m - 1)
     ghost = None if cells is None else ~_corners(cells)
-    place = settle(
-        place,
-        rest,
-        [plane(1, 0.02, -1.0)],
-        130,
-        Weave(1.0, 0.15, 0.03),
-        mass=held,
-        ghost=ghost,
-        friction=0.3,
-    )
+    wall, weave = [plane(1, 0.02, -1.0)], Weave(1.0, 0.15, 0.03)
+    place = settle(place, rest, wall, 130, weave, mass=held, ghost=ghost, friction=0.3)
     if cells is not None:
         cells = cells.repeat(2, axis=0).repeat(2, axis=1)
-    return solid(refined(place), (0.5 * rest[0], 0.5 * rest[1]), thickness, cells)
+    return solid(refined(place), (0.5 * rest[0], 0.5 * rest[1]), 0.005, cells)
 
 
 def _corners(cells: BoolArray) -> BoolArray:
@@ -282,10 +252,10 @@ def _longest(mesh: BodyMesh) -> float:
     return float(np.sqrt((edges**2).sum(axis=-1).max()))
 
 
-def slices(points: Float64Array, low: float, gap: float, high: float = 0.06) -> list[Push]:
-    """Blocks around the points (N, 3) of an upright thing above z = `low`, each `high` m high."""
+def slices(points: Float64Array, low: float, gap: float) -> list[Push]:
+    """Blocks around the points (N, 3) of an upright thing above z = `low`, each 6 cm high."""
     top = float(points[:, 2].max())
-    count = max(1, round((top - low) / high))
+    count = max(1, round((top - low) / 0.06))
     levels = np.linspace(low, top, count + 1)
     bodies = []
     for k in range(count):

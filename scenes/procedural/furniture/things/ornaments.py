@@ -8,6 +8,7 @@ from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
 from pbrnet.scenes.procedural.furniture.parts.drapes import hooked, pleats
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
+    CORNERS,
     BodyMesh,
     bar,
     box,
@@ -80,10 +81,9 @@ def lantern(b: Builder, draw: Draw, style: Style) -> None:
     frame = style.metal if draw.chance(0.6) else style.wood
     b.add(frame, box((2 * half, 2 * half, 0.015), (0, 0, 0), 0.002), name="frame")
     b.add(frame, box((2.1 * half, 2.1 * half, 0.012), (0, 0, h), 0.002), name="frame")
-    for x in (-1, 1):
-        for y in (-1, 1):
-            at = (0.88 * x * half, 0.88 * y * half, 0.0148)
-            b.add(frame, box((0.011, 0.011, h - 0.0145), at), name="frame")
+    for x, y in CORNERS:
+        at = (0.88 * x * half, 0.88 * y * half, 0.0148)
+        b.add(frame, box((0.011, 0.011, h - 0.0145), at), name="frame")
     turn = np.linspace(0, np.pi, 12)
     ring = np.stack([0.03 * np.cos(turn), 0 * turn, h + 0.011 + 0.03 * np.sin(turn)], 1)
     b.add(frame, tube(ring, 0.003, 8), name="handle")

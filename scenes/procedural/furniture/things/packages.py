@@ -10,6 +10,7 @@ from scipy import ndimage
 from pbrnet.scenes.procedural.furniture.decoration import display, shown_on
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
+    CORNERS,
     BodyMesh,
     bar,
     box,
@@ -74,11 +75,8 @@ def papers(
     z = 0.0
     for _ in range(draw.whole(1, sheets + 1)):
         x, y, thick = _sized(draw, size, 0.06)
-        sheet = (
-            box((x, y, thick))
-            .turned("z", draw.between(-12, 12))
-            .moved(draw.between(-0.01, 0.01), draw.between(-0.01, 0.01), z)
-        )
+        sheet = box((x, y, thick)).turned("z", draw.between(-12, 12))
+        sheet = sheet.moved(draw.between(-0.01, 0.01), draw.between(-0.01, 0.01), z)
         kind = draw.random()
         if look == "white":
             b.add(_PAPER, sheet, name="paper")
@@ -114,11 +112,8 @@ def slab(
         rows, columns = max(2, round(y / 0.02)), max(2, round(x / 0.014))
         for i in range(rows):
             for j in range(columns):
-                at = (
-                    (j - 0.5 * (columns - 1)) * 0.8 * x / columns,
-                    (i - 0.5 * (rows - 1)) * 0.8 * y / rows,
-                    z + 0.0001,
-                )
+                across = (j - 0.5 * (columns - 1)) * 0.8 * x / columns
+                at = (across, (i - 0.5 * (rows - 1)) * 0.8 * y / rows, z + 0.0001)
                 b.add(RUBBER, box((0.5 * x / columns, 0.5 * y / rows, 0.0014), at), name="keys")
     if screen:
         shown = display(0.45 * x, 0.45 * y).turned("x", -90).moved(z=z + 0.001)
@@ -136,10 +131,9 @@ def device(b: Builder, draw: Draw, style: Style, size: Size, detail: str = "") -
     b.add(
         shell, rounded_box((x, y, z - foot), (0, 0, foot), radius, steps=2, inner=1), name="shell"
     )
-    for side_x in (-1, 1):
-        for side_y in (-1, 1):
-            at = (0.38 * side_x * x, 0.36 * side_y * y, 0.0)
-            b.add(RUBBER, box((0.014, 0.014, foot + radius), at), name="feet")
+    for side_x, side_y in CORNERS:
+        at = (0.38 * side_x * x, 0.36 * side_y * y, 0.0)
+        b.add(RUBBER, box((0.014, 0.014, foot + radius), at), name="feet")
     front = -0.5 * y
     dark = SCREEN if shell is not BLACK_PLASTIC else RUBBER
     if detail == "dials":
@@ -188,18 +182,8 @@ def charger(b: Builder, draw: Draw, style: Style) -> None:
     plastic = WHITE_PLASTIC if draw.chance(0.6) else BLACK_PLASTIC
     path = _wire(draw, [0.0, 0.0], draw.whole(2, 4), draw.between(0.04, 0.07))
     b.add(plastic, tube(path, 0.0026, 7), name="cable")
-    end = path[-1]
-    b.add(
-        plastic,
-        rounded_box(
-            (0.045, 0.03, 0.026),
-            (float(end[0]) + 0.0228, float(end[1]) + 0.012, 0),
-            0.005,
-            steps=2,
-            inner=1,
-        ),
-        name="plug",
-    )
+    at = (float(path[-1][0]) + 0.0228, float(path[-1][1]) + 0.012, 0)
+    b.add(plastic, rounded_box((0.045, 0.03, 0.026), at, 0.005, inner=1), name="plug")
 
 
 def power_cable(draw: Draw, style: Style, run: float, end: float) -> FurniturePiece:
@@ -379,14 +363,10 @@ def bricks(b: Builder, draw: Draw, style: Style) -> None:
         used.append((x, y))
         tall = draw.whole(1, 4) if k < 3 else 1
         for level in range(tall):
-            brick = box((0.06, 0.03, 0.03), (0, 0, 0), 0.002)
-            b.add(
-                tinted(draw, style),
-                brick.turned("z", draw.between(0, 180) if tall == 1 else 90.0 * level).moved(
-                    x, y, 0.0301 * level
-                ),
-                name="bricks",
-            )
+            paint = tinted(draw, style)
+            turn = draw.between(0, 180) if tall == 1 else 90.0 * level
+            brick = box((0.06, 0.03, 0.03), (0, 0, 0), 0.002).turned("z", turn)
+            b.add(paint, brick.moved(x, y, 0.0301 * level), name="bricks")
 
 
 @assembles("toy")
@@ -398,11 +378,10 @@ def car(b: Builder, draw: Draw, style: Style) -> None:
         b.add(paint, box((0.1, 0.05, 0.025), (x, 0, 0.012), 0.006), name="body")
         cabin = box((0.05, 0.044, 0.024), (x + 0.006, 0, 0.0372), 0.006)
         b.add(tinted(draw, style), cabin, name="cabin")
-        for side in (-1, 1):
-            for end in (-1, 1):
-                wheel = cylinder(0.013, 0.0, 0.01, 16, 0.002).turned("x", 90)
-                at = (x + 0.03 * end, side * 0.0305 + 0.005, 0.013)
-                b.add(RUBBER, wheel.moved(*at), name="wheels")
+        wheel = cylinder(0.013, 0.0, 0.01, 16, 0.002).turned("x", 90)
+        for side, end in CORNERS:
+            at = (x + 0.03 * end, side * 0.0305 + 0.005, 0.013)
+            b.add(RUBBER, wheel.moved(*at), name="wheels")
 
 
 @assembles("toy")

@@ -9,6 +9,7 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
+    CORNERS,
     bar,
     box,
     cylinder,
@@ -167,14 +168,8 @@ def bag(b: Builder, draw: Draw, style: Style, size: tuple[float, float, float]) 
     b.add(cloth, loft(np.stack(rings)), name="bag")
     arc = np.linspace(0, np.pi, 13)
     for side in (-1, 1):
-        handle = np.stack(
-            [
-                0.2 * x * np.cos(arc),
-                side * 0.12 * y + 0.02 * side * np.sin(arc),
-                z - 0.01 + 0.3 * z * np.sin(arc),
-            ],
-            axis=1,
-        )
+        across = side * 0.12 * y + 0.02 * side * np.sin(arc)
+        handle = np.stack([0.2 * x * np.cos(arc), across, z - 0.01 + 0.3 * z * np.sin(arc)], axis=1)
         b.add(
             cloth if b.name != "backpack" else BLACK_PLASTIC, tube(handle, 0.006, 8), name="handles"
         )
@@ -186,12 +181,11 @@ def suitcase(b: Builder, draw: Draw, style: Style) -> None:
     x, y, z = 0.42, 0.25, draw.between(0.55, 0.68)
     shell = tinted(draw, style)
     b.add(shell, rounded_box((x, y, z), (0, 0, 0.045), 0.04, steps=3, inner=2), name="shell")
-    for side in (-1, 1):
-        for front in (-1, 1):
-            wheel = cylinder(0.022, -0.012, 0.012, 16, 0.003).turned("y", 90)
-            b.add(RUBBER, wheel.moved(0.38 * side * x, 0.32 * front * y, 0.022), name="wheels")
-            forks = box((0.03, 0.03, 0.03), (0.38 * side * x, 0.32 * front * y, 0.0442))
-            b.add(BLACK_PLASTIC, forks, name="forks")
+    wheel = cylinder(0.022, -0.012, 0.012, 16, 0.003).turned("y", 90)
+    for side, front in CORNERS:
+        at = (0.38 * side * x, 0.32 * front * y)
+        b.add(RUBBER, wheel.moved(*at, 0.022), name="wheels")
+        b.add(BLACK_PLASTIC, box((0.03, 0.03, 0.03), (*at, 0.0442)), name="forks")
     b.add(BLACK_PLASTIC, box((0.16, 0.025, 0.02), (0, 0.06, z + 0.0455), 0.006), name="grip")
 
 

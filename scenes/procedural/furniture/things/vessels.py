@@ -121,12 +121,10 @@ def jar(
         b.add(*printed(draw, style, paper), name="label")
 
 
-def _hollow(
-    r: float, h: float, foot: float = 0.7, wall: float = 0.003, flare: float = 1.0
-) -> Profile:
+def _hollow(r: float, h: float, foot: float = 0.7, wall: float = 0.003) -> Profile:
     """An open vessel: from its foot outwards, over the rim, down inside."""
     t = np.linspace(0, 1, 6)
-    outer = [(r * (foot + (1 - foot) * float(x) ** (0.5 * flare)), float(x) * h) for x in t]
+    outer = [(r * (foot + (1 - foot) * float(x) ** 0.5), float(x) * h) for x in t]
     inner = [(max(a - wall, 0.001), max(z, wall * 1.6)) for a, z in outer[::-1]]
     return [*outer, *inner[:-1], (inner[-1][0] - 0.001, wall * 1.6)]
 
