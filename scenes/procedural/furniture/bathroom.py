@@ -80,8 +80,8 @@ class Towel(Spec):
         """The towel over the rim at (x, y, z) of a tub of triangles (N, 3, 3)."""
         near = (np.abs(tub[..., 0] - x).min(axis=1) < 0.35) & (tub[..., 1].min(axis=1) < 0.3)
         bodies, size = [surface(tub[near], 0.012), plane(2, 0.02)], (0.42, self.long)
-        how = {"turn": self.turn, "tight": self.tight, "thickness": 0.008}
-        return dropped(self.ripples, bodies, size, (x, y - self.out, z + 0.06), **how)
+        at, tight = (x, y - self.out, z + 0.06), self.tight
+        return dropped(self.ripples, bodies, size, at, turn=self.turn, tight=tight, thickness=0.008)
 
 
 class BathTub(Spec, piece=("bath tub", "bath", "wall"), front_clearance=0.5):
@@ -263,8 +263,10 @@ class Shower(Spec, piece=("shower", "shower", "corner"), front_clearance=0.6):
 
     def assemble(self, b: Builder) -> None:
         half = self.width / 2
-        tray = ((0.0, 0.0, 30), (0.0, 0.045, 30), (0.004, 0.05, 28), (0.05, 0.05, 16))
-        tray += ((0.07, 0.032, 14),)
+        tray = (  # inset, height, power
+            *((0.0, 0.0, 30), (0.0, 0.045, 30), (0.004, 0.05, 28)),
+            *((0.05, 0.05, 16), (0.07, 0.032, 14)),
+        )
         rings = [superellipse(half - dx, half - dx, z, power, 64) for dx, z, power in tray]
         b.add(CERAMIC, loft(rings), name="tray")
         b.add(CHROME, cylinder(0.055, 0.0325, 0.036, 28).moved(-0.1, 0.1), name="drain")

@@ -56,8 +56,10 @@ class TableCloth(Spec):
         top = block(low, high, 0.008, thin + 0.001)
         bodies = [top, plane(2, height + thin + 0.0012, -1.0)]
         size, at = (width + 2 * self.hang, depth + 2 * self.hang), (0, 0, height + 0.01)
-        how = {"turn": self.turn, "tight": 0.0, "rumple": 0.1, "thickness": thin, "step": 0.045}
-        return dropped(self.ripples, bodies, size, at, **how)
+        return dropped(
+            self.ripples, bodies, size, at, turn=self.turn, tight=0.0, rumple=0.1,
+            thickness=thin, step=0.045,
+        )  # fmt: skip
 
 
 def _table_linen(draw: Draw, style: Style) -> Material:

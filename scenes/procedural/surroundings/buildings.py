@@ -12,7 +12,7 @@ from pbrnet.scenes.color import Color
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, box, grid, prism, span
 from pbrnet.scenes.procedural.furniture.style import hex_color
-from pbrnet.scenes.procedural.piece import Material, PiecePart
+from pbrnet.scenes.procedural.piece import Material, MaterialKind, PiecePart
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.seeds import Draw
 
@@ -56,7 +56,8 @@ def building(
     is_brick = rng.chance(0.3)
     codes = _BRICKS if is_brick else _WALLS
     code = rng.pick(codes)
-    kind, accent = ("brick", hex_color("#97908a")) if is_brick else ("plaster", None)
+    kind: MaterialKind = "brick" if is_brick else "plaster"
+    accent = hex_color("#97908a") if is_brick else None
     wall = Material(kind, hex_color(code), 0.9, accent=accent, variant=rng.variant())
     trim = Material("paint", hex_color(rng.pick(("#cfccc4", "#8c8880", "#4a4a4a"))), 0.6)
     walls: list[BodyMesh] = []

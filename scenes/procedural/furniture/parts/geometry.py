@@ -207,7 +207,9 @@ def span(
     return box(high_ - low_, (middle[0], middle[1], low_[2]), bevel, grain)
 
 
-def frame_bars(outer: Sequence[float], inner: Sequence[float]) -> list[tuple[float, ...]]:
+def frame_bars(
+    outer: Sequence[float], inner: Sequence[float]
+) -> list[tuple[float, float, float, float]]:
     """Return the bars (a0, a1, b0, b1) between two such rectangles: two posts, rails between them.
 
     There is no rail where the lower or the upper sides of both agree.

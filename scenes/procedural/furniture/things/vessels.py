@@ -294,8 +294,8 @@ def wrapped_food(
     body = lathe(profile, 24)
     if long > 1:
         body = BodyMesh(body.scaled(x=long).vertices, body.faces, body.uvs * long**0.5)
-    kind, family = ("leather", "nappa") if peel else ("paper", "creased")
-    skin = Material(kind, hex_color(color), 0.6, family=family)
+    family = "nappa" if peel else "creased"
+    skin = Material("leather" if peel else "paper", hex_color(color), 0.6, family=family)
     b.add(skin, body, name="food")
     if stalk:
         high = profile[-1][1]
