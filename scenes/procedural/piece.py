@@ -211,6 +211,12 @@ class FurniturePiece:
         points = np.concatenate([part.vertices for part in self.parts])
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Extents along x, y and z of its own frame, metres."""
+        x, y, z = np.ptp(self.bounds, axis=0).tolist()
+        return x, y, z
+
     @cached_property
     def bodies(self) -> Float64Array:
         """Boxes (N, 2, 3) in its own frame that together cover the piece.

@@ -166,7 +166,7 @@ class Furnisher:
             number = 2 if self.chance(0.35) else 1
             for k in range(number):
                 piece = self.make("picture")
-                size = 0.5 * float(np.ptp(piece.bounds[:, 0]))
+                size = 0.5 * piece.size[0]
                 offset = 0.0 if number == 1 else (2 * k - 1) * (size + 0.08)
                 clearance = float(item.bounds[1, 2]) + 0.15 - float(piece.bounds[0, 2])
                 height = max(piece.mount_height, clearance)

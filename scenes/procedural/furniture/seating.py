@@ -34,22 +34,22 @@ from pbrnet.scenes.procedural.furniture.spec import (
     whole,
 )
 from pbrnet.scenes.procedural.furniture.style import BLACK_PLASTIC, CHROME, RUBBER, Style
-from pbrnet.scenes.procedural.piece import FurniturePiece, Material
+from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
 _CHAIRS = ("slats", "rails", "pad", "spindles", "shell")
 _SPARS = {"slats": (4, 7), "spindles": (6, 9), "rails": (3, 5)}  # in a back: at least, below
 
 
-class DiningChair(Spec):
+class DiningChair(Spec, piece=("dining chair", "chair", "free"), front_clearance=0.5):
     """A wooden chair with a back of slats, rails, spindles or a pad, or a moulded shell on legs."""
 
     frame: WoodenChair | ShellChair = drawn(
         lambda draw, spec: _chair(draw, spec.style, spec.style.shape(draw, "chair", _CHAIRS))
     )
 
-    def build(self) -> FurniturePiece:
-        return self.frame.build()
+    def assemble(self, b: Builder) -> None:
+        self.frame.assemble(b)
 
 
 def _chair(draw: Draw, style: Style, back: str) -> WoodenChair | ShellChair:
@@ -60,7 +60,7 @@ def _chair(draw: Draw, style: Style, back: str) -> WoodenChair | ShellChair:
     )
 
 
-class WoodenChair(Spec, piece=("dining chair", "chair", "free"), front_clearance=0.5):
+class WoodenChair(Spec):
     """A wooden chair with a back of slats, rails, spindles or a pad."""
 
     back: str
@@ -151,7 +151,7 @@ class WoodenChair(Spec, piece=("dining chair", "chair", "free"), front_clearance
             b.add(self.style.second_upholstery, pad)
 
 
-class ShellChair(Spec, piece=("dining chair", "chair", "free"), front_clearance=0.5):
+class ShellChair(Spec):
     """A chair with seat and back of one moulded shell, on four splayed legs."""
 
     width: float = between(0.43, 0.47)

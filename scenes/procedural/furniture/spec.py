@@ -154,6 +154,11 @@ class Spec:
         return spec
 
     @classmethod
+    def is_piece(cls, module: str) -> bool:
+        """Test whether this is a kind of piece, not a part of one, that a module defines."""
+        return cls.__module__ == module and "_piece" in vars(cls)
+
+    @classmethod
     def make(cls, draw: Draw, style: Style, **given: Any) -> FurniturePiece:
         """Draw a specification and build it."""
         return cls.draw(draw, style, **given).build()

@@ -74,7 +74,7 @@ def _place_shower(furnisher: Furnisher) -> PlacedPiece | None:
     for width in (0.9, 0.8):
         piece = furnisher.make("shower", width=width)
         for edge in rng.shuffled(furnisher.room.edges):
-            half = 0.5 * float(np.ptp(piece.bounds[:, 0]))
+            half = 0.5 * piece.size[0]
             for s in (half + GAP, edge.length - half - GAP):
                 item = space.try_place("shower", piece, space.wall_pose(piece, edge, s))
                 if item is not None:
@@ -88,7 +88,7 @@ def _hang_over_basin(furnisher: Furnisher, basin: PlacedPiece) -> None:
     if edge is None:
         return
     s = space.position_on(edge, np.array([basin.pose.x, basin.pose.y]))
-    width = float(np.ptp(basin.piece.bounds[:, 0]))
+    width = basin.piece.size[0]
     if furnisher.chance(0.5):
         mirror = furnisher.make("mirror_cabinet", width=min(width, 0.8))
         hung = space.hang("mirror_cabinet", mirror, edge, s, mirror.mount_height)

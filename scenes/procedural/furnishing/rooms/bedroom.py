@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher, has_opening
 from pbrnet.scenes.procedural.furnishing.rooms.living import place_armchair
 from pbrnet.scenes.procedural.furnishing.rooms.study import place_desk
@@ -70,7 +68,7 @@ def _place_bed(furnisher: Furnisher, kind: str) -> PlacedPiece | None:
     rng, space = furnisher.rng, furnisher.space
     piece = furnisher.make(kind)
     free = 0.55 if kind == "double_bed" else 0.0
-    half = 0.5 * float(np.ptp(piece.bounds[:, 0]))
+    half = 0.5 * piece.size[0]
     where = "middle" if kind == "double_bed" else "corner"
     places = space.along_walls(rng, piece, where=where, step=0.2)
     for slack in (free, 0.0):
@@ -91,7 +89,7 @@ def _stand_beside(
     rng, space = furnisher.rng, furnisher.space
     table = furnisher.make("night_table")
     lamp = furnisher.make("table_lamp")
-    size = 0.5 * float(np.ptp(table.bounds[:, 0]))
+    size = 0.5 * table.size[0]
     for side in (-1.0, 1.0):
         place = s + side * (half + size + rng.between(0.03, 0.08))
         item = space.try_place("night_table", table, space.wall_pose(table, edge, place))
@@ -105,5 +103,5 @@ def _stand_beside(
         furnisher.place_beside("rug", rug, bed, 0.0, -foot, zone=False)
     elif furnisher.wants(0.3):
         bench = furnisher.make("bench", width=1.1)
-        foot = float(-bed.piece.bounds[0, 1]) + 0.5 * float(np.ptp(bench.bounds[:, 1])) + 0.06
+        foot = float(-bed.piece.bounds[0, 1]) + 0.5 * bench.size[1] + 0.06
         furnisher.place_beside("bench", bench, bed, 0.0, -foot, allow=(bed.id,))

@@ -75,7 +75,7 @@ def _place_chairs(furnisher: Furnisher, table: PlacedPiece, round_one: bool) -> 
     rng, space = furnisher.rng, furnisher.space
     low, high = table.piece.bounds
     chair = furnisher.make("dining_chair")
-    depth = float(np.ptp(chair.bounds[:, 1]))
+    depth = chair.size[1]
     seats: list[tuple[float, float]] = []  # yaw relative to the table, offset along its edge
     if round_one:
         seats = [(0.0, 0.0), (90.0, 0.0), (180.0, 0.0), (270.0, 0.0)]

@@ -148,7 +148,7 @@ def _tile_behind(furnisher: Furnisher, edge: WallEdge, run: Sequence[PlacedPiece
     units = [item for item in run if item.kind != "fridge"]
     ends = [
         furnisher.space.position_on(edge, np.array([item.pose.x, item.pose.y]))
-        + side * 0.5 * float(np.ptp(item.piece.bounds[:, 0]))
+        + side * 0.5 * item.piece.size[0]
         for item in units
         for side in (-1, 1)
     ]
@@ -180,7 +180,7 @@ def _tile_behind(furnisher: Furnisher, edge: WallEdge, run: Sequence[PlacedPiece
 
 def _hang_above(furnisher: Furnisher, edge: WallEdge, item: PlacedPiece) -> None:
     space = furnisher.space
-    width = float(np.ptp(item.piece.bounds[:, 0]))
+    width = item.piece.size[0]
     s = space.position_on(edge, np.array([item.pose.x, item.pose.y]))
     if item.kind == "fridge":
         return

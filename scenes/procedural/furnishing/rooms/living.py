@@ -18,7 +18,7 @@ def furnish_living(furnisher: Furnisher) -> None:
     if furnisher.chance(0.6) and all(item.kind != "tv_stand" for item in furnisher.space.items):
         stand = furnisher.along_wall("tv_stand")
         if stand is not None:
-            width = float(np.ptp(stand.piece.bounds[:, 0])) - 0.1
+            width = stand.piece.size[0] - 0.1
             television = furnisher.make("television", width=min(1.2, width))
             furnisher.space.on_top(furnisher.rng, "television", television, stand, centre=True)
     dines_elsewhere = "dining" in {room.type for room in furnisher.plan.rooms} or any(
@@ -74,7 +74,7 @@ def _place_island(furnisher: Furnisher) -> PlacedPiece | None:
         sofa = space.try_place("sofa", sofa_piece, pose)
         if sofa is None:
             continue
-        ahead = float(-sofa_piece.bounds[0, 1]) + 0.4 + 0.5 * float(np.ptp(table.bounds[:, 1]))
+        ahead = float(-sofa_piece.bounds[0, 1]) + 0.4 + 0.5 * table.size[1]
         how = {"allow": (sofa.id,), "zone": False}
         furnisher.place_beside("coffee_table", table, sofa, 0.0, -ahead, **how)
         place_armchair(furnisher, sofa)
@@ -107,7 +107,7 @@ def _try_seating(
     if need_tv and stand_pose is None:
         return None
     sofa_front = float(-sofa.bounds[0, 1])
-    table_deep = float(np.ptp(table.bounds[:, 1]))
+    table_deep = table.size[1]
     table_centre = centre + (sofa_front + 0.4 + table_deep / 2) * ahead
     rug_top = _lay_rug_before(
         furnisher, edge, centre + (sofa_front + 0.08) * ahead, sofa, table_deep
@@ -126,7 +126,7 @@ def _try_seating(
     if stand_pose is not None:
         kept_stand = space.try_place("tv_stand", stand, stand_pose)
         if kept_stand is not None:
-            width = min(rng.between(0.95, 1.35), float(np.ptp(stand.bounds[:, 0])) - 0.1)
+            width = min(rng.between(0.95, 1.35), stand.size[0] - 0.1)
             television = furnisher.make("television", width=width)
             space.on_top(rng, "television", television, kept_stand, centre=True)
     return kept_sofa
@@ -138,10 +138,10 @@ def _lay_rug_before(
     """Lay a rug in front of the sofa; returns its thickness in metres, 0 without a rug."""
     if not furnisher.chance(0.75):
         return 0.0
-    width = min(float(np.ptp(sofa.bounds[:, 0])) + furnisher.rng.between(-0.1, 0.5), 2.9)
+    width = min(sofa.size[0] + furnisher.rng.between(-0.1, 0.5), 2.9)
     depth = table_deep + furnisher.rng.between(0.75, 1.05)
     rug = furnisher.make("rug", width=width, depth=depth)
-    deep = float(np.ptp(rug.bounds[:, 1]))
+    deep = rug.size[1]
     at = start + 0.5 * deep * np.array(edge.inward)
     item = furnisher.space.try_place(
         "rug", rug, Pose(float(at[0]), float(at[1]), 0.0, yaw_facing(edge.inward)), zone=False
@@ -150,13 +150,13 @@ def _lay_rug_before(
 
 
 def _stand_beside(furnisher: Furnisher, sofa: PlacedPiece) -> None:
-    half = 0.5 * float(np.ptp(sofa.piece.bounds[:, 0]))
+    half = 0.5 * sofa.piece.size[0]
     for side in furnisher.rng.shuffled((-1.0, 1.0)):
         if not furnisher.chance(0.7):
             continue
         kind = "side_table" if furnisher.chance(0.6) else "floor_lamp"
         piece = furnisher.make(kind)
-        size = 0.5 * float(np.ptp(piece.bounds[:, 0]))
+        size = 0.5 * piece.size[0]
         item = furnisher.place_beside(kind, piece, sofa, side * (half + size + 0.06), 0.12)
         if item is not None and kind == "side_table" and furnisher.chance(0.7):
             furnisher.on_top("table_lamp", item, centre=True)
@@ -177,7 +177,7 @@ def place_armchair(furnisher: Furnisher, sofa: PlacedPiece | None) -> None:
     if item is not None and furnisher.chance(0.5):
         table = furnisher.make("side_table")
         side = rng.pick([-1.0, 1.0])
-        half = 0.5 * float(np.ptp(piece.bounds[:, 0])) + 0.5 * float(np.ptp(table.bounds[:, 0]))
+        half = 0.5 * piece.size[0] + 0.5 * table.size[0]
         furnisher.place_beside("side_table", table, item, side * (half + 0.05), 0.1)
 
 
@@ -188,7 +188,7 @@ def place_second_seats(furnisher: Furnisher) -> None:
     if radius < 1.2:
         return
     chair, table = furnisher.make("armchair"), furnisher.make("side_table")
-    distance = 0.5 * float(np.ptp(table.bounds[:, 0])) - float(chair.bounds[0, 1]) + 0.12
+    distance = 0.5 * table.size[0] - float(chair.bounds[0, 1]) + 0.12
     for _ in range(12):
         x, y = middle + rng.normal(0, 0.15, 2)
         pose = Pose(float(x), float(y), 0.0, 90.0 * rng.whole(4))
