@@ -90,7 +90,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         **_of(
             "pipeline.commands.export_scene",
-            export_scene_command="Write a scene as GLB or as an archive, for other programs.",
+            export_scene_command="Write a scene as GLB, USD or archive, for other programs.",
         ),
         **_of("pipeline.commands.cost", cost="Forecast the core-hours of a run."),
         **_of("model.commands.doctor", doctor="Report what this machine has and lacks."),

@@ -17,6 +17,7 @@ from pbrnet.pipeline.terminal import say
 Examples:
   pbrnet export-scene data/scenes/home-0000 --to glb       home-0000.glb, with textures and lights
   pbrnet export-scene data/scenes/home-0000 --to glb --out house.glb --cameras views.json
+  pbrnet export-scene data/scenes/home-0000 --to usdz      home-0000.usdz, metres, Z up
   pbrnet export-scene data/scenes/home-0000 --to mitsuba   home-0000.zip, for the mitsuba command
 \b
 docs/exports.md describes what each format holds. pbrnet import reads the files back.""",

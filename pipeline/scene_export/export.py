@@ -9,10 +9,11 @@ from pathlib import Path
 from pbrnet.pipeline.scene_export.archive import write_archive
 from pbrnet.pipeline.scene_export.content import Content, read_content
 from pbrnet.pipeline.scene_export.glb import glb_bytes
-from pbrnet.pipeline.scene_export.outdoors import Outdoors, outdoors_of, save_sky
+from pbrnet.pipeline.scene_export.outdoors import SKY, Outdoors, outdoors_of, save_sky
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import ParameterError
-from pbrnet.scenes.files import atomic_file, write_json
+from pbrnet.scenes.files import atomic_directory, atomic_file, temporary_folder, write_json
+from pbrnet.scenes.installation import optional
 
 # What no scene folder contains, so that no format gets it.
 _ALWAYS = (
@@ -43,6 +44,8 @@ TARGETS = {
     one.name: one
     for one in (
         Target("glb", "binary glTF 2.0, one file with textures", (".glb",)),
+        Target("usd", "OpenUSD crate, textures in a folder beside it", (".usdc", ".usd")),
+        Target("usdz", "OpenUSD as one package with textures", (".usdz",)),
         Target("mitsuba", "the scene folder as one archive", (".zip",)),
     )
 }
@@ -65,32 +68,57 @@ def export_scene(folder: Path, name: str, out: Path, cameras: Path | None = None
         with atomic_file(out) as partial:
             write_archive(folder, partial)
         return Exported((out,), len(scene.objects), ())
+    if name != "glb":
+        optional("pxr", "usd")
     content = read_content(folder, cameras)
     outdoors = outdoors_of(content)
-    files = [out]
     sky = out.with_name(f"{out.stem}-sky.exr")
     if outdoors is not None and outdoors.stated["kind"] == "image":
-        outdoors.stated["file"] = sky.name
-    data = _WRITERS[name](content, outdoors)
-    with atomic_file(out) as partial:
-        partial.write_bytes(data)
-    if outdoors is not None:
-        with atomic_file(sky) as partial:
-            save_sky(partial, outdoors.sky)
-        files.append(sky)
-    lost = (*_ALWAYS, *_sky_notes(outdoors, sky), *content.lost.sentences())
+        beside = {"glb": sky.name, "usd": f"{out.stem}-textures/{SKY}", "usdz": f"textures/{SKY}"}
+        outdoors.stated["file"] = beside[name]
+    files = _WRITERS[name](content, outdoors, out)
+    lost = (*_ALWAYS, *content.lost.sentences())
     notes = out.with_name(f"{out.stem}.json")
     write_json(notes, {"scene": content.scene.scene_id, "format": name, "not held": list(lost)})
     return Exported((*files, notes), len(content.scene.objects), lost)
 
 
-def _sky_notes(outdoors: Outdoors | None, sky: Path) -> tuple[str, ...]:
+def _write_glb(content: Content, outdoors: Outdoors | None, out: Path) -> tuple[Path, ...]:
+    data = glb_bytes(content, outdoors)
+    with atomic_file(out) as partial:
+        partial.write_bytes(data)
     if outdoors is None:
-        return ()
-    return (
+        return (out,)
+    sky = out.with_name(f"{out.stem}-sky.exr")
+    with atomic_file(sky) as partial:
+        save_sky(partial, outdoors.sky)
+    content.lost.note(
         f"glTF has no sky: it is in {sky.name}, equirectangular in cd/m^2, its middle towards +Y "
-        "of the scene (-Z of the GLB); the sun is a directional light",
+        "of the scene (-Z of the GLB); the sun is a directional light"
     )
+    return (out, sky)
 
 
-_WRITERS: dict[str, Callable[[Content, Outdoors | None], bytes]] = {"glb": glb_bytes}
+def _write_usd(content: Content, outdoors: Outdoors | None, out: Path) -> tuple[Path, ...]:
+    usd = optional("pbrnet.pipeline.scene_export.usd", "usd")
+    textures = out.with_name(f"{out.stem}-textures")
+    with temporary_folder() as work, atomic_file(out) as partial:
+        stage = work / "stage.usdc"
+        with atomic_directory(textures) as folder:
+            usd.write_usd(content, outdoors, stage, folder, textures.name)
+        partial.write_bytes(stage.read_bytes())
+    return (out, textures)
+
+
+def _write_usdz(content: Content, outdoors: Outdoors | None, out: Path) -> tuple[Path, ...]:
+    usd = optional("pbrnet.pipeline.scene_export.usd", "usd")
+    with temporary_folder() as work, atomic_file(out) as partial:
+        usd.write_usdz(content, outdoors, partial, work)
+    return (out,)
+
+
+_WRITERS: dict[str, Callable[[Content, Outdoors | None, Path], tuple[Path, ...]]] = {
+    "glb": _write_glb,
+    "usd": _write_usd,
+    "usdz": _write_usdz,
+}

@@ -17,15 +17,12 @@ import numpy as np
 
 from pbrnet.pipeline.scene_export import pictures
 from pbrnet.pipeline.scene_export.content import Content, Eye, Lamp, Piece
+from pbrnet.pipeline.scene_export.description import SUN, description, labels_of, looking
 from pbrnet.pipeline.scene_export.looks import Glow, Look, Picture
 from pbrnet.pipeline.scene_export.outdoors import Outdoors
 from pbrnet.scenes.arrays import AnyArray, Float64Array
-from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import SceneObject
-from pbrnet.scenes.importing.semantics import NYU40_OF_CATEGORY, category_number
 
-VERSION = 1  # of the description in `extras`
-SUN = "sun"  # name of the node that stands for the sun
 _ROOT = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # Z up to Y up
 _FLOAT, _UINT = 5126, 5125
 _ARRAY, _ELEMENTS = 34962, 34963
@@ -78,7 +75,8 @@ class _Writer:
         ))  # fmt: skip
         if credits:
             asset["copyright"] = credits[:2000]
-        scene = {"name": self._content.scene.scene_id, "nodes": [root], "extras": self._extras()}
+        extras = {"pbrnet": description(self._content, self._outdoors)}
+        scene = {"name": self._content.scene.scene_id, "nodes": [root], "extras": extras}
         document: dict[str, Any] = {"asset": asset, "scene": 0, "scenes": [scene], **self._lists}
         if self._lights:
             self._extensions.add("KHR_lights_punctual")
@@ -93,17 +91,6 @@ class _Writer:
         if self._binary:
             chunks += struct.pack("<II", len(self._binary), 0x004E4942) + bytes(self._binary)
         return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
-
-    def _extras(self) -> dict[str, Any]:
-        stated = {} if self._outdoors is None else {"sky": self._outdoors.stated}
-        return {
-            "pbrnet": {
-                "version": VERSION,
-                "scene": plain(self._content.scene),
-                "max_depth": self._content.max_depth,
-                **stated,
-            }
-        }
 
     # Nodes
 
@@ -154,7 +141,7 @@ class _Writer:
         if lamp.kind == "spot":
             light["spot"] = {"innerConeAngle": lamp.inner, "outerConeAngle": lamp.outer}
         self._lights.append(light)
-        pose = _looking(lamp.position, lamp.direction)
+        pose = looking(lamp.position, lamp.direction)
         extension = {"KHR_lights_punctual": {"light": len(self._lights) - 1}}
         node = {"name": lamp.name, "matrix": pose.T.ravel().tolist(), "extensions": extension}
         return self._add("nodes", node)
@@ -336,29 +323,6 @@ class _Writer:
     def _add(self, name: str, item: dict[str, Any]) -> int:
         self._lists.setdefault(name, []).append(item)
         return len(self._lists[name]) - 1
-
-
-def labels_of(thing: SceneObject) -> dict[str, Any]:
-    """Return the labels of an object: id, name, category, room, NYU40 class, structure or not."""
-    found = {
-        "id": thing.id,
-        "name": thing.name,
-        "category": thing.category,
-        "is_structure": thing.is_structure,
-        "nyu40": NYU40_OF_CATEGORY[category_number(thing.category)],
-    }
-    return {**found, **({"room": thing.room} if thing.room else {})}
-
-
-def _looking(position: Float64Array, direction: Float64Array) -> Float64Array:
-    """A pose (4, 4) at `position` whose -Z is `direction`."""
-    back = -direction
-    side = np.cross([0.0, 0, 1] if abs(back[2]) < 0.9 else [1.0, 0, 0], back)
-    side /= np.linalg.norm(side)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([side, np.cross(back, side), back], axis=1)
-    pose[:3, 3] = position
-    return pose
 
 
 def _clipped(color: tuple[float, ...]) -> list[float]:

@@ -26,6 +26,7 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.xml_elements import prop
 from pbrnet.scenes.photometry import LUMEN
 
+SKY = "sky-image.exr"  # among the textures of a stage
 HEIGHT = 512  # pixels; twice as wide
 _SAMPLES = 4  # a side of each pixel
 _SUN_SIDE = 96  # samples a side of a square around the sun

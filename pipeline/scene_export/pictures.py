@@ -55,7 +55,7 @@ def opacity_bytes(folder: Path, look: Look) -> tuple[bytes, bool]:
         color = Image.fromarray(np.broadcast_to(rgb, (size[1], size[0], 3)).copy())
     mask = Image.fromarray(alpha).resize(size, Image.Resampling.NEAREST)
     color.putalpha(mask)
-    return png(np.asarray(color)), bool(((alpha < _CUT) | (alpha > 255 - _CUT)).all())
+    return png(np.asarray(color)), is_cut(alpha)
 
 
 def glow_bytes(folder: Path, picture: Picture) -> tuple[bytes, float]:
@@ -68,11 +68,16 @@ def glow_bytes(folder: Path, picture: Picture) -> tuple[bytes, float]:
     return png(np.rint(255 * encode_srgb(radiance / brightest)).astype(np.uint8)), brightest
 
 
-def grey_bytes(folder: Path, picture: Picture) -> bytes:
-    """Return a grey image as PNG."""
+def grey(folder: Path, picture: Picture) -> UInt8Array:
+    """Return a grey image, uint8 (H, W)."""
     band = _band(folder, picture)
     assert band is not None
-    return png(band)
+    return band
+
+
+def is_cut(band: UInt8Array) -> bool:
+    """Test whether an opacity is a cut-out: 0 or 1 nearly everywhere."""
+    return bool(((band < _CUT) | (band > 255 - _CUT)).all())
 
 
 def png(pixels: UInt8Array) -> bytes:

@@ -67,6 +67,7 @@ def export(path: str, root: str, out: str) -> None:
         "outdoors": made.outdoors,
         "layers": layers.found,
         "missing": layers.missing,
+        "described": stage.GetRootLayer().customLayerData.get("pbrnet"),
     }
     folder = Path(out)
     for name, pieces, width in (

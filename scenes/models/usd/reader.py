@@ -17,6 +17,7 @@ from pbrnet.scenes.arrays import Float64Array, Int64Array
 from pbrnet.scenes.child_process import require_extra, run_child
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import parse_json
 from pbrnet.scenes.formats.archive import HomeArchive
 from pbrnet.scenes.geometry.mesh import Mesh, cleaned, smooth_normals
 from pbrnet.scenes.importing.camera import Camera
@@ -72,6 +73,8 @@ def read_model(
     if data["missing"] and not data["shapes"]:
         raise InputError(f"{path}: {_missing(data['missing'], root)}")
     for sentence, details in data["notes"].items():
+        if data["described"] and "dome light" in sentence:
+            continue  # the description says which sky it stands for
         for detail in details:
             changes.note(sentence, detail)
     arrays = {
@@ -179,6 +182,9 @@ class _Builder:
         for camera in data["cameras"]:
             self._camera(camera, model)
         model.outdoors = data["outdoors"]
+        if isinstance(data["described"], str):
+            found = parse_json(data["described"], f"{self.path}: customLayerData.pbrnet")
+            model.described = found if isinstance(found, dict) else None
         return model
 
     def _shape(self, given: dict[str, Any], model: Model) -> None:
@@ -243,6 +249,7 @@ class _Builder:
                 matrix,
                 given.get("inner", 0.0),
                 given.get("outer", 0.25 * math.pi),
+                given["name"],
             )
         )
 

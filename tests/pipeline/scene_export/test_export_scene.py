@@ -168,6 +168,47 @@ def test_sky_and_sun_bring_the_light_of_the_scene(home: Scene) -> None:
     assert sky + sun == pytest.approx(expected, rel=0.04)
 
 
+@pytest.mark.parametrize(("name", "suffix"), [("usd", ".usdc"), ("usdz", ".usdz")])
+def test_a_home_comes_back_from_usd(name: str, suffix: str, home: Scene, tmp_path: Path) -> None:
+    usd = pytest.importorskip("pxr.Usd")
+    path = tmp_path / f"home{suffix}"
+    done = export_scene(home.folder, name, path)
+    assert any("sheets" in line for line in done.lost)
+    back = import_scene(path, tmp_path / "back")
+    _assert_same(home, back)
+    validation = pytest.importorskip("pxr.UsdValidation")  # since OpenUSD 24.11
+    validators = validation.ValidationRegistry().GetOrLoadAllValidators()
+    found = validation.ValidationContext(validators).Validate(usd.Stage.Open(str(path)))
+    assert [error.GetErrorAsString() for error in found] == []
+
+
+def test_usd_is_in_metres_with_labels_and_lights(home: Scene, tmp_path: Path) -> None:
+    pytest.importorskip("pxr")
+    from pxr import Usd, UsdGeom, UsdShade
+
+    path = tmp_path / "home.usdc"
+    export_scene(home.folder, "usd", path)
+    stage = Usd.Stage.Open(str(path))
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1
+    assert UsdGeom.GetStageUpAxis(stage) == "Z"
+    found = Counter(
+        prim.GetAttribute("semantics:labels:category").Get()[0]
+        for prim in stage.Traverse()
+        if prim.HasAttribute("semantics:labels:category")
+    )
+    assert found == Counter(thing.category for thing in home.objects)
+    meshes = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    assert len(meshes) == sum(len(thing.shapes) for thing in home.objects)
+    assert all(UsdShade.MaterialBindingAPI(one).ComputeBoundMaterial()[0] for one in meshes)
+    sun = stage.GetPrimAtPath("/World/Lights/sun")
+    outdoors = outdoors_of(read_content(home.folder))
+    assert outdoors is not None
+    assert sun.GetAttribute("inputs:intensity").Get() == pytest.approx(max(outdoors.illuminance))
+    for prim in stage.Traverse():
+        file = prim.GetAttribute("inputs:file").Get() if prim.HasAttribute("inputs:file") else None
+        assert file is None or (path.parent / file.path).is_file()
+
+
 def test_an_archive_comes_back_byte_by_byte(home: Scene, tmp_path: Path) -> None:
     for name in ("one", "two"):
         export_scene(home.folder, "mitsuba", tmp_path / f"{name}.zip")

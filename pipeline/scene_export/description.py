@@ -1,0 +1,51 @@
+"""What exported files say of their scene beyond geometry: labels, and the whole `scene.json`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pbrnet.pipeline.scene_export.content import Content
+from pbrnet.pipeline.scene_export.outdoors import Outdoors
+from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.importing.semantics import NYU40_OF_CATEGORY, category_number
+
+VERSION = 1
+SUN = "sun"  # name of the light that stands for the sun
+
+
+def description(content: Content, outdoors: Outdoors | None) -> dict[str, Any]:
+    """Return the description from which `scenes/models/restored.py` restores the scene."""
+    stated = {} if outdoors is None else {"sky": outdoors.stated}
+    return {
+        "version": VERSION,
+        "scene": plain(content.scene),
+        "max_depth": content.max_depth,
+        **stated,
+    }
+
+
+def labels_of(thing: SceneObject) -> dict[str, Any]:
+    """Return the labels of an object: id, name, category, room, NYU40 class, structure or not."""
+    found = {
+        "id": thing.id,
+        "name": thing.name,
+        "category": thing.category,
+        "is_structure": thing.is_structure,
+        "nyu40": NYU40_OF_CATEGORY[category_number(thing.category)],
+    }
+    return {**found, **({"room": thing.room} if thing.room else {})}
+
+
+def looking(position: Float64Array, direction: Float64Array) -> Float64Array:
+    """Return a pose (4, 4) at `position` whose -Z is `direction`."""
+    back = -direction
+    side = np.cross([0.0, 0, 1] if abs(back[2]) < 0.9 else [1.0, 0, 0], back)
+    side /= np.linalg.norm(side)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([side, np.cross(back, side), back], axis=1)
+    pose[:3, 3] = position
+    return pose
