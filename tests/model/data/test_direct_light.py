@@ -183,7 +183,7 @@ def test_without_light_the_input_is_finite() -> None:
 
 
 def test_tensors_give_the_input_of_arrays() -> None:
-    """What torch's exporter traces: all cells of the panorama as sources, a row at a time."""
+    """All cells of the panorama are sources for torch's exporter, a row at a time."""
     view = lit_wall()
     names = ("depth", "valid", "normal", "intensity", "distance", "K")
     tensors = {name: torch.from_numpy(np.ascontiguousarray(view[name])) for name in names}
