@@ -2,10 +2,13 @@
 
 A door usually has a lintel, so that a section just below the ceiling shows a whole wall. Where the
 gap reaches up to the ceiling, two rooms are one region of that section. A person still sees two
-rooms if the gap is as wide as a door and wall runs on both sides of it. Lengths are in metres.
+rooms if the gap is as wide as a door and wall runs on both sides of it, or if a wall ends a door's
+width before another one. Lengths are in metres.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
@@ -23,26 +26,75 @@ _STEP = 0.02  # along the lines that look for it
 _AIR = 0.2  # in front of the wall and behind it
 _OFF = 0.06  # by which the wall may begin off the gap's edge
 _LEAST_ROOM = 2.0  # square metres; a smaller part is a niche
+_LEAST_BEHIND = 5.0  # the same, behind a wall that ends before another one
+_ALONE = 1.0  # least length of such a wall
 _MOST_CORNERS = 5_000
 _MOST_GAPS = 20_000
 
 
 def parts_at_doorways(free: Polygon) -> list[Polygon]:
     """The region, parted at gaps of a door's width; what lies in such a gap is left out."""
-    thresholds = _thresholds(free)
-    while thresholds:
-        parts = polygon_parts(difference(free, union(thresholds)))
-        kept = [each for each in thresholds if _separates(each, parts)]
-        if len(kept) == len(thresholds):
+    between = _thresholds(free)
+    found = [(each, _LEAST_ROOM) for each in between]
+    found += [(each, _LEAST_BEHIND) for each in _thresholds_at_ends(free)
+              if not any(each.intersects(other) for other in between)]  # fmt: skip
+    while found:
+        parts = polygon_parts(difference(free, union([each for each, _ in found])))
+        kept = [each for each in found if _separates(*each, parts)]
+        if len(kept) == len(found):
             return parts
-        thresholds = kept
+        found = kept
     return [free]
 
 
-def _separates(threshold: Polygon, parts: list[Polygon]) -> bool:
-    """Return whether a threshold lies between two parts as large as rooms, and nothing else."""
+def _separates(threshold: Polygon, least: float, parts: list[Polygon]) -> bool:
+    """Return whether a threshold lies between two parts of a `least` area, and nothing else."""
     near = [part for part in parts if part.distance(threshold) < _STEP]
-    return len(near) == 2 and all(part.area >= _LEAST_ROOM for part in near)
+    return len(near) == 2 and all(part.area >= least for part in near)
+
+
+def _thresholds_at_ends(free: Polygon) -> list[Polygon]:
+    """The plans of gaps between the end of a wall and another wall that it would meet."""
+    found: list[Polygon] = []
+    oriented = shapely.geometry.polygon.orient(free)
+    shapely.prepare(free)
+    for ring in (oriented.exterior, *oriented.interiors):
+        points = shapely.get_coordinates(shapely.simplify(ring, 0.5 * _STEP))[:-1]
+        if len(points) > _MOST_CORNERS:
+            continue
+        before, after = points - np.roll(points, 1, axis=0), points - np.roll(points, -1, axis=0)
+        is_end = -before[:, 0] * after[:, 1] < -before[:, 1] * after[:, 0]
+        for place, face in [*zip(points[is_end], before[is_end], strict=True),
+                            *zip(points[is_end], after[is_end], strict=True)]:  # fmt: skip
+            length = float(np.linalg.norm(face))
+            if length < _ALONE:
+                continue
+            threshold = _threshold_at_end(free, place, face / length)
+            if threshold is not None and not any(each.intersects(threshold) for each in found):
+                found.append(threshold)
+    return found
+
+
+def _threshold_at_end(free: Polygon, place: Float64Array, along: Float64Array) -> Polygon | None:
+    """The plan of the gap that begins at the end of a wall, `place` (2,), and runs `along` it."""
+    line = shapely.LineString([place + 0.02 * along, place + (_WIDEST + 0.02) * along])
+    way = shapely.get_parts(shapely.intersection(line, free))
+    ends = shapely.get_coordinates(way[:1])
+    if not len(ends):
+        return None
+    gap = float(np.linalg.norm(ends - place, axis=1).max())
+    if not _NARROWEST <= gap <= _WIDEST:
+        return None
+    faces, extent = _wall_beside(free, place[None], -along[None], (*_BESIDE, 0.6, 0.9))
+    if extent[0] < 0.9:
+        return None
+    across = np.array([along[1], -along[0]])
+    low, high = faces[0]
+    ring = [place + low * across, place + high * across,
+            place + (gap + 0.1) * along + high * across,
+            place + (gap + 0.1) * along + low * across]  # fmt: skip
+    made = buffered(Polygon(ring), 0.5 * _STEP, join_style="mitre")
+    return made if isinstance(made, Polygon) else None
 
 
 def _thresholds(free: Polygon) -> list[Polygon]:
@@ -90,7 +142,10 @@ def _corners_of_walls(free: Polygon) -> Float64Array:
 
 
 def _wall_beside(
-    free: Polygon, places: Float64Array, away: Float64Array
+    free: Polygon,
+    places: Float64Array,
+    away: Float64Array,
+    distances: Sequence[float] = _BESIDE,
 ) -> tuple[Float64Array, Float64Array]:
     """Wall that begins at `places` (N, 2) and continues in the directions `away` (N, 2).
 
@@ -101,13 +156,13 @@ def _wall_beside(
     left = np.column_stack([-away[:, 1], away[:, 0]])
     faces, extents = np.zeros((len(places), 2)), np.zeros(len(places))
     continues = np.ones(len(places), dtype=bool)
-    for distance in _BESIDE:
+    for distance in distances:
         centres = places + distance * away
         points = centres[:, None] + reach[None, :, None] * left[:, None]
         is_air = shapely.contains_xy(free, points[..., 0], points[..., 1])
         bounds, is_wall = _walls_at(is_air, reach)
         continues &= is_wall
-        if distance == _BESIDE[0]:
+        if distance == distances[0]:
             faces = bounds
         extents[continues] = distance
     return faces, extents

@@ -32,6 +32,13 @@ def test_two_doorways_in_one_wall_part_two_rooms() -> None:
     assert areas(hall((0.5, 1.4), (2.5, 3.4))) == pytest.approx([11.4, 16.0], rel=0.02)
 
 
+@pytest.mark.parametrize("gap", [(0.0, 0.9), (3.0, 4.0)])
+def test_a_wall_that_ends_a_door_s_width_before_another_parts_two_rooms(
+    gap: tuple[float, float],
+) -> None:
+    assert areas(hall(gap)) == pytest.approx([11.4, 16.0], rel=0.02)
+
+
 def test_a_wall_at_any_angle_is_parted() -> None:
     turned = hall((1.5, 2.4))
     plan = Polygon([(x - 0.5 * y, 0.5 * x + y) for x, y in turned.exterior.coords])
@@ -42,7 +49,8 @@ def test_a_wall_at_any_angle_is_parted() -> None:
     "plan",
     [
         hall((1.2, 2.6)),  # a wide passage
-        hall((0.0, 0.9)),  # a wall that stops before a wall
+        hall((0.0, 0.9), (1.5, 4.0)),  # a short wall that stops before a wall
+        hall((0.0, 1.5)),
         hall((1.5, 2.4), thick=1.0),  # a corridor
         box(0, 0, 4, 4).union(box(4, 1.5, 7, 2.5)),  # the mouth of a corridor
         box(0, 0, 4, 4).union(box(4, 1, 5, 3)).difference(box(3.85, 0, 4, 1.5))
