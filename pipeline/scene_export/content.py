@@ -144,6 +144,8 @@ class _Reader:
             mesh = read_ply(self._content.scene.folder / str(getattr(file, "attrib", {})["value"]))
         elif kind in _PRIMITIVES:
             mesh = _PRIMITIVES[kind]()
+            if kind == "sphere":
+                mesh = mesh.transformed(self._ball(element))
             self._content.lost.note("spheres and other analytic shapes became triangles")
         else:
             self._content.lost.note("shapes of a kind without counterpart were left out: {}", kind)
@@ -156,6 +158,12 @@ class _Reader:
         if _is_true(self._looks.find(element, "face_normals")):
             mesh = Mesh(mesh.vertices, mesh.faces, None, mesh.uvs)
         return mesh
+
+    def _ball(self, element: Element) -> Float64Array:
+        """The map (4, 4) of the unit sphere to the sphere's `radius` and `center`."""
+        made = np.diag([*[self._looks.number(element, "radius", 1.0)] * 3, 1.0])
+        made[:3, 3] = _vector(self._looks.find(element, "center"), np.zeros(3))
+        return made
 
     def _material(self, bsdf: Element | None, glow: Glow | None, shape: str) -> int:
         key = (id(bsdf), glow)

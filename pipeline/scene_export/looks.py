@@ -232,7 +232,7 @@ class LookReader:
             transmission=1.0,
             ior=self.number(bsdf, "int_ior", 1.5046),
             solid=kind != "thindielectric",
-            two_sided=True,
+            two_sided=kind == "thindielectric",
         )
 
     def conductor(self, bsdf: Element) -> Look:

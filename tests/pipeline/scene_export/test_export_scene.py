@@ -1,6 +1,7 @@
 """Scenes exported as GLB and as archives: what comes back, and what the files hold."""
 
 import json
+import shutil
 import struct
 import zipfile
 from collections import Counter
@@ -253,6 +254,22 @@ def test_materials_become_the_looks_that_formats_know() -> None:
     assert frosted.roughness == pytest.approx(0.5)
     assert looks["net"].opacity == 0.4
     assert any("hair" in line for line in lost.sentences())
+
+
+def test_spheres_keep_their_place(home: Scene, tmp_path: Path) -> None:
+    folder = tmp_path / "ball"
+    shutil.copytree(home.folder, folder)
+    shape = next(name for thing in home.objects if not thing.is_structure for name in thing.shapes)
+    tree = ElementTree.parse(folder / "scene.xml")
+    for element in tree.getroot().iter("shape"):
+        if element.get("id") == shape:
+            element.clear()
+            element.attrib = {"type": "sphere", "id": shape}
+            ElementTree.SubElement(element, "float", name="radius", value="0.25")
+            ElementTree.SubElement(element, "point", name="center", x="1", y="2", z="3")
+    tree.write(folder / "scene.xml")
+    mesh = read_content(folder).pieces[shape].mesh
+    assert np.allclose(mesh.bounds, [[0.75, 1.75, 2.75], [1.25, 2.25, 3.25]], atol=1e-3)
 
 
 def test_a_damaged_description_is_refused_by_its_key(exported: Path, tmp_path: Path) -> None:
