@@ -1,4 +1,4 @@
-"""What exported files say of their scene beyond geometry: labels, and the whole `scene.json`."""
+"""Descriptions of scenes in exported files, beyond geometry: labels, and the whole `scene.json`."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ _ALWAYS = (
 
 @dataclass(frozen=True)
 class Exported:
-    """What an export wrote, and what its format does not hold."""
+    """Files of an export, and what its format does not hold."""
 
     files: tuple[Path, ...]
     objects: int

@@ -44,7 +44,7 @@ _SUN = "sun"  # name of the light that stands for the sun
 
 @dataclass(frozen=True)
 class Sky:
-    """What lights the scene from outdoors."""
+    """Light of the scene from outdoors."""
 
     kind: Literal["sunsky", "constant", "image"]
     turbidity: float = param(3.0, "", within(1, 10))
@@ -57,7 +57,7 @@ class Sky:
 
 @dataclass(frozen=True)
 class Description:
-    """What an exported file says of its scene."""
+    """Description of its scene in an exported file."""
 
     version: Literal[1]
     scene: dict[str, Any]  # `scene.json`

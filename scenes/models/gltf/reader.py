@@ -301,7 +301,7 @@ class _Reader:
 
 
 def _description(asset: Asset) -> dict[str, Any] | None:
-    """What `pbrnet export-scene` wrote of the scene into its `extras`, unchecked."""
+    """Description that `pbrnet export-scene` wrote into the scene's `extras`, unchecked."""
     if not asset.items("scenes"):
         return None
     extras = asset.item("scenes", asset.data.get("scene", 0), "scene").get("extras")
