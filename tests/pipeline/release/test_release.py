@@ -39,7 +39,7 @@ def recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         make_data(data, params, scenes=2, views=2)
         return "rendered"
 
-    monkeypatch.setattr(command, "STAGES", (render,))
+    monkeypatch.setattr(command, "_STAGES", (render,))
     return folder
 
 
@@ -75,7 +75,7 @@ def test_other_bytes_are_named(recipes: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_failed_views_fail_the_release_which_holds_the_others(
     recipes: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (render,) = command.STAGES
+    (render,) = command._STAGES
 
     def lose(data: Path, params: Params, scheduler: Any) -> str:
         render(data, params, scheduler)
@@ -83,7 +83,7 @@ def test_failed_views_fail_the_release_which_holds_the_others(
         frame_path(data, "color", view).unlink()
         raise StageError("groundtruth: 1 of 4 views failed")
 
-    monkeypatch.setattr(command, "STAGES", (lose,))
+    monkeypatch.setattr(command, "_STAGES", (lose,))
     done = released(recipes)
     assert isinstance(done.exception, StageError)
     assert "3 rows" in done.output and "nothing to compare with" in done.output
