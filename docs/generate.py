@@ -87,7 +87,8 @@ def reference_differences(found: dict[str, Any]) -> str:
 
 
 def _method_table(methods: dict[str, Any], intervals: dict[str, Any]) -> str:
-    rows = [["method", *(title for title, _ in METRICS.values()), "seconds per image"]]
+    timed = any("seconds" in row for row in methods.values())
+    rows = [["method", *(title for title, _ in METRICS.values()), *["seconds per image"][:timed]]]
     for name in sorted(methods, key=list(TITLES).index):
         row, cells = methods[name], []
         for metric, (_, digits) in METRICS.items():
@@ -96,8 +97,9 @@ def _method_table(methods: dict[str, Any], intervals: dict[str, Any]) -> str:
                 low, high = intervals[name][metric]
                 text += f" ({low:.{digits}f} to {high:.{digits}f})"
             cells.append(text)
-        seconds = "" if row["seconds"] is None else f"{row['seconds']:.3f}"
-        rows.append([f"{TITLES[name]}, `{name}`", *cells, seconds])
+        if timed:
+            cells.append("" if row["seconds"] is None else f"{row['seconds']:.3f}")
+        rows.append([f"{TITLES[name]}, `{name}`", *cells])
     return _table(rows)
 
 
