@@ -16,7 +16,14 @@ from scipy.spatial import KDTree
 from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
-from pbrnet.scenes.geometry.regions import buffered, difference, polygon_parts, union
+from pbrnet.scenes.geometry.regions import (
+    buffered,
+    difference,
+    intersection,
+    polygon_parts,
+    simplified,
+    union,
+)
 
 _NARROWEST, _WIDEST = 0.5, 1.25  # of a gap
 _THICKEST = 0.5  # of a wall beside it
@@ -59,7 +66,7 @@ def _thresholds_at_ends(free: Polygon) -> list[Polygon]:
     oriented = shapely.geometry.polygon.orient(free)
     shapely.prepare(free)
     for ring in (oriented.exterior, *oriented.interiors):
-        points = shapely.get_coordinates(shapely.simplify(ring, 0.5 * _STEP))[:-1]
+        points = shapely.get_coordinates(simplified(ring, 0.5 * _STEP))[:-1]
         if len(points) > _MOST_CORNERS:
             continue
         before, after = points - np.roll(points, 1, axis=0), points - np.roll(points, -1, axis=0)
@@ -78,7 +85,7 @@ def _thresholds_at_ends(free: Polygon) -> list[Polygon]:
 def _threshold_at_end(free: Polygon, place: Float64Array, along: Float64Array) -> Polygon | None:
     """The plan of the gap that begins at the end of a wall, `place` (2,), and runs `along` it."""
     line = shapely.LineString([place + 0.02 * along, place + (_WIDEST + 0.02) * along])
-    way = shapely.get_parts(shapely.intersection(line, free))
+    way = shapely.get_parts(intersection(line, free))
     ends = shapely.get_coordinates(way[:1])
     if not len(ends):
         return None
@@ -135,7 +142,7 @@ def _corners_of_walls(free: Polygon) -> Float64Array:
     found = []
     oriented = shapely.geometry.polygon.orient(free)
     for ring in (oriented.exterior, *oriented.interiors):
-        points = shapely.get_coordinates(shapely.simplify(ring, 0.5 * _STEP))[:-1]
+        points = shapely.get_coordinates(simplified(ring, 0.5 * _STEP))[:-1]
         before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
         found.append(points[before[:, 0] * after[:, 1] < before[:, 1] * after[:, 0]])
     return np.concatenate(found)
