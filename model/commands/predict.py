@@ -306,8 +306,8 @@ def _within_seconds(request: PictureRequest) -> PictureRequest:
 def _with_best_method(request: PictureRequest) -> PictureRequest:
     """The request with the available method that has the lowest error in docs/results.md.
 
-    Left out are methods that the other options do not fit. A folder given with --models decides by
-    what it contains, where no network of ours without it.
+    Left out are methods that the other options do not fit; with --models, also `radiosity`, so that
+    the networks of that folder draw.
     """
     networks = not request.quality and integrator.available()
     fits = {
