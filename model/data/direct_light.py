@@ -26,6 +26,7 @@ from pbrnet.pipeline.passes.panorama_lights import (
     unshadowed_irradiance,
 )
 from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
+from pbrnet.scenes.geometry.directions import pixel_directions
 
 
 def direct_light(view: Columns, albedo: float) -> tuple[AnyArray, AnyArray]:
@@ -110,13 +111,7 @@ def pixel_rays(view: Columns) -> ArrayOrTensor:
     """Rays float32 (H, W, 3) through the pixel centres, scaled to z = 1, in camera axes."""
     xp = array_namespace(view["depth"])
     height, width = view["depth"].shape
-    matrix = view["K"]
-    y = (xp.arange(height, dtype=xp.float64) + 0.5 - matrix[1, 2]) / matrix[1, 1]
-    x = xp.arange(width, dtype=xp.float64) + 0.5 - matrix[0, 2]
-    across = (x - matrix[0, 1] * y[:, None]) / matrix[0, 0]
-    down = xp.broadcast_to(y[:, None], across.shape)
-    rays = xp.stack([across, down, xp.ones_like(across)], -1)
-    return xp.asarray(rays, dtype=xp.float32)
+    return xp.asarray(pixel_directions(view["K"], width, height), dtype=xp.float32)
 
 
 def panorama_lookup(panorama: AnyArray, rays: AnyArray) -> AnyArray:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import ArrayOrTensor, Float64Array, array_namespace
 
 
 def unit(vectors: npt.ArrayLike) -> Float64Array:
@@ -71,12 +71,14 @@ def equirectangular_directions(width: int) -> Float64Array:
     return directions
 
 
-def pixel_directions(intrinsics: npt.ArrayLike, width: int, height: int) -> Float64Array:
+def pixel_directions(intrinsics: ArrayOrTensor, width: int, height: int) -> ArrayOrTensor:
     """Return directions (H, W, 3) through the pixel centres, z = 1, in the OpenCV camera frame.
 
-    `intrinsics` is K, (3, 3), in pixels.
+    `intrinsics` is K, (3, 3), in pixels; the result is float64.
     """
-    (focal_x, skew, centre_x), (_, focal_y, centre_y), _ = np.asarray(intrinsics, dtype=np.float64)
-    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    xp = array_namespace(intrinsics)
+    (focal_x, skew, centre_x), (_, focal_y, centre_y), _ = xp.asarray(intrinsics, dtype=xp.float64)
+    across, down = (xp.arange(size, dtype=xp.float64) + 0.5 for size in (width, height))
+    x, y = xp.meshgrid(across, down, indexing="xy")
     y = (y - centre_y) / focal_y  # in closed form: a library's inverse differs by processor
-    return np.stack([(x - centre_x - skew * y) / focal_x, y, np.ones_like(x)], axis=-1)
+    return xp.stack([(x - centre_x - skew * y) / focal_x, y, xp.ones_like(x)], axis=-1)
