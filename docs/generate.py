@@ -41,7 +41,7 @@ SHORT = ("pbrnet", "unet", "denoised", "radiosity", "plus", "hybrid")  # rows of
 def quick_start_time(found: dict[str, Any]) -> str:
     """Sentence on the time that the first command takes."""
     return (
-        f"On two cores `make repro` takes about {_duration(found['repro_seconds'])}, the "
+        f"On two cores `make repro` takes up to {_duration(found['repro_seconds'])}, the "
         "installation of the environment included."
     )
 
