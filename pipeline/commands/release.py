@@ -26,6 +26,7 @@ from pbrnet.pipeline.release.recipe import (
     save_record,
     sums_of,
 )
+from pbrnet.pipeline.release.scenes import FORMATS, add_scenes
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import PbrnetError
@@ -40,6 +41,7 @@ Examples:
   pbrnet release                          list the recipes
   pbrnet release tiny                     make the dataset and compare it with its record
   pbrnet release quick --record           make it and record its checksums and cost
+  pbrnet release tiny --scenes glb        with its scenes as GLB, in OUT/dataset/scenes
   pbrnet cost --recipe indoor-75k         estimate the cost of a large one
 
 The dataset is in OUT/dataset. An interrupted release resumes. Exit code 1 if files differ
@@ -57,6 +59,12 @@ from the record, or some views failed."""
 @click.option(
     "--record", is_flag=True, help="Record checksums and cost beside the recipe, for later runs."
 )
+@click.option(
+    "--scenes",
+    type=click.Choice(FORMATS),
+    help="Put the scenes beside the dataset, in this format of pbrnet export-scene. Scenes whose "
+    "licence or author is unknown are left out.",
+)
 @click.option("--seed", type=int, expose_value=False, help="Has no effect; the recipe sets it.")
 @farm_options
 def release(
@@ -64,6 +72,7 @@ def release(
     out: Path | None,
     recipes: Path | None,
     record: bool,
+    scenes: str | None,
     scheduler: str | None,
     **farm: Any,
 ) -> None:
@@ -85,7 +94,7 @@ def release(
         recipe.version,
         core_seconds(read_ledger(out)),
         summary.total,
-        sum(path.stat().st_size for path in dataset.iterdir()),
+        sum(path.stat().st_size for path in dataset.iterdir() if path.is_file()),
         processor(),
         instruction_set(),
         {},
@@ -98,6 +107,8 @@ def release(
         f"{name} {recipe.version}: {summary.total} rows, {made.bytes / 1e6:.1f} MB, "
         f"{made.core_hours:.2f} core-hours, in {dataset}"
     )
+    if scenes is not None:
+        _with_scenes(out, scenes)
     if record:
         say(f"recorded in {save_record(name, replace(made, sums=sums), recipes)}")
     elif known is None:
@@ -120,6 +131,13 @@ def _make(
             say(*error.args, err=True)
             failure = failure or error
     return pack_dataset(out, params), failure
+
+
+def _with_scenes(out: Path, format_: str) -> None:
+    beside = add_scenes(out, format_)
+    say(f"{len(beside.files)} scenes, {beside.count} files, in {out / 'dataset' / 'scenes'}")
+    if beside.unlicensed:
+        say("left out, licence or author unknown: " + ", ".join(beside.unlicensed))
 
 
 def _compared(name: str, version: str, known: Record, sums: dict[str, str]) -> None:

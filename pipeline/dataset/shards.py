@@ -35,7 +35,8 @@ REPEATED = (
 # Text columns that are long: JSON, and lists of names.
 TABLES = ("instances", "layout", "light_sources", "material_names")
 SUMS = "SHA256SUMS"
-_LINE = re.compile(r"([0-9a-f]{64})  ([^/\0]+)")
+SCENES = "scenes"  # folder of a release's scenes, beside the shards
+_LINE = re.compile(rf"([0-9a-f]{{64}})  ((?:{SCENES}/)?[^/\0]+)")
 
 
 class ShardWriter:
@@ -168,8 +169,14 @@ def _leaves(schema: pa.Schema) -> list[str]:
 
 def write_sums(folder: Path) -> None:
     """Write the checksums of all files in `folder`, by name, as `sha256sum --check` reads them."""
-    names = sorted(path.name for path in folder.iterdir() if path.is_file() and path.name != SUMS)
+    names = sorted(_names(folder))
     write_text(folder / SUMS, "".join(f"{digest_file(folder / name)}  {name}\n" for name in names))
+
+
+def _names(folder: Path) -> set[str]:
+    """The names of a dataset's files but `SUMS`, and of its scenes relative to `folder`."""
+    paths = [*folder.iterdir(), *(folder / SCENES).glob("*")]
+    return {path.relative_to(folder).as_posix() for path in paths if path.is_file()} - {SUMS}
 
 
 def read_sums(path: Path) -> dict[str, str]:
@@ -194,7 +201,7 @@ def verify_sums(folder: Path) -> int:
     """
     path = Path(folder) / SUMS
     listed = read_sums(path)
-    found = {file.name for file in path.parent.iterdir() if file.is_file()} - {SUMS}
+    found = _names(path.parent)
     wrong = [f"{name} is missing" for name in sorted(set(listed) - found)]
     wrong += [f"{name} is not on the list" for name in sorted(found - set(listed))]
     for name in sorted(found & set(listed)):
