@@ -7,15 +7,8 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from pbrnet.scenes.checked import AUTO, param, within
+from pbrnet.scenes.looks import STYLES, Aspect, LightSetting, StyleName
 from pbrnet.scenes.registry import ImportEntry
-
-LightSetting = Literal["day", "evening", "night", "mixed", "pbrs"]
-Aspect = Literal["finishes", "furniture", "light", "outdoors"]
-StyleName = Literal[
-    "scandinavian", "mid-century", "industrial", "farmhouse", "classic", "minimal", "bohemian",
-    "seventies", "japandi", "eclectic",
-]  # fmt: skip
-STYLES: tuple[StyleName, ...] = get_args(StyleName)
 
 
 @dataclass(frozen=True)

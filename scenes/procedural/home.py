@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from shapely.geometry import Point, Polygon
@@ -24,11 +25,10 @@ from pbrnet.scenes.contract import (
 from pbrnet.scenes.formats.ply import write_ply
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.geometry.regions import buffered
-from pbrnet.scenes.params import Aspect, SceneParams
-from pbrnet.scenes.procedural.finishes import make_finishes
-from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler, load_kind_index
-from pbrnet.scenes.procedural.furnishing.placement import furnish
-from pbrnet.scenes.procedural.furniture.style import Style, make_style
+from pbrnet.scenes.looks import HomeParams, LookParams
+from pbrnet.scenes.procedural.design import Design, HomeSeeds, design_home
+from pbrnet.scenes.procedural.finishes import Finishes, make_finishes
+from pbrnet.scenes.procedural.furniture.style import Style
 from pbrnet.scenes.procedural.lighting import (
     PBRS_LAMP,
     LampState,
@@ -49,12 +49,11 @@ from pbrnet.scenes.procedural.materials import MaterialLibrary
 from pbrnet.scenes.procedural.outdoors import build_outdoors
 from pbrnet.scenes.procedural.piece import CatalogueCredit, PiecePart
 from pbrnet.scenes.procedural.plan import Plan
-from pbrnet.scenes.procedural.planning import make_plan
 from pbrnet.scenes.procedural.scene_item import SceneItem
 from pbrnet.scenes.procedural.structure import build_structure
 from pbrnet.scenes.procedural.surroundings.clouds import clouds
 from pbrnet.scenes.procedural.use.home import leave_traces
-from pbrnet.scenes.seeds import Draw, generator
+from pbrnet.scenes.seeds import Draw
 
 EYE_HEIGHT = 1.55  # metres; of the sensor in scene.xml
 HALF_FOV = 0.5534  # radians, horizontal
@@ -64,10 +63,20 @@ _CLOUDY = 0.6  # share of the homes in the sun that have clouds
 _SENSOR_MARGIN = 0.25  # metres between the sensor and the bounds of furniture
 
 
+@dataclass(frozen=True)
+class Origin:
+    """Record in `scene.json` of where a home came from."""
+
+    source: Mapping[str, Any]  # the first keys of the scene's source
+    plan: str
+    credits: tuple[Credit, ...] = ()  # beside those of what is generated
+    changes: tuple[str, ...] = ()
+
+
 def make_home(
     folder: Path,
     scene_id: str,
-    params: SceneParams,
+    params: HomeParams,
     seed: int,
     lighting: str,
     variant: int = 0,
@@ -83,18 +92,34 @@ def make_home(
     (hour, weather, lamps), outdoors. `assets` is the folder of converted catalogues, used if
     `params.catalogue_share` is above 0.
     """
+    varied = frozenset(params.vary) if variant > 0 else frozenset()
+    seeds = HomeSeeds(seed, variant, varied)
+    design = design_home(params, seeds, assets)
+    source = {
+        "kind": "procedural",
+        "seed": str(seed),
+        "variant": variant,
+        "varied": list(params.vary) if variant else [],
+    }
+    origin = Origin(source, f"home-{seed:016x}")
+    return write_home(folder, scene_id, design, origin, params, seeds, lighting)
 
-    seeds = _Seeds(seed, variant, frozenset(params.vary) if variant > 0 else frozenset())
-    plan = make_plan(generator(seed, "plan"), params.rooms_min, params.rooms_max)
-    style = _draw_style(seeds, params)
+
+def write_home(
+    folder: Path,
+    scene_id: str,
+    design: Design,
+    origin: Origin,
+    params: LookParams,
+    seeds: HomeSeeds,
+    lighting: str,
+) -> Scene:
+    """Build, finish and light a designed home, and write it as the scene folder `folder`."""
+    plan, style = design.plan, design.style
     kinds = {room.id: str(room.type) for room in plan.rooms}
     finishes = make_finishes(seeds.draw("finishes", "finishes"), style, kinds)
     building, portals = build_structure(plan, finishes)
-    sampler = None
-    if params.catalogue_share > 0 and assets is not None:
-        catalogue = load_kind_index(assets)
-        sampler = AssetSampler(seeds.draw("furniture", "catalogue"), catalogue, params)
-    furniture = furnish(seeds.draw("furniture", "furniture"), plan, style, sampler)
+    furniture = [item for each in design.furniture for item in each.scene_items()]
     outdoors: list[SceneItem] = []
     if params.outdoors != "none" and lighting != "pbrs":
         outdoors = build_outdoors(seeds.draw("outdoors", "outdoors"), plan)
@@ -110,30 +135,15 @@ def make_home(
         objects, lights, shapes = _write_shapes(partial, items, light.states, library)
         scene = Scene(
             scene_id=scene_id,
-            source={
-                "kind": "procedural",
-                "seed": str(seed),
-                "variant": variant,
-                "varied": list(params.vary) if variant else [],
-                "style": style.name,
-                "finishes": {
-                    room: {"floor": finish.floor.kind, "walls": finish.wall.kind}
-                    for room, finish in sorted(finishes.rooms.items())
-                },
-                **_shape_of(plan),
-                "light": {
-                    **light.sky.choices,
-                    "clouds": len(light.clouds),
-                    "lamps_cooler": light.kelvin_offset,
-                },
-            },
+            source={**origin.source, **_drawn_looks(style, finishes, plan, light)},
             rooms=_rooms(plan, furniture),
             objects=tuple(objects),
             lights=(*lights, *light.sky.lights),
             portals=tuple(portals),
-            credits=_credits(furniture),
+            credits=(*_credits(furniture), *origin.credits),
             lighting=lighting,
-            plan=f"home-{seed:016x}",
+            plan=origin.plan,
+            changes=origin.changes,
         )
         standing = [*furniture, *(item for item in building if item.category == "stairs")]
         text = _scene_xml(plan, standing, library, shapes, light.sky)
@@ -141,27 +151,6 @@ def make_home(
         save_scene(partial, scene)
     object.__setattr__(scene, "folder", Path(folder))
     return scene
-
-
-@dataclass(frozen=True)
-class _Seeds:
-    """Random generators of a home's aspects, specific to the variant where the aspect varies."""
-
-    seed: int
-    variant: int
-    varied: frozenset[Aspect]
-
-    def draw(self, aspect: Aspect, *names: str) -> Draw:
-        return self.named(aspect in self.varied, *names)
-
-    def named(self, varies: bool, *names: str) -> Draw:
-        return generator(self.seed, *names, *(("variant", self.variant) if varies else ()))
-
-
-def _draw_style(seeds: _Seeds, params: SceneParams) -> Style:
-    """Draw the style, which changes with finishes and furniture, and its colours and materials."""
-    name = seeds.named({"finishes", "furniture"} <= seeds.varied, "interior").pick(params.styles)
-    return make_style(seeds.draw("finishes", "style"), name)
 
 
 @dataclass(frozen=True)
@@ -175,7 +164,7 @@ class _HomeLight:
 
 
 def _draw_light(
-    seeds: _Seeds,
+    seeds: HomeSeeds,
     lighting: str,
     plan: Plan,
     furniture: Sequence[SceneItem],
@@ -202,12 +191,29 @@ def _draw_light(
     return _HomeLight(sky, _clouds(draw("clouds"), plan, sky), states, kelvin_offset)
 
 
-def _pbrs_light(seeds: _Seeds, furniture: Sequence[SceneItem]) -> _HomeLight:
+def _pbrs_light(seeds: HomeSeeds, furniture: Sequence[SceneItem]) -> _HomeLight:
     """A white sky and every lamp, as PBRS lit its houses; the same for all variants."""
     lamps = lamp_items(furniture)
     parts = [in_state(part, PBRS_LAMP) for lamp in lamps for part in lamp.parts if part.lumens > 0]
     sky = draw_sky(seeds.draw("light", "sky"), "pbrs", sum(map(sampling_weight, parts)))
     return _HomeLight(sky, [], {lamp.id: PBRS_LAMP for lamp in lamps}, 0.0)
+
+
+def _drawn_looks(style: Style, finishes: Finishes, plan: Plan, light: _HomeLight) -> dict[str, Any]:
+    """Style, finishes, shape and light of a home, as `scene.json` records them."""
+    return {
+        "style": style.name,
+        "finishes": {
+            room: {"floor": finish.floor.kind, "walls": finish.wall.kind}
+            for room, finish in sorted(finishes.rooms.items())
+        },
+        **_shape_of(plan),
+        "light": {
+            **light.sky.choices,
+            "clouds": len(light.clouds),
+            "lamps_cooler": light.kelvin_offset,
+        },
+    }
 
 
 def _shape_of(plan: Plan) -> dict[str, list]:
@@ -243,11 +249,11 @@ def _rooms(plan: Plan, furniture: Sequence[SceneItem]) -> tuple[Room, ...]:
         rooms.append(
             Room(
                 id=room.id,
-                name=room.type if number == 1 else f"{room.type} {number}",
+                name=room.name or (room.type if number == 1 else f"{room.type} {number}"),
                 type="other" if room.type == "hall" else room.type,
                 floor=room.polygon,
                 floor_z=0.0,
-                ceiling_z=plan.height,
+                ceiling_z=plan.height if room.height is None else room.height,
                 has_light=room.id in lit,
             )
         )

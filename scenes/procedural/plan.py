@@ -11,14 +11,15 @@ from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 import numpy as np
-from shapely.geometry import Polygon
+from shapely.geometry import MultiPolygon, Polygon
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Point2
+from pbrnet.scenes.geometry.regions import difference, union
 
 Metres = TypeVar("Metres", float, Float64Array)
 
-RoomType = Literal["living", "bedroom", "kitchen", "bathroom", "study", "dining", "hall"]
+RoomType = Literal["living", "bedroom", "kitchen", "bathroom", "study", "dining", "hall", "other"]
 # "open": nearly the whole wall between two rooms is left out, below a lintel.
 OpeningKind = Literal["door", "archway", "open", "entrance", "window", "patio"]
 
@@ -139,6 +140,8 @@ class PlanRoom:
     type: RoomType
     polygon: tuple[Point2, ...]
     edges: tuple[WallEdge, ...]
+    name: str = ""
+    height: float | None = None  # metres, of its ceiling; None: the plan's
 
     @property
     def shape(self) -> Polygon:
@@ -266,6 +269,8 @@ class Plan:
     slopes: tuple[Slope, ...] = ()
     roof_windows: tuple[RoofWindow, ...] = ()
     niches: tuple[Niche, ...] = ()
+    # Outer faces of further parts, counter-clockwise, and of walls around courtyards, clockwise
+    further: tuple[tuple[Point2, ...], ...] = ()
 
     @property
     def with_window(self) -> set[str]:
@@ -274,6 +279,15 @@ class Plan:
             opening.rooms[0] for opening in self.openings if opening.kind in ("window", "patio")
         }
         return upright | {window.room for window in self.roof_windows}
+
+    @property
+    def covered(self) -> Polygon | MultiPolygon:
+        """Everything inside the outer faces of the outer walls, seen from above."""
+        whole = Polygon(self.outline)
+        for ring in map(Polygon, self.further):
+            part = ring.exterior.is_ccw
+            whole = union([whole, ring]) if part else difference(whole, ring)
+        return whole
 
     def free_height(self, area: Polygon) -> float:
         """Least height of the ceiling over an area, metres."""

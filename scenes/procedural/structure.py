@@ -7,6 +7,7 @@ only. Windows have frames but no panes: a clear pane is a portal (see `pbrnet.sc
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -57,17 +58,18 @@ def build_structure(plan: Plan, finishes: Finishes) -> tuple[list[SceneItem], li
     items: list[SceneItem] = []
     for room in plan.rooms:
         finish = finishes.rooms[room.id]
+        own = plan if room.height is None else replace(plan, height=room.height)
         items.append(_structure_item(f"floor-{room.id}", "floor", room.id, [_floor(room, finish)]))
         items.append(
-            _structure_item(f"walls-{room.id}", "wall", room.id, _walls(plan, room, finish))
+            _structure_item(f"walls-{room.id}", "wall", room.id, _walls(own, room, finish))
         )
         whole = buffered(room.shape, EMBED, join_style="mitre")
         well = _stairwell(plan, room, 0.005)
         area = whole if well is None else difference(whole, well)
-        level, sloping = panels(plan, area, 0.0, (EMBED, EMBED), _extrude, lap=0.01, margin=0.004)
+        level, sloping = panels(own, area, 0.0, (EMBED, EMBED), _extrude, lap=0.01, margin=0.004)
         parts = [make_part("ceiling", finishes.ceiling, *level, *sloping)]
         items.append(_structure_item(f"ceiling-{room.id}", "ceiling", room.id, parts))
-        trim = _trim(plan, room, finishes, finish)
+        trim = _trim(own, room, finishes, finish)
         if trim:
             items.append(_structure_item(f"trim-{room.id}", "skirting", room.id, trim))
         items += _beams(plan, room, finishes)
@@ -391,9 +393,12 @@ def _beams(plan: Plan, room: PlanRoom, finishes: Finishes) -> list[SceneItem]:
 
 def _facade(plan: Plan, finishes: Finishes) -> SceneItem:
     """Outer faces of the outer walls."""
-    ring = plan.outline[::-1]  # clockwise: the outdoors is to the left
+    # Backwards: the outdoors is to the left
+    rings = [each[::-1] for each in (plan.outline, *plan.further)]
     edges = tuple(
-        WallEdge(start, end, True) for start, end in zip(ring, ring[1:] + ring[:1], strict=True)
+        WallEdge(start, end, True)
+        for ring in rings
+        for start, end in zip(ring, ring[1:] + ring[:1], strict=True)
     )
     faces = []
     for edge in edges:
@@ -404,7 +409,7 @@ def _facade(plan: Plan, finishes: Finishes) -> SceneItem:
 
 def _slabs(plan: Plan, finishes: Finishes) -> SceneItem:
     """Base slab, roof slab and thresholds of the whole storey."""
-    outline = Polygon(plan.outline)
+    outline = plan.covered
     base = _extrude(buffered(outline, 0.015, join_style="mitre"), plan.ground - 0.3, -0.5 * EMBED)
     cover = buffered(outline, 0.18, join_style="mitre")
     well = _stairwell(plan, None, 0.03)
@@ -430,7 +435,10 @@ def _slabs(plan: Plan, finishes: Finishes) -> SceneItem:
 def _edge_span(
     edge: WallEdge, s0: float, s1: float, near: float, far: float, z0: float, z1: float
 ) -> BodyMesh:
-    """Axis-aligned box in the coordinates of a wall: along, into the room, up."""
+    """Box in the coordinates of a wall: along, into the room, up."""
+    if min(map(abs, edge.along)) > 1e-9:
+        box = span((s0, min(near, far), min(z0, z1)), (s1, max(near, far), max(z0, z1)))
+        return replace(box, vertices=edge.points(*box.vertices.T))
     a, b = edge.at(s0, near), edge.at(s1, far)
     low = (min(a[0], b[0]), min(a[1], b[1]), min(z0, z1))
     high = (max(a[0], b[0]), max(a[1], b[1]), max(z0, z1))

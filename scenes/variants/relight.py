@@ -12,7 +12,7 @@ import numpy as np
 
 from pbrnet.scenes.color import REC709
 from pbrnet.scenes.contract import Light, Scene
-from pbrnet.scenes.params import LightSetting
+from pbrnet.scenes.looks import LightSetting
 from pbrnet.scenes.photometry import PBRS_BULB, PBRS_UNIT, blackbody
 from pbrnet.scenes.procedural.lighting import Lamp, choose_lit_lamps, draw_kelvin_offset, draw_sky
 from pbrnet.scenes.seeds import Draw, generator

@@ -24,7 +24,7 @@ from pbrnet.scenes.assets.index import (
     load_index,
 )
 from pbrnet.scenes.formats.ply import read_ply
-from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.looks import LookParams
 from pbrnet.scenes.procedural.furnishing.asset_rules import ASSET_RULES, AssetRule
 from pbrnet.scenes.procedural.piece import (
     CatalogueCredit,
@@ -47,7 +47,7 @@ _EDGE = 0.01  # metres from the edge of a support surface that stay free
 class AssetSampler:
     """Samples catalogue pieces for one home."""
 
-    def __init__(self, rng: Draw, index: KindIndex, params: SceneParams) -> None:
+    def __init__(self, rng: Draw, index: KindIndex, params: LookParams) -> None:
         self.rng, self._index = rng, index
         self._share = params.catalogue_share
         self._limit = params.catalogue_triangles

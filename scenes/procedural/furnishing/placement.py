@@ -25,6 +25,7 @@ from pbrnet.scenes.procedural.furnishing.rooms.kitchen import furnish_kitchen
 from pbrnet.scenes.procedural.furnishing.rooms.living import furnish_living
 from pbrnet.scenes.procedural.furnishing.rooms.study import furnish_study
 from pbrnet.scenes.procedural.furnishing.rooms.windows import fill_sills, furnish_windows
+from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
 from pbrnet.scenes.procedural.furniture import Style
 from pbrnet.scenes.procedural.piece import FurniturePiece
 from pbrnet.scenes.procedural.plan import Plan
@@ -52,19 +53,38 @@ _FURNISH_ROOM: dict[str, Callable[[Furnisher], None]] = {
 }
 
 
+@dataclass(frozen=True)
+class PlacedInRoom:
+    """A placed piece and the id of its room."""
+
+    room: str
+    placed: PlacedPiece
+
+    def scene_items(self) -> list[SceneItem]:
+        """The piece and the things that it holds as items of the scene."""
+        return self.placed.scene_items(self.room)
+
+
 def furnish(
     rng: Draw, plan: Plan, style: Style, sampler: AssetSampler | None = None
 ) -> list[SceneItem]:
+    """Furnish all rooms of a plan; the items of `place_furniture`."""
+    placed = place_furniture(rng, plan, style, sampler)
+    return [item for each in placed for item in each.scene_items()]
+
+
+def place_furniture(
+    rng: Draw, plan: Plan, style: Style, sampler: AssetSampler | None = None
+) -> list[PlacedInRoom]:
     """Furnish all rooms of a plan; with a `sampler`, some pieces come from catalogues."""
-    items: list[SceneItem] = []
+    items: list[PlacedInRoom] = []
     plants: list[FurniturePiece] = []
     for room in plan.rooms:
         furnisher = Furnisher(rng, plan, room, style, plants, sampler)
         _furnish_room(furnisher)
         if sampler is not None:
             add_catalogue_extras(furnisher.space, sampler)
-        for placed in furnisher.space.items:
-            items += placed.scene_items(room.id)
+        items += [PlacedInRoom(room.id, placed) for placed in furnisher.space.items]
     return items
 
 

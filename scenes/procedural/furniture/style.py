@@ -15,7 +15,7 @@ from typing import Literal
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.color import Color, decode_srgb_value
 from pbrnet.scenes.files import data_beside
-from pbrnet.scenes.params import STYLES, StyleName
+from pbrnet.scenes.looks import STYLES, StyleName
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 

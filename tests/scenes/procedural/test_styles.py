@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pbrnet.scenes.color import Color
-from pbrnet.scenes.params import STYLES, StyleName
+from pbrnet.scenes.looks import STYLES, StyleName
 from pbrnet.scenes.procedural.finishes import make_finishes
 from pbrnet.scenes.procedural.furnishing.placement import furnish
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
