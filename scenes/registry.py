@@ -22,6 +22,7 @@ from pbrnet.scenes.formats.archive import HomeArchive
 from pbrnet.scenes.formats.scene_xml import check_scene_xml
 from pbrnet.scenes.ifc.options import IfcOptions
 from pbrnet.scenes.importing.options import SourceOptions
+from pbrnet.scenes.layout.options import LayoutOptions
 from pbrnet.scenes.mitsuba.options import MitsubaOptions
 from pbrnet.scenes.models.options import ModelOptions
 from pbrnet.scenes.opened_files import OpenedFiles
@@ -37,7 +38,9 @@ _LFS = b"version https://git-lfs.github.com/"  # start of a pointer
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions, PbrtOptions, IfcOptions):
+class ImportEntry(
+    MitsubaOptions, SweetHomeOptions, ModelOptions, PbrtOptions, IfcOptions, LayoutOptions
+):
     """A file of `scenes.imports` with options. The base classes are the table of sources."""
 
     file: str
@@ -67,11 +70,11 @@ class ImportEntry(MitsubaOptions, SweetHomeOptions, ModelOptions, PbrtOptions, I
         }
 
     def options(self) -> dict[str, Any]:
-        """Return the given options as keyword arguments of `import_scene`; `root` is absolute."""
-        made = self.given()
-        if self.root is not None:
-            made["root"] = self.root.expanduser().resolve()
-        return made
+        """Return the given options as keyword arguments of `import_scene`; folders are absolute."""
+        return {
+            name: value.expanduser().resolve() if isinstance(value, Path) else value
+            for name, value in self.given().items()
+        }
 
 
 _SOURCES: tuple[type[SourceOptions], ...] = ImportEntry.__bases__

@@ -51,6 +51,7 @@ def _sections() -> dict[str, list[str]]:
 def _import_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options of all scene sources to a command."""
     described = {one.name: (source, one) for source in _SOURCES for one in fields(source)}
+    del described["seed"]  # one for layouts and variants
     for name, (source, one) in reversed(described.items()):
         hint = get_type_hints(source)[name]
         command = click.option(
@@ -141,7 +142,7 @@ File types, options and limits: docs/scenes.md.""",
     "--seed",
     type=click.IntRange(0),
     default=0,
-    help="Seed of the variants; the import itself is not random.",
+    help="Seed of the variants, and of what a layout leaves open.",
 )
 @click.option(
     "--max-seconds",
@@ -168,6 +169,8 @@ def import_command(
 ) -> None:
     """Run `pbrnet import`; exit code 1 if no room was found, or the scene may lie on its side."""
     given = _given_options(path, options)
+    if "seed" in option_names(path.suffix) and _is_given("seed"):
+        given["seed"] = seed
     name = scene_id if scene_id is not None else out.name
     for longest in (name, f"{name}-v{variants}" if variants else name):
         check_name(longest, "a scene's id", error=InputError)
@@ -214,20 +217,24 @@ def _given_options(path: Path, options: dict[str, Any]) -> dict[str, Any]:
 
     Raises `ParameterError` for a given option of another kind.
     """
-    context = click.get_current_context()
     source = None if path.is_dir() else SOURCES.get(path.suffix.lower())
     known = option_names(path.suffix) if source is not None else ()
     for name in sorted(options):
-        origin = context.get_parameter_source(name)
-        if name not in known and origin == click.core.ParameterSource.COMMANDLINE:
+        if name not in known and _is_given(name):
             if source is None and not path.is_dir():
                 continue  # `import_scene` refuses the file itself
             kind = "scene folders" if path.is_dir() else f"{path.suffix} files"
             raise ParameterError(f"--{name.replace('_', '-')}: not for {kind}")
-    given = {name: options[name] for name in known}
+    given = {name: options[name] for name in known if name in options}
     if "parameter" in given:
         given["parameter"] = _parameters(given["parameter"])
     return given
+
+
+def _is_given(option: str) -> bool:
+    """Test whether an option is on the command line."""
+    origin = click.get_current_context().get_parameter_source(option)
+    return origin == click.core.ParameterSource.COMMANDLINE
 
 
 def summary(scene: Scene) -> list[str]:

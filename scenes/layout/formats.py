@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pbrnet.scenes.layout.layout import Layout
+from pbrnet.scenes.layout.readers import own
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,10 @@ class LayoutFormat:
     content: Literal["json", "text"]
     recognises: Callable[[Any], bool]
     read: Callable[[Any, Path], Layout]
+    # Text of a file and message that begins with a key -> the line, such as "line 12: "
+    line: Callable[[str, str], str] | None = None
 
 
-FORMATS: tuple[LayoutFormat, ...] = ()
+FORMATS: tuple[LayoutFormat, ...] = (
+    LayoutFormat("pbrnet's layout", "json", own.recognises, own.read, own.line_of),
+)

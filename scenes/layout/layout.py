@@ -57,6 +57,7 @@ class LayoutOpening:
     open_degrees: float | None = None  # of a door's leaf, 0 to 110; None: drawn
     hinge: Literal["start", "end"] = "start"
     swing: str | None = None
+    room: str | None = None  # a room that it opens; None: any at its place
 
 
 @dataclass(frozen=True)

@@ -509,7 +509,7 @@ def _draw_doors(
         longest = max(stretches[first, second], key=lambda item: item[2] - item[1])
         joined = rooms[first], rooms[second]
         door = _draw_door(rng, f"door-{number}", joined, longest, partition, height)
-        doors.append(replace(door, swing=rooms[fresh].id, angle=_draw_angle(rng)))
+        doors.append(replace(door, swing=rooms[fresh].id, angle=draw_angle(rng)))
     return doors
 
 
@@ -582,7 +582,7 @@ def _draw_door(
     )
 
 
-def _draw_angle(rng: Draw) -> float:
+def draw_angle(rng: Draw) -> float:
     """Draw the opening angle of a door in degrees: closed, ajar or wide open."""
     kind = rng.random()
     if kind < 0.3:

@@ -42,6 +42,7 @@ class _Tables:
 
 
 _TABLES = build(_Tables, data_beside(__file__))
+CEILING_LAMPS = _TABLES.ceiling_lamps  # type of room -> kinds, each as likely
 _FURNISH_ROOM: dict[str, Callable[[Furnisher], None]] = {
     "living": furnish_living,
     "bedroom": furnish_bedroom,
@@ -105,7 +106,7 @@ def _hang_ceiling_lamp(furnisher: Furnisher) -> None:
     hanging = any(item.kind == "pendant_lamp" for item in space.items)
     if hanging and furnisher.area < 16:
         return
-    kind = rng.pick(_TABLES.ceiling_lamps[furnisher.room.type])
+    kind = rng.pick(CEILING_LAMPS[furnisher.room.type])
     drop = {"drop": min(0.5, furnisher.plan.height - 2.05)} if kind == "pendant_lamp" else {}
     lamp = furnisher.make(kind, **drop)
     middle = furnisher.space.middle()

@@ -159,6 +159,16 @@ class Spec:
         return cls.__module__ == module and "_piece" in vars(cls)
 
     @classmethod
+    def category(cls) -> str:
+        """The category of the piece."""
+        return cls._piece[1]
+
+    @classmethod
+    def anchor(cls) -> Anchor:
+        """Where the piece stands, hangs or lies."""
+        return cls._piece[2]
+
+    @classmethod
     def make(cls, draw: Draw, style: Style, **given: Any) -> FurniturePiece:
         """Draw a specification and build it."""
         return cls.draw(draw, style, **given).build()

@@ -15,7 +15,7 @@ from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.furniture.parts.build import Assembler
 from pbrnet.scenes.procedural.furniture.things import ornaments, packages, sets, soft, vessels
-from pbrnet.scenes.procedural.piece import FurniturePiece
+from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece
 
 _MODULES = {"ornaments": ornaments, "packages": packages, "sets": sets, "soft": soft}
 _MODULES["vessels"] = vessels
@@ -29,6 +29,8 @@ class Thing:
     name: str
     places: tuple[str, ...]
     make: Callable[..., FurniturePiece]
+    category: str
+    anchor: Anchor
 
 
 def _thing(title: str, places: str, make: str, **options: Any) -> Thing:
@@ -43,7 +45,10 @@ def _thing(title: str, places: str, make: str, **options: Any) -> Thing:
         inspect.signature(assembler.add).bind(None, None, None, **own)
     except TypeError as error:
         raise ParameterError(f"{title}: {make}: {error}") from None
-    return Thing(title.replace(" ", "_"), tuple(places.split()), partial(assembler, **options))
+    category = options.get("category", assembler.category)
+    maker = partial(assembler, **options)
+    anchor = options.get("anchor", assembler.anchor)
+    return Thing(title.replace(" ", "_"), tuple(places.split()), maker, category, anchor)
 
 
 _KINDS = [_thing(title, **entry) for title, entry in data_beside(__file__).items()]

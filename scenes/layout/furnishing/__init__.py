@@ -1,0 +1,1 @@
+"""Furniture of a layout: a piece for each box, placed clear of walls and of each other."""

@@ -1,0 +1,121 @@
+"""Importer of layouts: read, plan, furnish, light and write with the generator of homes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_bytes, parse_json, read_text
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.credits import find_credit
+from pbrnet.scenes.layout.building.plan import plan_of
+from pbrnet.scenes.layout.building.swings import with_swings
+from pbrnet.scenes.layout.checks import check_layout
+from pbrnet.scenes.layout.formats import FORMATS, LayoutFormat
+from pbrnet.scenes.layout.furnishing.furnish import furnish_layout
+from pbrnet.scenes.layout.layout import Layout
+from pbrnet.scenes.layout.options import LayoutOptions
+from pbrnet.scenes.looks import STYLES, Aspect, StyleName
+from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.procedural.design import Design, HomeSeeds, catalogue_sampler, draw_style
+from pbrnet.scenes.procedural.home import Origin, write_home
+from pbrnet.scenes.seeds import generator
+
+_MOST_BYTES = 16 << 20
+_GROUNDS = (-0.15, -0.3, -0.45)  # metres, heights of the ground outdoors
+
+
+@dataclass(frozen=True)
+class _Looks:
+    """Parameters of the generator, see `LookParams`."""
+
+    styles: tuple[StyleName, ...]
+    outdoors: str
+    catalogue_share: float
+    vary: tuple[Aspect, ...] = ()
+    texture_size: int = 256
+    catalogue_triangles: int = 30_000
+
+
+def import_layout(
+    path: Path, out: Path, scene_id: str, options: LayoutOptions, opened: OpenedFiles
+) -> Scene:
+    """Import a layout into the scene folder `out`.
+
+    Equal files and options give equal bytes. Raises `InputError` that names file and key, and in
+    pbrnet's own format the line, of what cannot be used.
+    """
+    opened.is_file(path)
+    text = read_text(path, _MOST_BYTES)
+    kind, content = recognised(path, text)
+    try:
+        layout = check_layout(kind.read(content, path))
+        return _write(layout, path, out, scene_id, options, opened, text)
+    except InputError as error:
+        if kind.line is None or path.name in str(error):
+            raise
+        raise InputError(f"{path}: {kind.line(text, str(error))}{error}") from None
+
+
+def recognised(path: Path, text: str) -> tuple[LayoutFormat, Any]:
+    """Return the format of a file and its content; raises `InputError` for unknown ones."""
+    is_json = path.suffix.lower().endswith("json")
+    content = parse_json(text, str(path)) if is_json else text
+    for kind in FORMATS:
+        if (kind.content == "json") == is_json and kind.recognises(content):
+            return kind, content
+    known = ", ".join(kind.title for kind in FORMATS)
+    raise InputError(
+        f"{path}: no layout of a known format ({known}), but maybe a description of a scene whose "
+        "surfaces are in other files: convert it with the tools of its data set to .obj, .glb or "
+        ".usd; a scene folder is imported by the folder's name"
+    )
+
+
+def _write(
+    layout: Layout,
+    path: Path,
+    out: Path,
+    scene_id: str,
+    options: LayoutOptions,
+    opened: OpenedFiles,
+    text: str,
+) -> Scene:
+    changes = Changes()
+    for change in layout.changes:
+        changes.note(change)
+    seeds = HomeSeeds(next(s for s in (options.seed, layout.seed, 0) if s is not None))
+    named = next((one for one in STYLES if one == (options.style or layout.style)), None)
+    share = 0.0 if options.catalogue is None else 1.0
+    looks = _Looks((named,) if named else STYLES, options.outdoors, share)
+    plan, openings = plan_of(layout, generator(seeds.seed, "ground").pick(_GROUNDS), changes)
+    style = draw_style(looks, seeds)
+    sampler = catalogue_sampler(looks, seeds, options.catalogue)
+    rng = seeds.draw("furniture", "furniture")
+    furnished = furnish_layout(rng, layout, plan, style, sampler, changes)
+    solid = [one.footprint for one in furnished.standing if one.on_floor]
+    plan = with_swings(generator(seeds.seed, "swings"), plan, openings, solid)
+    source = {
+        "kind": "layout",
+        "file": path.name,
+        "name": layout.name,
+        "seed": str(seeds.seed),
+        "furnishing": furnished.record,
+    }
+    credit = find_credit(
+        opened, layout.name, options.licence or layout.licence, options.author or layout.author,
+        changes,
+    )  # fmt: skip
+    stated = replace(credit, part="plan and boxes of furniture",
+                     source=layout.source or credit.source)  # fmt: skip
+    origin = Origin(source, f"layout-{_plan_name(text)}", (stated,), changes.sentences())
+    design = Design(plan, style, furnished.placed)
+    return write_home(out, scene_id, design, origin, looks, seeds, options.lighting)
+
+
+def _plan_name(text: str) -> str:
+    """A name that files of the same layout share, so that their scenes stay in one split."""
+    return digest_bytes(text.encode())[:16]

@@ -1,0 +1,38 @@
+"""Import options of layouts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar, Literal
+
+from pbrnet.scenes.importing.options import SourceOptions, described
+from pbrnet.scenes.looks import LightSetting, StyleName
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayoutOptions(SourceOptions):
+    """Options of a layout, which states rooms and boxes; all else is drawn."""
+
+    title: ClassVar[str] = "Layout"
+    suffixes: ClassVar[tuple[str, ...]] = (".json",)
+    importer: ClassVar[str] = "pbrnet.scenes.layout.importer:import_layout"
+
+    lighting: LightSetting = field(
+        default="day", metadata=described("Light of the home: hour, weather and lamps.")
+    )
+    style: StyleName | None = field(
+        default=None,
+        metadata=described("Interior style.  [default: the file's, else drawn]", "NAME"),
+    )
+    outdoors: Literal["surroundings", "none"] = field(
+        default="surroundings", metadata=described("Street, garden or town outside, or nothing.")
+    )
+    seed: int | None = field(
+        default=None,
+        metadata=described("Seed of all that the file leaves open.  [default: the file's, else 0]"),
+    )
+    catalogue: Path | None = field(
+        default=None,
+        metadata=described("Folder of converted catalogues whose pieces are taken where they fit."),
+    )
