@@ -22,7 +22,7 @@ from pbrnet.scenes.registry import SOURCES, import_scene, refused
     ],
 )
 def test_a_known_kind_is_refused_with_a_way_around(tmp_path: Path, name: str, message: str) -> None:
-    (tmp_path / name).write_bytes(b"whatever")
+    (tmp_path / name).write_bytes(b"{}")
     with pytest.raises(InputError, match=message):
         import_scene(tmp_path / name, tmp_path / "out")
 
