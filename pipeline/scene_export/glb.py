@@ -21,6 +21,7 @@ from pbrnet.pipeline.scene_export.description import SUN, description, labels_of
 from pbrnet.pipeline.scene_export.looks import Glow, Look, Picture
 from pbrnet.pipeline.scene_export.outdoors import Outdoors
 from pbrnet.scenes.arrays import AnyArray, Float64Array
+from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import SceneObject
 
 _ROOT = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # Z up to Y up
@@ -182,6 +183,8 @@ class _Writer:
             made["normalTexture"] = self._image(look.normal)
         if glow is not None:
             self._emission(glow, made)
+        if look.stated is not None:
+            made["extras"] = {"pbrnet": plain(look.stated, brief=True)}
         extensions = self._look_extensions(look, metal)
         if extensions:
             self._extensions |= extensions.keys()
@@ -223,9 +226,11 @@ class _Writer:
             made["KHR_materials_transmission"] = {"transmissionFactor": look.transmission}
             if look.solid:
                 made["KHR_materials_volume"] = {"thicknessFactor": _THICKNESS}
-        else:
-            root = math.sqrt(min(max(0.08 * look.specular, 0.0), 0.99))
+        elif look.specular > 0:
+            root = math.sqrt(min(0.08 * look.specular, 0.99))
             ior = (1 + root) / (1 - root)
+        else:
+            made["KHR_materials_specular"] = {"specularFactor": 0.0}
         if abs(ior - 1.5) > 1e-6:
             made["KHR_materials_ior"] = {"ior": max(ior, 1.0)}
         if look.clearcoat > 0:

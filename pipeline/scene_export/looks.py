@@ -11,18 +11,22 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from pbrnet.pipeline.scene_export.measured import ior_in_air, metal
 from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import REC709, Color
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.models.stated import Statement
 from pbrnet.scenes.photometry import LUMEN
 
 _NUMBERS = re.compile(r"[,\s]+")
 _GREY: Color = (0.5, 0.5, 0.5)
 _WHITE: Color = (1.0, 1.0, 1.0)
+_COPPER: tuple[Color, Color] = ((0.2, 0.92, 1.1), (3.91, 2.45, 2.14))  # eta and k
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,10 @@ class Look:
     ior: float = 1.5
     solid: bool = False  # glass that refracts, not a thin pane
     two_sided: bool = False
+    stated: Statement | None = None  # what the values above do not say
+
+
+_MATT = Look(roughness=1.0, specular=0.0, stated=Statement("diffuse"))
 
 
 @dataclass(frozen=True)
@@ -72,12 +80,12 @@ class LookReader:
     def look(self, bsdf: Element | None) -> Look:
         """Return the look of a BSDF element; None is Mitsuba's default, grey and matt."""
         if bsdf is None:
-            return Look(roughness=1.0, specular=0.0)
+            return _MATT
         kind = bsdf.get("type", "")
         rule = _RULES.get(kind)
         if rule is None:
             self._lost.note("materials of a kind without counterpart became grey: {}", kind)
-            return Look(roughness=1.0, specular=0.0)
+            return _MATT
         return rule(self, bsdf)
 
     def glow(self, emitter: Element) -> Glow:
@@ -210,51 +218,79 @@ class LookReader:
 
     def diffuse(self, bsdf: Element) -> Look:
         """Look of `diffuse`: rough, without a highlight."""
-        base = self.color(bsdf, "reflectance", _GREY)
-        return Look(base=base, roughness=1.0, specular=0.0)
+        if bsdf.get("type") == "roughdiffuse":
+            self._lost.note("the roughness of diffuse surfaces was left out")
+        return replace(_MATT, base=self.color(bsdf, "reflectance", _GREY))
 
     def plastic(self, bsdf: Element) -> Look:
         """Look of `plastic` and `roughplastic`."""
         rough = bsdf.get("type") == "roughplastic"
+        nonlinear = getattr(self.find(bsdf, "nonlinear"), "attrib", {}).get("value") == "true"
         return Look(
             base=self.color(bsdf, "diffuse_reflectance", _GREY),
             roughness=self._roughness(bsdf) if rough else 0.0,
-            specular=_f0(self.number(bsdf, "int_ior", 1.49)) / 0.08,
+            specular=_f0(self._ior(bsdf, 1.49)) / 0.08,
+            stated=Statement(
+                "roughplastic" if rough else "plastic",
+                distribution=self._distribution(bsdf),
+                nonlinear=nonlinear,
+            ),
         )
 
     def glass(self, bsdf: Element) -> Look:
         """Look of dielectrics."""
         kind = bsdf.get("type", "")
-        tint = self.color(bsdf, "specular_transmittance", _WHITE)
+        rough = kind == "roughdielectric"
+        thin = kind == "thindielectric"
+        stated = Statement("roughdielectric" if rough else "dielectric",
+                           distribution=self._distribution(bsdf))  # fmt: skip
         return Look(
-            base=tint,
-            roughness=self._roughness(bsdf) if kind == "roughdielectric" else 0.0,
+            base=self.color(bsdf, "specular_transmittance", _WHITE),
+            roughness=self._roughness(bsdf) if rough else 0.0,
             transmission=1.0,
-            ior=self.number(bsdf, "int_ior", 1.5046),
-            solid=kind != "thindielectric",
-            two_sided=kind == "thindielectric",
+            ior=self._ior(bsdf, 1.5046),
+            solid=not thin,
+            two_sided=thin,
+            stated=None if thin else stated,
         )
 
     def conductor(self, bsdf: Element) -> Look:
         """Look of conductors: a metal of the colour that they reflect at normal incidence."""
-        tint = self.color(bsdf, "specular_reflectance", _WHITE)
-        base = tint
-        if not isinstance(tint, Picture):
-            base = as_triple(np.array(tint) * self._fresnel(bsdf))
         rough = bsdf.get("type") == "roughconductor"
-        return Look(base=base, roughness=self._roughness(bsdf) if rough else 0.0, metallic=1.0)
+        stated = self._conductor(bsdf, "roughconductor" if rough else "conductor")
+        base = self.color(bsdf, "specular_reflectance", _WHITE)
+        if not isinstance(base, Picture):
+            base = as_triple(np.array(base) * stated.reflectance)
+        roughness = self._roughness(bsdf) if rough else 0.0
+        return Look(base=base, roughness=roughness, metallic=1.0, stated=stated)
 
-    def _fresnel(self, bsdf: Element) -> Float64Array:
-        """Reflectance of a conductor at normal incidence, RGB (3,)."""
-        named = self.find(bsdf, "material")
-        if named is not None and named.get("value") == "none":
-            return np.ones(3)
-        eta, k = self.color(bsdf, "eta", (0.0,) * 3), self.color(bsdf, "k", _WHITE)
-        if named is not None or isinstance(eta, Picture) or isinstance(k, Picture):
-            self._lost.note("metals named by their element became grey ones")
-            return np.full(3, 0.85)
-        n, absorbed = np.array(eta), np.array(k)
-        return np.array(((n - 1) ** 2 + absorbed**2) / ((n + 1) ** 2 + absorbed**2))
+    def _conductor(self, bsdf: Element, kind: Literal["conductor", "roughconductor"]) -> Statement:
+        """Plugin and refraction of a conductor; of one named by its element, at three bands."""
+        distribution = self._distribution(bsdf)
+        named = getattr(self.find(bsdf, "material"), "attrib", {}).get("value", "")
+        given = [self.find(bsdf, name) for name in ("eta", "k")]
+        if named == "none":
+            return Statement(kind, distribution=distribution)
+        eta, k = self.color(bsdf, "eta", _WHITE), self.color(bsdf, "k", _WHITE)
+        if None in given or isinstance(eta, Picture) or isinstance(k, Picture):
+            eta, k = metal(named or "Cu") or _COPPER
+        return Statement(kind, distribution=distribution, eta=eta, k=k)
+
+    def _distribution(self, bsdf: Element) -> Literal["beckmann", "ggx"]:
+        found = self.find(bsdf, "distribution")
+        return "ggx" if found is not None and found.get("value") == "ggx" else "beckmann"
+
+    def _ior(self, bsdf: Element, default: float) -> float:
+        """Index of refraction in air; names are those of Mitsuba."""
+        given = [
+            values[0] if (values := numbers(text)) else text or usual
+            for name, usual in (("int_ior", default), ("ext_ior", "air"))
+            for text in [getattr(self.find(bsdf, name), "attrib", {}).get("value", "")]
+        ]
+        found = ior_in_air(*given)
+        if found is None:
+            self._lost.note("unknown indices of refraction became {}", f"{default:g}")
+        return min(max(found or default, 1.0), 4.0)
 
     def nothing(self, bsdf: Element) -> Look:
         """Look of `null`."""

@@ -23,9 +23,11 @@ from pbrnet.pipeline.scene_export.description import SUN, description, labels_of
 from pbrnet.pipeline.scene_export.looks import Glow, Look, Picture
 from pbrnet.pipeline.scene_export.outdoors import SKY, Outdoors, save_sky
 from pbrnet.scenes.arrays import AnyArray, Float64Array
+from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.errors import MachineError
 from pbrnet.scenes.importing.names import numbered
+from pbrnet.scenes.models.stated import Statement
 
 _GLASS = 0.1  # opacity of clear glass, which UsdPreviewSurface cannot refract
 _POINT = 0.01  # metres: radius of a light without extent
@@ -144,6 +146,10 @@ class _Writer:
     def _material(self, name: str, look: Look, glow: Glow | None) -> Any:
         path = self._path("/World/Materials", name)
         material = UsdShade.Material.Define(self.stage, path)
+        stated = _statement(look)
+        if stated is not None:
+            text = json.dumps(plain(stated, brief=True))
+            material.GetPrim().SetCustomDataByKey("pbrnet", text)
         shader = UsdShade.Shader.Define(self.stage, f"{path}/surface")
         shader.CreateIdAttr("UsdPreviewSurface")
         output = shader.CreateOutput("surface", Sdf.ValueTypeNames.Token)
@@ -166,9 +172,9 @@ class _Writer:
         if glow is not None:
             self._emission(shader, glow, path)
         if look.sheen > 0:
-            self.content.lost.note("the sheen of cloth was left out")
+            self.content.lost.note("the sheen of cloth is in custom data alone")
         if look.diffuse_transmission > 0:
-            self.content.lost.note("thin sheets that pass light became opaque")
+            self.content.lost.note("thin sheets pass light in custom data alone")
         return material
 
     def _opacity(self, shader: Any, look: Look, path: str) -> None:
@@ -177,7 +183,9 @@ class _Writer:
         _set(shader, "ior", max(ior, 1.0))
         if look.transmission > 0.5:
             _set(shader, "opacity", _GLASS)
-            self.content.lost.note("glass is clear, thin and without colour")
+            self.content.lost.note(
+                "glass is clear and thin; how it refracts is in custom data alone"
+            )
             return
         self._number(shader, "opacity", look.opacity, path)
         if isinstance(look.opacity, Picture):
@@ -299,6 +307,16 @@ class _Writer:
         camera.CreateFocalLengthAttr(0.5 * _APERTURE / math.tan(eye.half_fov_x))
         camera.CreateClippingRangeAttr(Gf.Vec2f(0.01, 10_000.0))
         _place(camera, eye.pose)
+
+
+def _statement(look: Look) -> Statement | None:
+    """What UsdPreviewSurface does not say of a material."""
+    if look.diffuse_transmission > 0:
+        return Statement("principledthin", transmitted=2 * look.diffuse_transmission)
+    faint = not isinstance(look.opacity, Picture) and look.opacity < 1
+    if look.stated is None and look.transmission <= 0 and (look.sheen > 0 or faint):
+        return Statement("principled", sheen=min(look.sheen, 1.0))
+    return look.stated
 
 
 def _place(prim: Any, pose: Float64Array) -> None:

@@ -27,6 +27,7 @@ from pbrnet.scenes.importing.xml_elements import plugin, prop
 from pbrnet.scenes.models.gltf.container import UNDERSTOOD, Asset, extensions, number, numbers
 from pbrnet.scenes.models.gltf.images import Images, ImageTexture
 from pbrnet.scenes.models.model import Emission
+from pbrnet.scenes.models.stated import Statement, opaque_bsdf, passing_surface, statement
 
 CLEAR_ROUGHNESS = 0.1  # up to which glass counts as clear
 _WHITE: Color = (1.0, 1.0, 1.0)
@@ -112,6 +113,10 @@ class GltfMaterials:
         self, material: dict[str, Any], more: dict[str, Any], parameters: _PbrParameters, where: str
     ) -> Surface:
         place = f"{self.asset.path}: {where}"
+        stated = self._statement(material, place)
+        if stated is not None and stated.is_passing:
+            values = (self._color(parameters), parameters.roughness, _ior(more, place))
+            return passing_surface(stated, *values)
         transmission = more.get("KHR_materials_transmission", {})
         transmission_share = number(transmission.get("transmissionFactor", 0), place, 0, 1)
         if transmission_share >= 0.5:
@@ -126,16 +131,24 @@ class GltfMaterials:
             bsdf = plugin("bsdf", "diffuse", reflectance=color)
         elif (passed := self._diffuse_transmission(more, place)) > 0:
             return thin_sheet(color, 2 * passed)
+        elif stated is not None and stated.is_opaque:
+            bsdf = opaque_bsdf(stated, color, parameters.roughness, _ior(more, place))
         else:
             bsdf = self._principled(more, parameters, color, place)
         bsdf = self._normals(material, bsdf, where)
         return self._alpha(material, parameters, wrapped("twosided", bsdf), place)
 
+    def _statement(self, material: dict[str, Any], place: str) -> Statement | None:
+        """What `pbrnet export-scene` wrote of the material, where glTF says less."""
+        extras = material.get("extras")
+        given = extras.get("pbrnet") if isinstance(extras, dict) else None
+        return statement(given, f"{place}.extras.pbrnet")
+
     def _principled(
         self, more: dict[str, Any], parameters: _PbrParameters, color: Color | Element, place: str
     ) -> Element:
         rough, metal = self._channels(parameters)
-        ior = number(more.get("KHR_materials_ior", {}).get("ior", 1.5), place, 1, 4)
+        ior = _ior(more, place)
         specular_extension = more.get("KHR_materials_specular", {})
         strength = number(specular_extension.get("specularFactor", 1), place, 0, 1)
         # Mitsuba's `specular` is the reflectance at normal incidence divided by 8 %.
@@ -307,6 +320,10 @@ class _PbrParameters:
     @property
     def images(self) -> tuple[ImageTexture | None, ...]:
         return (self.base, self.metallic_roughness)
+
+
+def _ior(more: dict[str, Any], place: str) -> float:
+    return number(more.get("KHR_materials_ior", {}).get("ior", 1.5), place, 1, 4)
 
 
 def _clipped(value: Any, count: int, place: str) -> Float64Array:

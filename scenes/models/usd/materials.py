@@ -16,11 +16,13 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import Color
+from pbrnet.scenes.files import parse_json
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.materials.surface import Surface, clear_glass, invisible, wrapped
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
 from pbrnet.scenes.importing.xml_elements import plugin, prop
 from pbrnet.scenes.models.model import Emission
+from pbrnet.scenes.models.stated import Statement, opaque_bsdf, passing_surface, statement
 
 GREY: Color = (0.18, 0.18, 0.18)  # the default of UsdPreviewSurface
 _MAX_GLASS_OPACITY = 0.6  # up to which a material without opacity map is read as clear glass
@@ -71,25 +73,41 @@ class UsdMaterials:
                               name)  # fmt: skip
         if _scalar(inputs.get("useSpecularWorkflow"), 0) > 0:
             self.changes.note("the specular colour of a material was left out: {}", name)
-        surface = self._surface(inputs, name)
+        stated = _statement(material.get("stated"), name)
+        surface = self._surface(inputs, name, stated)
         surface.name = name
         return UsdMaterial(surface, self._emission(inputs.get("emissiveColor")))
 
-    def _surface(self, inputs: dict[str, Any], name: str) -> Surface:
+    def _surface(self, inputs: dict[str, Any], name: str, stated: Statement | None) -> Surface:
         opacity = inputs.get("opacity")
         alpha = _scalar(opacity, 1.0)
         ior = min(max(_scalar(inputs.get("ior"), 1.5), 1.0), 4.0)
+        if stated is not None and stated.is_passing:
+            color = self._color(inputs.get("diffuseColor"), GREY)
+            return passing_surface(stated, color, _scalar(inputs.get("roughness"), 0.5), ior)
         cutoff = _scalar(inputs.get("opacityThreshold"), 0.0)
         textured = self._image(opacity) is not None
-        if not textured and alpha <= _MAX_GLASS_OPACITY and cutoff <= 0:
+        if stated is None and not textured and alpha <= _MAX_GLASS_OPACITY and cutoff <= 0:
             self.changes.note("a transparent material became clear glass: {}", name)
             return clear_glass(max(ior, 1.05))
         if not textured and alpha < cutoff:
             return invisible()
+        made = self._opaque(inputs, ior, stated)
+        made = self._with_normals(made, inputs.get("normal"))
+        if not textured and (alpha >= 0.999 or cutoff > 0):
+            return Surface(wrapped("twosided", made), double=True)
+        opacity_found = self._opacity(opacity, alpha, cutoff)
+        masked = wrapped("mask", wrapped("twosided", made), opacity=opacity_found)
+        return Surface(masked, transmissive=True)
+
+    def _opaque(self, inputs: dict[str, Any], ior: float, stated: Statement | None) -> Element:
+        color = self._color(inputs.get("diffuseColor"), GREY)
+        if stated is not None and stated.is_opaque:
+            return opaque_bsdf(stated, color, _scalar(inputs.get("roughness"), 0.5), ior)
         made = plugin(
             "bsdf",
             "principled",
-            base_color=self._color(inputs.get("diffuseColor"), GREY),
+            base_color=color,
             roughness=self._value(inputs.get("roughness"), 0.5),
             metallic=self._value(inputs.get("metallic"), 0.0),
             # Mitsuba's `specular` is the reflectance at normal incidence divided by 8 %.
@@ -100,12 +118,9 @@ class UsdMaterials:
             made.append(prop("clearcoat", min(coat, 1.0)))
             softness = min(max(_scalar(inputs.get("clearcoatRoughness"), 0.01), 0.0), 1.0)
             made.append(prop("clearcoat_gloss", 1 - softness))
-        made = self._with_normals(made, inputs.get("normal"))
-        if not textured and (alpha >= 0.999 or cutoff > 0):
-            return Surface(wrapped("twosided", made), double=True)
-        opacity_found = self._opacity(opacity, alpha, cutoff)
-        masked = wrapped("mask", wrapped("twosided", made), opacity=opacity_found)
-        return Surface(masked, transmissive=True)
+        if stated is not None and stated.sheen > 0:
+            made.append(prop("sheen", stated.sheen))
+        return made
 
     def _emission(self, given: dict[str, Any] | None) -> Emission | None:
         if given is None:
@@ -180,6 +195,12 @@ class UsdMaterials:
             "damaged texture, replaced by the plain value: {}", f"{path.name} ({error})"
         )
         return kept
+
+
+def _statement(text: Any, name: str) -> Statement | None:
+    """What `pbrnet export-scene` wrote of a material, where UsdPreviewSurface says less."""
+    where = f"material {name!r:.100}: pbrnet"
+    return statement(parse_json(text, where), where) if isinstance(text, str) else None
 
 
 def _bitmap(stored: str, given: dict[str, Any], raw: bool | None) -> Element:

@@ -35,8 +35,13 @@ _MOST_STEPS = 32  # of a chain of shaders
 
 
 def material_data(material: Any, time: Any) -> dict[str, Any]:
-    """Return `name`, `kind` and the inputs of a `UsdShade.Material`; `kind` is "" without one."""
-    made: dict[str, Any] = {"name": material.GetPrim().GetName(), "kind": "", "inputs": {}}
+    """Return `name`, `kind` and the inputs of a `UsdShade.Material`; `kind` is "" without one.
+
+    `stated` is the text that `pbrnet export-scene` wrote beside them, or None.
+    """
+    prim = material.GetPrim()
+    made: dict[str, Any] = {"name": prim.GetName(), "kind": "", "inputs": {}}
+    made["stated"] = prim.GetCustomDataByKey("pbrnet")
     for context in ("", "mtlx", "mdl"):
         shader, _, _ = material.ComputeSurfaceSource(context)
         if shader and shader.GetPrim().IsValid():
