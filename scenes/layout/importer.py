@@ -48,11 +48,13 @@ def import_layout(
     Equal files and options give equal bytes. Raises `InputError` that names file and key, and in
     pbrnet's own format the line, of what cannot be used.
     """
-    opened.is_file(path)
+    for file in (path, options.assets):
+        if file is not None:
+            opened.is_file(file)
     text = read_text(path, _MOST_BYTES)
     kind, content = recognised(path, text)
     try:
-        layout = check_layout(kind.read(content, path))
+        layout = check_layout(kind.read(content, path, options))
         return _write(layout, path, out, scene_id, options, opened, text)
     except InputError as error:
         if kind.line is None or path.name in str(error):

@@ -15,7 +15,7 @@ class LayoutOptions(SourceOptions):
     """Options of a layout, which states rooms and boxes; all else is drawn."""
 
     title: ClassVar[str] = "Layout"
-    suffixes: ClassVar[tuple[str, ...]] = (".json",)
+    suffixes: ClassVar[tuple[str, ...]] = (".json", ".hbjson", ".txt")
     importer: ClassVar[str] = "pbrnet.scenes.layout.importer:import_layout"
 
     lighting: LightSetting = field(
@@ -35,4 +35,14 @@ class LayoutOptions(SourceOptions):
     catalogue: Path | None = field(
         default=None,
         metadata=described("Folder of converted catalogues whose pieces are taken where they fit."),
+    )
+    assets: Path | None = field(
+        default=None,
+        metadata=described(
+            "AI2-THOR's asset-database.json, for the sizes of objects in houses of ProcTHOR."
+        ),
+    )
+    storey: str = field(
+        default="",
+        metadata=described("Storey of an HBJSON model.  [default: the one of most rooms]", "NAME"),
     )

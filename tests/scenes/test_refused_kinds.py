@@ -16,9 +16,7 @@ from pbrnet.scenes.registry import SOURCES, import_scene, refused
         ("a.max", r"3ds Max.*\.glb"),
         ("a.zip", "unpack it"),
         ("office.world", r"Gazebo.*meshes"),
-        ("house.json", r"convert.*\.glb.*by the folder's name"),
         ("office.rad", r"Radiance.*\.obj"),
-        ("model.hbjson", r"Honeybee.*\.glb"),
     ],
 )
 def test_a_known_kind_is_refused_with_a_way_around(tmp_path: Path, name: str, message: str) -> None:

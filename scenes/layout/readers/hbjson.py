@@ -15,6 +15,7 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.checked import shown
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.regions import union, valid
 from pbrnet.scenes.importing.changes import Changes
@@ -59,10 +60,10 @@ def recognises(content: Any) -> bool:
     )
 
 
-def read(content: Any, path: Path, level: str = "") -> Layout:
+def read(content: Any, path: Path, storey: str = "") -> Layout:
     """Read a storey of a model; raises `InputError` with file and key.
 
-    `level` names the storey; empty: the lowest with the most rooms.
+    `storey` is its name; empty: the lowest with the most rooms.
     """
     model, changes = Node(content, f"{path}: "), Changes()
     unit = model["units"].text("Meters")
@@ -73,7 +74,7 @@ def read(content: Any, path: Path, level: str = "") -> Layout:
     if not spaces:
         raise InputError(f"{path}: the model holds no room with a floor; orphaned faces are none")
     _note_unread(model, changes)
-    chosen = _without_rings(_storey(spaces, level, path, changes), changes)
+    chosen = _without_rings(_storey(spaces, storey, path, changes), changes)
     base = min(space.floor for space in chosen)
     return Layout(
         name=path.stem,
@@ -144,7 +145,7 @@ def _type(node: Node) -> Any:
     return told if told != "other" else labelled_room(node["display_name"].text(""))
 
 
-def _storey(spaces: Sequence[_Space], level: str, path: Path, changes: Changes) -> list[_Space]:
+def _storey(spaces: Sequence[_Space], wanted: str, path: Path, changes: Changes) -> list[_Space]:
     """The rooms of one storey: the named one, or the lowest of those with the most rooms."""
     storeys: list[list[_Space]] = []
     for space in sorted(spaces, key=lambda each: each.floor):
@@ -153,12 +154,12 @@ def _storey(spaces: Sequence[_Space], level: str, path: Path, changes: Changes) 
         else:
             storeys.append([space])
     names = [_storey_name(storey, number) for number, storey in enumerate(storeys)]
-    if level and level not in names:
-        raise InputError(f"{path}: no level {level!r}; it has {', '.join(names)}")
+    if wanted and wanted not in names:
+        raise InputError(f"{path}: no storey {shown(wanted)}; it has {', '.join(names)}")
     sizes = [len(storey) for storey in storeys]
-    chosen = names.index(level) if level else sizes.index(max(sizes))
+    chosen = names.index(wanted) if wanted else sizes.index(max(sizes))
     for name in names[:chosen] + names[chosen + 1 :]:
-        changes.note("other storeys were left out (option level): {}", name)
+        changes.note("other storeys were left out (option storey): {}", name)
     return storeys[chosen]
 
 

@@ -130,12 +130,17 @@ def _room(node: Node, changes: Changes) -> LayoutRoom:
         changes.note("parts of rooms that are rooms themselves were left out")
     floor_z = node["floorPolygon"].value[0].get("y", 0)
     return LayoutRoom(
-        node["id"].text(),
+        _room_id(node["id"]),
         labelled_room(name),
         outline(Polygon(corners)),
         plain_label(name),
         floor_z=Node(floor_z, node.where).number(0.0),
     )
+
+
+def _room_id(node: Node) -> str:
+    """The id of a room without signs that no file name has: "room|2" is "room_2"."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", node.text())
 
 
 def _wall(node: Node) -> _Wall:
@@ -168,7 +173,7 @@ def _opening(node: Node, kind: str, name: str, wall: _Wall, rooms: set[str]) -> 
     across = [corner["x"].number() for corner in hole]
     up = [corner["y"].number() for corner in hole]
     start, end = (wall.start + place * wall.along for place in (min(across), max(across)))
-    beside = {node[key].text("") for key in ("room0", "room1")} & rooms
+    beside = {_room_id(node[key]) for key in ("room0", "room1") if node[key]} & rooms
     if kind == "windows":
         told = "window"
     elif len(beside) < 2:

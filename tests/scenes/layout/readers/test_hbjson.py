@@ -80,7 +80,7 @@ def test_the_storey_with_most_rooms_is_read() -> None:
 def test_a_named_storey_is_read_from_its_own_floor() -> None:
     layout = hbjson.read(model(), Path("house.hbjson"), "First")
     assert [(each.type, each.floor_z) for each in layout.rooms] == [("bedroom", 0)]
-    with pytest.raises(InputError, match="no level 'Attic'; it has Ground, First"):
+    with pytest.raises(InputError, match="no storey 'Attic'; it has Ground, First"):
         hbjson.read(model(), Path("house.hbjson"), "Attic")
 
 
