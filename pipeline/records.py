@@ -1,8 +1,8 @@
 """Upkeep of a data folder: its lock, the list of a stage's failures, and its trash.
 
-`DATA/trash` keeps what no view asks for any more for a while. A file or folder lies there under its
-path in the data folder. It is put back when it is wanted again, and removed `farm.trash_days` after
-it was put there.
+`DATA/trash` keeps what no view asks for any more, and what was replaced, for a while. A file or
+folder lies there under its path in the data folder, one version of each. It is put back when it is
+wanted again, and removed `farm.trash_days` after it was put there.
 """
 
 from __future__ import annotations
@@ -103,11 +103,14 @@ class Trash:
                 _remove(path)
 
     def put_back(self, paths: Iterable[Path]) -> None:
-        """Move files or folders from the trash to `paths`, over what is out of date there."""
+        """Move files or folders from the trash to `paths`; those that lie there change places."""
         for path in paths:
-            _remove(path)
+            back = self.place(path).with_name(f".{path.name}.back")
+            self.place(path).replace(back)
+            if path.exists():
+                self.add([path])
             path.parent.mkdir(parents=True, exist_ok=True)
-            self.place(path).replace(path)
+            back.replace(path)
 
     def sweep(self) -> None:
         """Remove the entries whose time is over, and empty folders."""

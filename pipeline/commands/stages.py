@@ -171,8 +171,8 @@ Examples:
   pbrnet run --data /tmp/seven --seed 7 --until cameras
   pbrnet run --dry-run        what would be made, kept and removed, and how long it takes
 
-Outputs that the parameters no longer require are moved to DATA/trash and restored when required
-again; they are deleted after farm.trash_days, or with --remove-orphans.
+Outputs that the parameters no longer require, or that are replaced, are moved to DATA/trash and
+restored when required again; they are deleted after farm.trash_days, or with --remove-orphans.
 Exit code 1 if some scenes or views failed; the dataset contains the others, and its rejected.csv
 lists the failed views. Running the command again keeps what is up to date and retries the rest."""
 )

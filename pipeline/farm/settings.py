@@ -25,7 +25,7 @@ class FarmParams:
     )
     checksums: bool = param(True, "verify the checksums of kept frames; false avoids reading them")
     trash_days: float = param(
-        30.0, "days to keep orphans in data/trash; 0: delete at once", within(0, 36_500)
+        30.0, "days to keep orphans and replaced files in data/trash; 0: none", within(0, 36_500)
     )
     transfer: Literal["auto", "shared", "send"] = param(
         "auto", "shared: data folder; send: through dask; auto: per worker"

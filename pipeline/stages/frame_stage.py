@@ -1,8 +1,8 @@
 """Rendering of frames of every view: the common part of the stages that write EXR files.
 
 A frame is kept while its fingerprint holds. Out-of-date frames are rendered again and orphan
-frames, which belong to no view any more, are removed. So a killed run resumes, a changed parameter
-leaves no stale data, and a run with nothing to do starts no worker.
+frames, which belong to no view any more, go to the trash. So a killed run resumes, a changed
+parameter leaves no stale data, and a run with nothing to do starts no worker.
 """
 
 from __future__ import annotations

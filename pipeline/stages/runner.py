@@ -129,6 +129,11 @@ class StagePlan:
         return [target for targets in self.targets.values() for target in targets]
 
     @property
+    def replaced(self) -> list[Path]:
+        """Targets that exist; they are out of date."""
+        return [target.path for target in self.outputs if target.path.exists()]
+
+    @property
     def trash(self) -> Trash:
         """Trash of the data folder."""
         return Trash(self.data, self.params.farm.trash_days)
@@ -143,8 +148,11 @@ class StagePlan:
 
 def plan_line(plan: StagePlan) -> str:
     """Return what a stage makes, keeps and removes, and its time by the ledger, as text."""
-    again = sum(target.path.exists() for target in plan.outputs)
-    parts = [f"{len(plan.outputs)} to make" + (f" ({again} of them out of date)" if again else "")]
+    old, words = plan.replaced, ""
+    if old:
+        kept = "; the old ones to the trash" if plan.params.farm.trash_days else ""
+        words = f" ({len(old)} of them out of date, {size_text(old)}{kept})"
+    parts = [f"{len(plan.outputs)} to make{words}"]
     if plan.later:
         parts.append(f"at most {len(plan.later)} more after earlier stages")
     parts.append(f"{plan.kept} up to date")
@@ -170,10 +178,16 @@ def plan_seconds(plan: StagePlan) -> float | None:
 
 
 def begin(plan: StagePlan) -> None:
-    """Say on stderr what the stage will do; move orphans into the trash, others back from it."""
+    """Say on stderr what the stage will do; move files into the trash, and others back from it.
+
+    Orphans go there, and what is about to be replaced. Without a trash the latter stay until then:
+    a run that is started by mistake and interrupted loses only what it has replaced.
+    """
     say(plan_line(plan), err=True)
     plan.trash.put_back(plan.returning)
     plan.trash.add(plan.orphans)
+    if plan.params.farm.trash_days:
+        plan.trash.add(plan.replaced)
     plan.trash.sweep()
     plan.kept += len(plan.returning)
     plan.removed += len(plan.orphans)
@@ -299,8 +313,7 @@ def finish(
 ) -> Summary:
     """Move out-of-date files that could not be made again to the trash; write the failures.
 
-    Raises `StageError` if there are failures. Out-of-date files go here and not before `execute`: a
-    run that is started by mistake and interrupted loses only files that it has replaced.
+    Raises `StageError` if there are failures.
     """
     plan.trash.add(path for path, fine in made.items() if not fine and path.exists())
     failures = sorted(plan.failures, key=lambda f: (f.scene_id, f.view_id, f.stage))

@@ -200,19 +200,36 @@ def test_orphans_come_back_from_the_trash_without_rendering(
     everything = files_in(data, ".")
     plans = [plan_line(plan) for plan in plan_stages(STAGES, data, fewer)]
     assert files_in(data, ".") == everything, "a plan changes nothing"
-    assert plans[0].startswith("cameras: 2 to make (2 of them out of date)")
+    assert plans[0].startswith("cameras: 2 to make (2 of them out of date, 0.0 MB; the old ones to")
     assert "at most 32 more" in plans[3] and "8 to be kept, remade or moved" in plans[3]
     run_cameras(data, fewer)
     gone = run_frames("groundtruth", data, fewer)
     assert (gone.made, gone.kept, gone.removed) == (0, 4, 4)
     assert "4 no longer required" in capsys.readouterr().err
-    assert any(note.startswith("trash: 4 files") for note in gone.notes)
+    assert any(note.startswith("trash: 6 files") for note in gone.notes), "with camera files"
     run_cameras(data, PARAMS)
     monkeypatch.setattr("pbrnet.pipeline.stages.runner.Farm", None)
     again = run_frames("groundtruth", data, PARAMS)
     assert (again.made, again.kept, again.removed) == (0, 8, 0)
     assert "4 back from the trash" in capsys.readouterr().err
-    assert files_in(data, "color", "shading") == before and not (data / "trash").exists()
+    assert files_in(data, "color", "shading") == before
+    assert set(files_in(data, "trash")) == set(files_in(data, "trash/cameras"))
+
+
+def test_replaced_frames_come_back_with_their_parameters(
+    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = files_in(data, "color", "shading")
+    other = _alter("groundtruth", max_depth=2)
+    assert run_frames("groundtruth", data, other).made == len(before)
+    after = files_in(data, "color", "shading")
+    assert not set(after.items()) & set(before.items())
+    monkeypatch.setattr("pbrnet.pipeline.stages.runner.Farm", None)
+    for params, files in ((PARAMS, before), (other, after), (PARAMS, before)):
+        again = run_frames("groundtruth", data, params)
+        assert (again.made, again.kept) == (0, len(before)), "nothing is rendered"
+        assert f"{len(before)} back from the trash" in capsys.readouterr().err
+        assert files_in(data, "color", "shading") == files
 
 
 def test_changed_samples_render_ground_truth_only(data: Path) -> None:

@@ -36,6 +36,20 @@ def test_what_goes_comes_back_as_it_was(data: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [FRAME, SCENE])
+def test_what_comes_back_changes_places_with_what_lies_there(data: Path, name: str) -> None:
+    trash, first = Trash(data, 30), data / name
+    trash.add([first])
+    second = first if name == FRAME else first / "scene.json"
+    second.parent.mkdir(parents=True, exist_ok=True)
+    second.write_text("other")
+    trash.put_back([first])
+    assert second.read_text() != "other"
+    trash.put_back([first])
+    assert second.read_text() == "other"
+    assert "1 files or folders" in trash.described()
+
+
+@pytest.mark.parametrize("name", [FRAME, SCENE])
 def test_its_time_counts_from_when_it_went(data: Path, name: str) -> None:
     old = time.time() - 100 * 86_400
     for path in data.rglob("*"):
