@@ -13,13 +13,15 @@ from pbrnet.scenes.registry import ImportEntry
 
 @dataclass(frozen=True)
 class AssetParams:
-    """Optional furniture catalogues: `.sh3f` files of a folder, else of Debian packages.
+    """Optional furniture catalogues: those of a folder, else of Debian packages.
 
     Packages are taken from this machine where they are installed, else fetched.
     """
 
     enabled: bool = param(False, "download and convert furniture catalogues")
-    folder: str = param("", "folder of .sh3f files; empty: the Debian packages below")
+    folder: str = param(
+        "", "folder of .sh3f files, or of models and pieces.csv; empty: the Debian packages below"
+    )
     debian: tuple[str, ...] = param(("sweethome3d-furniture",), "packages with .sh3f files")
     max_triangles: int = param(
         200_000, "pieces with more triangles are refused", within(100, 2_000_000)

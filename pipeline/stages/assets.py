@@ -30,10 +30,11 @@ from pbrnet.scenes.assets.index import (
 )
 from pbrnet.scenes.errors import PbrnetError
 from pbrnet.scenes.files import remove_partials
+from pbrnet.scenes.own_assets.convert import convert_any
+from pbrnet.scenes.own_assets.table import TABLE, read_table
 from pbrnet.scenes.sweethome.catalogue.packages import DOWNLOADS, find_catalogues, read_catalogues
 from pbrnet.scenes.sweethome.catalogue.pieces import (
     PieceJob,
-    convert_piece,
     current,
     index_of,
     piece_jobs,
@@ -95,8 +96,8 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
             save_index(root, AssetIndex())
             return AssetSummary(AssetIndex(), 0, 0, removed, time.monotonic() - started)
         wanted = params.assets
-        files = find_catalogues(wanted.folder, wanted.debian, root)
-        catalogues = read_catalogues(files)
+        files = find_catalogues(wanted.folder, wanted.debian, root, TABLE)
+        catalogues = read_catalogues(files, read_table)
         sizes = wanted.max_triangles, wanted.texture_size
         jobs, refused = piece_jobs(root, catalogues, *sizes, key("assets"))
         removed = _remove_orphans(root, jobs, params.farm)
@@ -133,7 +134,7 @@ def _convert_all(
         progress.advance(kept)
         try:
             with opened_farm(data, params, scheduler, len(items)) as farm:
-                for outcome in farm.run(convert_piece, items):
+                for outcome in farm.run(convert_any, items):
                     job = by_key[outcome.key]
                     if outcome.error:
                         failures.append(f"{outcome.key}: {outcome.error}")

@@ -6,8 +6,9 @@ a single piece is placed at the origin.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -68,39 +69,63 @@ class PieceJob:
 
 
 def convert(job: PieceJob) -> Asset:
-    """Write a piece; raises `UnusablePiece` with the reason."""
+    """Write a piece of a `.sh3f`; raises `UnusablePiece` with the reason."""
     changes, piece = Changes(), job.piece
     with HomeArchive(job.source) as archive:
         model = _model(archive, piece, changes)
-        triangles = sum(len(part.mesh.faces) for part in model.parts)
-        if triangles > job.max_triangles:
-            most = job.max_triangles
-            raise UnusablePiece(f"{triangles:,} triangles; assets.max_triangles is {most:,}")
+        triangles = counted_triangles([part.mesh for part in model.parts], job)
         parts = _standing(piece, model, changes)
-        size_error = _checked(piece, parts)
-        with atomic_directory(job.out) as folder:
-            (folder / "meshes").mkdir()
-            (folder / "textures").mkdir()
-            images = _Images(archive, folder, job.texture_size, changes)
-            made = [_write(folder, number, part, images) for number, part in enumerate(parts)]
-            corners = np.concatenate([_mesh(part).corners for part in parts])
-            asset = Asset(
-                piece=piece,
-                parts=tuple(made),
-                boxes=tuple((_point(low), _point(high)) for low, high in covering_boxes(corners)),
-                levels=_levels(piece, corners),
-                checks=Checks(
-                    triangles=sum(part.triangles for part in made),
-                    dropped=max(0, triangles - sum(len(part.mesh.faces) for part in parts)),
-                    size_error=round(size_error, 5),
-                    textures=images.count,
-                    notes=changes.sentences(),
-                ),
-                provenance=job.provenance,
-                fingerprint=job.fingerprint,
-            )
-            _draw(folder, asset)
-            save_asset(folder, asset)
+        error = _checked(piece, parts)
+        read = partial(archive.read, limit=_MAX_IMAGE)
+        return write_asset(job, piece, parts, triangles, error, read, changes)
+
+
+def counted_triangles(meshes: Sequence[Mesh], job: PieceJob) -> int:
+    """Return the triangles of meshes; raises `UnusablePiece` above the job's limit."""
+    triangles = sum(len(mesh.faces) for mesh in meshes)
+    if triangles > job.max_triangles:
+        most = job.max_triangles
+        raise UnusablePiece(f"{triangles:,} triangles; assets.max_triangles is {most:,}")
+    return triangles
+
+
+def write_asset(
+    job: PieceJob,
+    piece: CataloguePiece,
+    parts: Sequence[ItemPart],
+    triangles: int,
+    size_error: float,
+    read_image: Callable[[str], bytes],
+    changes: Changes,
+) -> Asset:
+    """Write the folder of a converted piece, and return its description.
+
+    `parts` are in the asset's frame (`assets/index.py`); `triangles` are those of the model,
+    `size_error` is in metres, and `read_image` returns the file of a finish's image.
+    """
+    with atomic_directory(job.out) as folder:
+        (folder / "meshes").mkdir()
+        (folder / "textures").mkdir()
+        images = _Images(read_image, folder, job.texture_size, changes)
+        made = [_write(folder, number, part, images) for number, part in enumerate(parts)]
+        corners = np.concatenate([_mesh(part).corners for part in parts])
+        asset = Asset(
+            piece=piece,
+            parts=tuple(made),
+            boxes=tuple((_point(low), _point(high)) for low, high in covering_boxes(corners)),
+            levels=_levels(piece, corners),
+            checks=Checks(
+                triangles=sum(part.triangles for part in made),
+                dropped=max(0, triangles - sum(len(part.mesh.faces) for part in parts)),
+                size_error=round(size_error, 5),
+                textures=images.count,
+                notes=changes.sentences(),
+            ),
+            provenance=job.provenance,
+            fingerprint=job.fingerprint,
+        )
+        _draw(folder, asset)
+        save_asset(folder, asset)
     return asset
 
 
@@ -252,8 +277,10 @@ def _light(part: ItemPart, mesh: Mesh) -> tuple[float, float]:
 class _Images:
     """Stores the images of one piece in its folder, each once, scaled down to a largest size."""
 
-    def __init__(self, archive: HomeArchive, folder: Path, size: int, changes: Changes) -> None:
-        self._archive, self._folder, self._size = archive, folder, size
+    def __init__(
+        self, read: Callable[[str], bytes], folder: Path, size: int, changes: Changes
+    ) -> None:
+        self._read, self._folder, self._size = read, folder, size
         self._changes = changes
         self._stored: dict[str, tuple[str | None, str | None]] = {}
 
@@ -278,7 +305,7 @@ class _Images:
         return self._stored[finish.image]
 
     def _store(self, member: str) -> tuple[str, str | None]:
-        data = self._archive.read(member, _MAX_IMAGE)
+        data = self._read(member)
         image = open_image(data)
         name = f"textures/{len(self._stored)}"
         small = max(image.size) <= self._size

@@ -5,12 +5,18 @@ from __future__ import annotations
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from pbrnet.scenes.errors import InputError, MachineError
-from pbrnet.scenes.files import atomic_directory, digest_file, read_json, write_json
+from pbrnet.scenes.files import (
+    atomic_directory,
+    digest_file,
+    digest_folder,
+    read_json,
+    write_json,
+)
 from pbrnet.scenes.sweethome.catalogue.library import Library, read_library
 
 INSTALLED = Path("/usr/share/sweethome3d/furniture")  # catalogues of Debian's packages
@@ -29,21 +35,25 @@ class Catalogue:
     library: Library
 
 
-def find_catalogues(folder: str, packages: Sequence[str], root: Path) -> list[tuple[Path, str]]:
+def find_catalogues(
+    folder: str, packages: Sequence[str], root: Path, table: str
+) -> list[tuple[Path, str]]:
     """Return the catalogue files and their packages, sorted; fetch missing packages.
 
-    They are those in `folder` or, if it is empty, those of the Debian `packages`, which are fetched
-    into a folder below `root`. Raises `MachineError` if there are none, or none can be fetched.
+    They are those in `folder`, with its `table` of own pieces, or, if it is empty, those of the
+    Debian `packages`, which are fetched into a folder below `root`. Raises `MachineError` if there
+    are none, or none can be fetched.
     """
     if folder:
         place = Path(folder).expanduser()
         if not place.is_dir():
             raise MachineError(
-                f"assets.folder: {place} is not a folder; name one that holds {SUFFIX} files"
+                f"assets.folder: {place} is not a folder; name one that holds {SUFFIX} files, or a "
+                f"{table} and models"
             )
-        files = [(path, "") for path in _catalogues(place)]
+        files = [(path, "") for path in (*_catalogues(place), place / table) if path.is_file()]
         if not files:
-            raise MachineError(f"assets.folder: no {SUFFIX} file in {place}")
+            raise MachineError(f"assets.folder: no {SUFFIX} file and no {table} in {place}")
         return files
     found: dict[str, tuple[Path, str]] = {}
     for package in packages:
@@ -122,12 +132,19 @@ def _command(command: Sequence[str], folder: Path, what: str, advice: str) -> No
         raise MachineError(f"assets: {what}: {message}{advice}")
 
 
-def read_catalogues(files: Iterable[tuple[Path, str]]) -> list[Catalogue]:
-    """Read catalogue files; `InputError` for a damaged one, or two that would share a folder."""
+def read_catalogues(
+    files: Iterable[tuple[Path, str]], read_table: Callable[[Path], Library]
+) -> list[Catalogue]:
+    """Read catalogue files; `InputError` for a damaged one, or two that would share a folder.
+
+    `read_table` reads tables of own pieces, whose digest is that of all files of the folder.
+    """
     found: list[Catalogue] = []
     for path, package in files:
-        library = read_library(path)
+        is_own = path.suffix.lower() != SUFFIX
+        library = read_table(path) if is_own else read_library(path)
         if library.key.lower() in (DOWNLOADS, *(other.library.key.lower() for other in found)):
             raise InputError(f"{path}: another catalogue has this name; rename the file")
-        found.append(Catalogue(path, package, digest_file(path), library))
+        digest = digest_folder(path.parent) if is_own else digest_file(path)
+        found.append(Catalogue(path, package, digest, library))
     return found

@@ -1,0 +1,1 @@
+"""Furniture of one's own: a folder of model files with a table, converted to assets."""
