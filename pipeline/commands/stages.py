@@ -8,7 +8,13 @@ from pathlib import Path
 
 import click
 
-from pbrnet.pipeline.commands.options import Request, common_options, farm_options, stage_options
+from pbrnet.pipeline.commands.options import (
+    FOLDER,
+    Request,
+    common_options,
+    farm_options,
+    stage_options,
+)
 from pbrnet.pipeline.commands.start import say_plans, start_lines
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
@@ -17,7 +23,7 @@ from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
 from pbrnet.pipeline.stages.runner import StageError
-from pbrnet.pipeline.stages.scenes import run_scenes
+from pbrnet.pipeline.stages.scenes import describe_homes, run_scenes
 from pbrnet.pipeline.terminal import lines_of, say
 from pbrnet.scenes.errors import PbrnetError
 
@@ -64,16 +70,26 @@ def assets(request: Request) -> None:
     epilog="""\b
 Examples:
   pbrnet scenes                            the scenes of params.yaml
-  pbrnet scenes --seed 7 --data /tmp/seven"""
+  pbrnet scenes --seed 7 --data /tmp/seven
+  pbrnet scenes --describe layouts         the homes of params.yaml as layouts"""
+)
+@click.option(
+    "--describe",
+    type=FOLDER,
+    help="Write the procedural homes as layouts (docs/layouts.md) to this folder; make no scene.",
 )
 @stage_options
 @common_options
-def scenes(request: Request) -> None:
+def scenes(request: Request, describe: Path | None) -> None:
     """Generate procedural homes and import the scenes listed in scenes.imports.
 
     Keeps scenes that are up to date, and scenes that 'pbrnet import' wrote to DATA/scenes.
     """
-    _run(request, "scenes")
+    if describe is None:
+        _run(request, "scenes")
+        return
+    written = describe_homes(request.data, request.params, describe)
+    say(f"{len(written)} layouts in {describe}; change one and read it with: pbrnet import")
 
 
 @click.command(

@@ -20,9 +20,11 @@ from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant,
 from pbrnet.scenes.assets.index import INDEX, load_index
 from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import digest_file, exists, remove_partials, resolved
+from pbrnet.scenes.files import digest_file, exists, remove_partials, resolved, write_text
+from pbrnet.scenes.layout.describe import described, layout_text
 from pbrnet.scenes.opened_files import unchanged
 from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.procedural.design import HomeSeeds, design_home
 from pbrnet.scenes.registry import ImportEntry
 from pbrnet.scenes.seeds import derive
 
@@ -43,6 +45,23 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
         begin(plan)
         made = execute(plan, scheduler)
         return finish(plan, made)
+
+
+def describe_homes(data: Path, params: Params, out: Path) -> list[Path]:
+    """Write the procedural homes of the parameters to a folder as layouts; returns the files.
+
+    No scene is made. A home is a file `home-0000.layout.json`, see `pbrnet.scenes.layout`.
+    """
+    written = []
+    for job in home_jobs(Path(data).resolve() / "scenes", params.scenes, params.seed):
+        varied = frozenset(job.params.vary) if job.variant else frozenset()
+        seeds = HomeSeeds(job.seed, job.variant, varied)
+        design = design_home(job.params, seeds, job.assets)
+        place = Path(out) / f"{job.scene_id}.layout.json"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        write_text(place, layout_text(described(design, job.scene_id, job.seed)))
+        written.append(place)
+    return written
 
 
 def plan_scenes(data: Path, params: Params) -> StagePlan:

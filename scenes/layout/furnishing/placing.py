@@ -22,7 +22,7 @@ from pbrnet.scenes.procedural.scene_item import Pose
 
 TOLERANCE = 0.15  # metres that a box may be moved
 _ROUNDS = 4  # of moves out of walls
-_ON_FLOOR = 0.1  # metres; what begins lower stands on the floor
+_ON_FLOOR = 0.03  # metres; what begins lower stands on the floor
 _FLAT = 0.04  # metres; lower things are stood on
 # Furniture with free space between its parts: its bodies are compared, not its box
 _OPEN = ("table", "desk", "chair", "stool", "curtain", "bench", "kitchen unit", "stove", "sink")
@@ -58,9 +58,10 @@ class Standing:
 
     @property
     def on_floor(self) -> bool:
-        """Whether it stands on the floor and is no rug."""
+        """Whether it stands on the floor, is no rug and does not hang at a wall."""
         low, high = self.piece.bounds[:, 2] + self.pose.z
-        return not self.on and low < _ON_FLOOR and high - low > _FLAT
+        hangs = self.on or self.piece.anchor == "on_wall"
+        return not hangs and low < _ON_FLOOR and high - low > _FLAT
 
     def _rectangle(self, bounds: Float64Array) -> Polygon:
         (x0, y0, _), (x1, y1, _) = bounds
