@@ -10,6 +10,7 @@ import numpy as np
 
 from pbrnet.scenes.contract import Point2
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.regions import intersection
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.layout.layout import Layout, LayoutOpening
 from pbrnet.scenes.procedural.plan import Opening, OpeningKind, PlanRoom, WallEdge
@@ -84,7 +85,7 @@ def _find_cut(
             depth = abs(0.5 * (d0 + d1))
             if abs(s1 - s0) < _ALONG * width or depth > _REACH or high - low < 0.4 * width:
                 continue
-            score = (round((high - low) / width, 2), -depth)
+            score = (round((high - low) / width, 2), -round(depth, 4))
             if best is None or score > best[:2]:
                 best = (*score, room, edge, low, high)
     if best is None:
@@ -183,7 +184,7 @@ def _problem(opening: Opening, others: Sequence[Opening]) -> str:
         )
     for other in others:
         apart = opening.z0 >= other.z1 or other.z0 >= opening.z1
-        if not apart and opening.footprint.intersection(other.footprint).area > 1e-6:
+        if not apart and intersection(opening.footprint, other.footprint).area > 1e-6:
             return f"overlaps {other.id!r}"
     return ""
 

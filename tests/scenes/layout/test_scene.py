@@ -1,0 +1,109 @@
+"""Layouts as scenes: a whole import, and generated homes that are described and read back."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from pbrnet.pipeline.cli import cli
+from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import digest_folder
+from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.layout.building.plan import plan_of
+from pbrnet.scenes.layout.building.swings import with_swings
+from pbrnet.scenes.layout.describe import described, layout_text
+from pbrnet.scenes.layout.furnishing.furnish import furnish_layout
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.procedural.design import Design, HomeSeeds, design_home
+from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.seeds import generator
+from tests.fixtures.layouts import FLAT, changed, checked, write_layout
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    folder = tmp_path_factory.mktemp("flat")
+    path = write_layout(folder / "flat.json", FLAT)
+    return import_scene(path, folder / "flat", lighting="evening")
+
+
+def test_an_import_is_a_whole_scene(flat: Scene) -> None:
+    living, bath = flat.rooms
+    assert (living.type, bath.type, bath.name) == ("living", "bathroom", "bathroom")
+    assert (living.ceiling_z, bath.ceiling_z) == (2.6, 2.3)
+    assert living.has_light and bath.has_light
+    furniture = Counter(item.category for item in flat.objects if not item.is_structure)
+    assert furniture["table"] == furniture["toilet"] == 1 and furniture["lamp"] == 2
+    assert {"facade", "slabs", "floor-living", "door-0", "entrance-1"} <= {
+        item.id for item in flat.objects
+    }
+    assert Counter(portal.kind for portal in flat.portals) == {"window": 2, "door": 1}
+    assert flat.lighting == "evening" and flat.source["style"] == "minimal"
+    assert flat.source["furnishing"]["median_iou"] > 0.9
+    assert ("A. Maker", "CC0-1.0") in {(one.author, one.licence) for one in flat.credits}
+
+
+def test_portals_of_slanted_walls_lie_in_them_and_look_out(flat: Scene) -> None:
+    slanted = next(one for one in flat.portals if one.room == "living" and one.clear)
+    corners = np.array(slanted.polygon)
+    normal = np.array(slanted.normal)
+    assert normal == pytest.approx([0.8, -0.6, 0], abs=1e-4)
+    assert np.ptp(corners @ normal) < 1e-4
+    # 60 % of the wall's 0.3 m outside of the inner face, the line through (4, 0) and (5.5, 2)
+    assert corners[0] @ normal == pytest.approx(3.2 + 0.18, abs=1e-4)
+
+
+def test_equal_files_give_equal_bytes_and_seeds_others(flat: Scene, tmp_path: Path) -> None:
+    path = write_layout(tmp_path / "flat.json", FLAT)
+    again = import_scene(path, tmp_path / "flat", lighting="evening")
+    assert digest_folder(again.folder) == digest_folder(flat.folder)
+    assert again.plan == flat.plan
+
+
+@pytest.fixture(scope="module")
+def home() -> Design:
+    return design_home(SceneParams(rooms_min=3, rooms_max=3), HomeSeeds(8), None)
+
+
+def test_a_described_home_is_read_back(home: Design) -> None:
+    layout = checked(json.loads(layout_text(described(home, "home", 8))))
+    changes = Changes()
+    plan, stated = plan_of(layout, home.plan.ground, changes)
+    made = furnish_layout(generator(0), layout, plan, home.style, None, changes)
+    solid = [one.footprint for one in made.standing if one.on_floor]
+    plan = with_swings(generator(0), plan, stated, solid)
+    for room, own in zip(plan.rooms, home.plan.rooms, strict=True):
+        assert (room.id, room.type) == (own.id, own.type)
+        assert room.shape.hausdorff_distance(own.shape) < 1e-3
+    for one, own in zip(plan.openings, home.plan.openings, strict=True):
+        assert (one.kind, one.rooms) == (own.kind, own.rooms)
+        places = [(*each.start, *each.end, each.thickness, each.z0, each.z1) for each in (one, own)]
+        assert places[0] == pytest.approx(places[1], abs=1e-3)
+        if own.kind == "door":
+            assert (one.swing, one.hinge_at_start) == (own.swing, own.hinge_at_start)
+            assert one.angle == pytest.approx(own.angle, abs=1e-3)
+    kinds = Counter(each.placed.kind for each in made.placed)
+    assert kinds == Counter(one.kind for one in layout.objects)
+    assert made.record["median_iou"] >= 0.97 and not made.record["plain_boxes"]
+
+
+def test_the_command_describes_the_homes_of_the_parameters(tmp_path: Path) -> None:
+    (tmp_path / "params.yaml").write_text("scenes: {homes: 1, rooms_min: 1, rooms_max: 1}\n")
+    options = ["--params", str(tmp_path / "params.yaml"), "--data", str(tmp_path / "data")]
+    done = CliRunner().invoke(cli, ["scenes", "--describe", str(tmp_path / "out"), *options])
+    assert done.exit_code == 0, done.output
+    content = json.loads((tmp_path / "out" / "home-0000.layout.json").read_text())
+    assert content["pbrnet"] == "layout" and len(checked(content).rooms) == 1
+    assert not (tmp_path / "data" / "scenes").exists()
+
+
+def test_a_bad_layout_is_one_line_and_exit_code_3(tmp_path: Path) -> None:
+    path = write_layout(tmp_path / "flat.json", changed(wall=-1))
+    done = CliRunner().invoke(cli, ["import", str(path), "--out", str(tmp_path / "out")])
+    assert isinstance(done.exception, InputError) and done.exception.exit_code == 3
+    assert "\n" not in str(done.exception) and "wall: -1 is not" in str(done.exception)
+    assert not (tmp_path / "out").exists()
