@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from pbrnet.pipeline.channels import PARTS, SETS, ChannelSet, Kind, kinds_of_sets
+from pbrnet.pipeline.lenses.calibration import read_calibration
+from pbrnet.pipeline.lenses.settings import calibrated, check_lens
 from pbrnet.scenes.checked import build, param, section, shown, within
-from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import exists, read_text
+from pbrnet.scenes.errors import ParameterError
+from pbrnet.scenes.files import exists
+from pbrnet.scenes.yaml_files import read_yaml
 
 if TYPE_CHECKING:
     from pbrnet.model.settings import BackboneParams, EvaluateParams, TrainParams
@@ -35,10 +36,6 @@ if TYPE_CHECKING:
     from pbrnet.pipeline.views import ImageParams
     from pbrnet.scenes.params import AssetParams, SceneParams
 
-_MAX_BYTES = 2**20  # of a parameter file
-_MAX_NODES = 2**17  # values in it, with all aliases written out
-_NUMBERS = (":int", ":float")
-_MAX_COLONS = 100  # in numbers such as 1:00:00, for which PyYAML takes quadratic time
 MAX_SEED = 2**63 - 1
 _PASSES, _NETWORKS = "pbrnet.pipeline.passes.settings", "pbrnet.model.settings"
 
@@ -117,26 +114,36 @@ class Params:
             raise ValueError("channels: light needs groundtruth.joint: true")
         if "light" in self.channels and "color" not in self.kinds:
             raise ValueError("channels: light needs color, or paper")
+        if self.cameras.half_fov_x:
+            check_lens(replace(self.image, half_fov_x=self.cameras.half_fov_x[1]), "cameras")
         if self.image.is_panorama and self.cameras.framing != "paper":
-            raise ValueError("cameras.framing: photograph is for perspective images")
-        if self.image.is_panorama:
-            self._verify_panoramas()
+            raise ValueError("cameras.framing: photograph is not for equirectangular images")
+        if not self.image.is_pinhole:
+            self._verify_lens()
 
-    def _verify_panoramas(self) -> None:
-        """Raise ValueError for what equirectangular views cannot have."""
-        flat = [
-            name for name in self.channels if name in ("all", "video", "environment", "transport")
-        ]
-        if flat:
-            raise ValueError(
-                f"channels: {flat[0]} needs image.projection: perspective; equirectangular views "
-                "have paper, materials, labels and light, and are their own environment"
-            )
+    def _verify_lens(self) -> None:
+        """Raise ValueError for what views have only through a pinhole."""
+        projection = self.image.projection
+        missing = ["all", "transport"]
+        if projection == "equirectangular":
+            missing += ["video", "environment"]
+        elif projection == "orthographic":
+            missing += ["environment"]
+        for name in self.channels:
+            if name in missing:
+                raise ValueError(
+                    f"channels: {name} needs image.projection: perspective without distortion; "
+                    f"{projection} views cannot have {', '.join(missing[1:])}"
+                )
         if not self.groundtruth.joint:
-            raise ValueError("groundtruth.joint: false needs image.projection: perspective")
+            raise ValueError(
+                "groundtruth.joint: false needs image.projection: perspective without distortion"
+            )
         for name in ("half_fov_x", "stereo_baseline", "overlap_views"):
-            if getattr(self.cameras, name):
-                raise ValueError(f"cameras.{name}: needs image.projection: perspective")
+            if self.image.is_panorama and getattr(self.cameras, name):
+                raise ValueError(f"cameras.{name}: not with image.projection: equirectangular")
+        if projection == "orthographic" and self.cameras.half_fov_x:
+            raise ValueError("cameras.half_fov_x: orthographic views have none; see image.lens")
 
 
 def texture_size_for(width: int) -> int:
@@ -151,15 +158,31 @@ def texture_size_for(width: int) -> int:
 def build_params(data: Any) -> Params:
     """Return the parameters in the content of a parameter file; raises `ParameterError`.
 
-    `scenes.texture_size: auto` becomes a number here, so that all else sees numbers only.
+    `scenes.texture_size: auto` and `image.lens.calibration` become numbers here, so that all else
+    sees numbers only.
     """
     scenes = data.get("scenes", {}) if isinstance(data, dict) else None
     if not isinstance(scenes, dict) or scenes.get("texture_size", "auto") != "auto":
-        return build(Params, data)
+        return _calibrated(build(Params, data))
     known = {name: value for name, value in scenes.items() if name != "texture_size"}
-    params = build(Params, {**data, "scenes": known})
+    params = _calibrated(build(Params, {**data, "scenes": known}))
     size = texture_size_for(params.image.width)
     return replace(params, scenes=replace(params.scenes, texture_size=size))
+
+
+def _calibrated(params: Params) -> Params:
+    """Return the parameters with the numbers of the calibration file, if they name one."""
+    image = params.image
+    if not image.lens.calibration:
+        return params
+    found = read_calibration(Path(image.lens.calibration), image.lens.camera)
+    params = replace(params, image=replace(image, lens=calibrated(image, found)))
+    try:
+        params.image.verify("image")
+        params.verify("")
+    except ValueError as error:
+        raise ParameterError(f"{image.lens.calibration}: {error}") from None
+    return params
 
 
 def load_params(path: Path, seed: int | None = None) -> Params:
@@ -178,51 +201,3 @@ def load_params(path: Path, seed: int | None = None) -> Params:
     if not 0 <= seed <= MAX_SEED:
         raise ParameterError(f"--seed: {shown(seed)} is not allowed; must be from 0 to {MAX_SEED}")
     return replace(params, seed=seed)
-
-
-def read_yaml(path: Path) -> Any:
-    """Return the content of a YAML file; raises `ParameterError` that names it."""
-    try:
-        return yaml.load(read_text(path, _MAX_BYTES), _BoundedLoader)
-    except InputError as error:
-        raise ParameterError(str(error)) from None
-    except RecursionError:
-        raise ParameterError(f"{path}: not valid YAML (nested too deep)") from None
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())  # PyYAML writes several lines
-        raise ParameterError(f"{path}: not valid YAML ({reason})") from None
-
-
-class _BoundedLoader(yaml.SafeLoader):
-    """Loader of YAML from outside: small also when all aliases and merge keys are written out.
-
-    Aliases of aliases double, or more, with every line: a short file would otherwise be one of
-    more values than fit into memory.
-    """
-
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self._nodes = 0  # written out, so far
-        self._sizes: dict[int, int] = {}  # id of a complete node -> nodes in it, written out
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose a node and count it; an alias counts like what it stands for."""
-        alias, before = self.check_event(yaml.AliasEvent), self._nodes
-        node = super().compose_node(parent, index)
-        if alias and id(node) not in self._sizes:
-            raise yaml.YAMLError("an alias of what it is inside of")
-        self._nodes += self._sizes[id(node)] if alias else 1
-        self._sizes.setdefault(id(node), self._nodes - before)
-        if self._nodes > _MAX_NODES:
-            raise yaml.YAMLError(f"more than {_MAX_NODES:,} values with all aliases written out")
-        return node
-
-    def construct_object(self, node: Any, deep: bool = False) -> Any:
-        """Construct a value; what its tag cannot be made from is a YAML error of its line."""
-        try:
-            if node.tag.endswith(_NUMBERS) and node.value.count(":") > _MAX_COLONS:
-                raise ValueError
-            return super().construct_object(node, deep)
-        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
-            kind, line = node.tag.rpartition(":")[2], node.start_mark.line + 1
-            raise yaml.YAMLError(f"line {line}: {shown(node.value)} is no {kind}") from None

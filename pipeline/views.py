@@ -3,54 +3,61 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
+from pbrnet.pipeline.lenses.model import WIDEST, Lens, Matrix, Projection, world_rays
+from pbrnet.pipeline.lenses.settings import LensParams, check_lens, lens_of
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.checked import OPTIONAL, build, check_name, param, plain, within
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_json, write_json
-from pbrnet.scenes.geometry.directions import (
-    equirectangular_directions,
-    pixel_directions,
-    turned,
-    unit,
-)
+from pbrnet.scenes.geometry.directions import turned, unit
 
 MAX_SIDE = 16_384  # pixels
 MAX_NUMBER = 1e7  # metres in a pose, pixels in K
-MIN_FOCAL = 1e-3  # pixels
-Matrix = tuple[tuple[float, ...], ...]
-
-
-Projection = Literal["perspective", "equirectangular"]
+MIN_FOCAL = 1e-3  # pixels, or pixels per metre
 
 
 @dataclass(frozen=True)
 class ImageParams:
     """Projection and size of every frame.
 
-    The field of view follows PBRS at 4:3 (half-angle in x is fixed); an equirectangular image shows
-    all directions, and `half_fov_x` is not used.
+    The field of view follows PBRS at 4:3 (half-angle in x is fixed), up to 1.4 in perspective
+    images. `half_fov_x` is not used by equirectangular images, which show all directions, by
+    orthographic ones, and where `lens` has a focal length.
     """
 
     width: int = param(160, "pixels", within(16, 8192))
     height: int = param(120, "pixels", within(16, 8192))
-    half_fov_x: float = param(0.5534, "radians, PBRS", within(0.05, 1.4))
+    half_fov_x: float = param(0.5534, "radians, PBRS", within(0.05, WIDEST))
     projection: Projection = param(
-        "perspective", "or equirectangular, see docs/cameras.md", OPTIONAL
+        "perspective", "or fisheye, equirectangular, orthographic, see docs/cameras.md", OPTIONAL
     )
+    lens: LensParams = param(LensParams(), "focal length, centre and distortion", OPTIONAL)
 
     @property
     def is_panorama(self) -> bool:
         """True if images show all directions."""
         return self.projection == "equirectangular"
 
+    @property
+    def is_pinhole(self) -> bool:
+        """True if all views are perspective without distortion, their pixels square."""
+        options = self.lens
+        plain = not any(options.distortion) and len(options.focal) < 2
+        return self.projection == "perspective" and plain
+
     def verify(self, where: str) -> None:
-        """Raise ValueError for an equirectangular image that is not twice as wide as high."""
+        """Raise ValueError for an equirectangular image that is not twice as wide as high.
+
+        Also for a lens that does not fit the projection.
+        """
+        check_lens(self, where)
         if self.is_panorama and self.width != 2 * self.height:
             raise ValueError(
                 f"{where}: {self.width} x {self.height} pixels; with projection: equirectangular "
@@ -66,8 +73,10 @@ class View:
     z forward. `K` is 3x3 in pixels with pixel centres at +0.5:
     pixel = K @ (x/z, y/z, 1), so the first pixel's centre is (0.5, 0.5).
 
-    An equirectangular view shows all directions and has no `K`, (): its middle column is straight
-    ahead, right of it is the camera's right, the top row is its up.
+    `projection` and `distortion` are those of `pbrnet.pipeline.lenses.model`; the formula of pixels
+    is for perspective views without distortion. An equirectangular view shows all directions and
+    has no `K`, (): its middle column is straight ahead, right of it is the camera's right, the top
+    row is its up.
     """
 
     scene_id: str
@@ -94,6 +103,7 @@ class View:
     view_set: str = field(default="", metadata=OPTIONAL)
     set_overlap: float = field(default=0.0, metadata=OPTIONAL)
     projection: Projection = field(default="perspective", metadata=OPTIONAL)
+    distortion: tuple[float, ...] = field(default=(), metadata=OPTIONAL)  # in OpenCV's order
 
     def verify(self, where: str) -> None:
         """Raise ValueError for wrong names, shapes, poses or focal lengths."""
@@ -110,6 +120,7 @@ class View:
                 )
         else:
             check_intrinsics(self.K, f"{where}.K")
+        self.lens.verify(f"{where}.distortion")
         check_pose(self.camera_to_world, f"{where}.camera_to_world")
         for name in ("pose_before", "pose_after"):
             if getattr(self, name):
@@ -137,28 +148,52 @@ class View:
 
     @property
     def intrinsics(self) -> Float64Array:
-        """`K` as float64 (3, 3); raises `InputError` for an equirectangular view."""
-        if self.is_panorama:
+        """`K` as float64 (3, 3); raises `InputError` for a view that it does not describe."""
+        if not self.lens.is_rectilinear:
+            kind = self.projection if self.projection != "perspective" else "distorted"
             raise InputError(
-                f"view {self.view_id} of {self.scene_id} is equirectangular and has no K; "
-                "this needs a perspective view"
+                f"view {self.view_id} of {self.scene_id} is {kind}; "
+                "this needs a perspective view without distortion"
             )
         return np.array(self.K, dtype=np.float64)
 
+    @cached_property
+    def lens(self) -> Lens:
+        """Projection of the image, in the axes of the camera."""
+        return Lens(self.projection, self.width, self.height, self.K, self.distortion)
+
+    def resized(self, width: int, height: int) -> View:
+        """Return the view with an image of another size that shows the same."""
+        return replace(self, width=width, height=height, K=self.lens.resized(width, height).K)
+
     @property
     def half_fov_x(self) -> float:
-        """Half of the horizontal field of view, radians."""
-        return math.pi if self.is_panorama else math.atan(0.5 * self.width / self.K[0][0])
+        """Angle between the axis and the middle of the image's right edge, radians.
 
-    def rays(self) -> Float64Array:
-        """Return directions (H, W, 3) through the pixel centres in the camera's axes.
-
-        A pixel's surface point is its direction times `depth`: z = 1 in perspective views, and
-        length 1 in equirectangular ones, whose depth is the distance along the ray.
+        It is pi in equirectangular views, and 0 in orthographic ones.
         """
         if self.is_panorama:
-            return equirectangular_directions(self.width)
-        return pixel_directions(self.intrinsics, self.width, self.height)
+            return math.pi
+        if self.lens.is_pinhole:
+            return math.atan(0.5 * self.width / self.K[0][0])
+        edge = np.array([self.width, 0.5 * self.height])
+        x, _, z = self.lens.rays(edge).directions.tolist()
+        return abs(math.atan2(x, z))
+
+    def rays(self) -> Float64Array:
+        """Return vectors (H, W, 3) of the pixel centres that times depth lead to the surface.
+
+        They are in the camera's axes: z = 1 in perspective and orthographic views, and length 1 in
+        fisheye and equirectangular ones, whose depth is the distance along the ray.
+        """
+        return self.lens.scaled_rays()
+
+    def world_rays(self) -> tuple[Float64Array, Float64Array]:
+        """Return origins, (3,) or (P, 3), and directions (P, 3) of the pixels' rays, world.
+
+        See `pbrnet.pipeline.lenses.model.world_rays`.
+        """
+        return world_rays(self.lens, self.pose)
 
     @property
     def eye(self) -> Float64Array:
@@ -233,22 +268,20 @@ def rolled(pose: Float64Array, angle: float) -> Float64Array:
     return turned
 
 
-def camera_model(image: ImageParams) -> dict[str, Any]:
-    """Return the fields `K`, `projection`, `width`, `height` of views with images of this kind."""
+def camera_model(lens: Lens) -> dict[str, Any]:
+    """Return the fields of views that a lens decides."""
     return {
-        "K": () if image.is_panorama else as_matrix(intrinsics_of(image)),
-        "projection": image.projection,
-        "width": image.width,
-        "height": image.height,
+        "K": lens.K,
+        "projection": lens.projection,
+        "width": lens.width,
+        "height": lens.height,
+        "distortion": lens.distortion,
     }
 
 
 def intrinsics_of(image: ImageParams) -> Float64Array:
-    """Return `K` (3, 3) of a perspective image: square pixels, focal length by the half-angle."""
-    focal = 0.5 * image.width / math.tan(image.half_fov_x)
-    return np.array(
-        [[focal, 0.0, 0.5 * image.width], [0.0, focal, 0.5 * image.height], [0.0, 0.0, 1.0]]
-    )
+    """Return `K` (3, 3) of images; with ranges that of their middle."""
+    return np.array(lens_of(image).K)
 
 
 def as_matrix(array: Float64Array) -> Matrix:

@@ -211,9 +211,12 @@ def _convert(hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetE
         options = [option for option in get_args(hint) if option is not type(None)]
         if value is None and type(None) in get_args(hint):
             return None
-        # A mapping is for the dataclass among them, if there is one, and nothing else is.
+        # A mapping is for the dataclass among them, a list for the tuple, and nothing else is.
+        shape = (isinstance(value, dict), isinstance(value, (list, tuple)))
         fitting = [
-            one for one in options if dataclasses.is_dataclass(one) == isinstance(value, dict)
+            one
+            for one in options
+            if (dataclasses.is_dataclass(one), get_origin(one) is tuple) == shape
         ]
         return _convert((fitting or options)[0], value, key, metadata, error)
     if origin is tuple:

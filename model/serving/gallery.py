@@ -119,7 +119,7 @@ def cameras_of(scene: Scene, views: Sequence[View], bounds: Float64Array) -> lis
 
     Without rooms, one in the middle of the scene's `bounds` (2, 3), metres.
     """
-    perspective = [view for view in views if not view.is_panorama]
+    perspective = [view for view in views if view.lens.is_rectilinear]
     if perspective:
         return [_camera(view.view_id, view.eye, view.pose[:3, 2]) for view in perspective]
     largest_first = sorted(scene.rooms, key=lambda room: -Polygon(room.floor).area)

@@ -22,15 +22,18 @@ from pbrnet.pipeline.cameras.view_sampling import (
     MOST_OUTDOORS,
     TOO_CLOSE,
     drawn,
+    drawn_lens,
     drawn_slope,
     grid_eyes,
     make_view,
+    named_lens,
     room_at,
     sample_cameras,
     sights,
     surroundings,
 )
 from pbrnet.pipeline.cameras.walks import FreeFloor, find_walk, free_floors
+from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.render.scene import RenderScene, cast
 from pbrnet.pipeline.views import CameraFile, View, as_matrix, look, rolled
 from pbrnet.scenes.arrays import Float64Array
@@ -82,8 +85,9 @@ def make_cameras(
             if params.cameras.collisions == "reject":
                 left_out[given.name] = described_collisions(wrong, len(poses))
                 continue
-        half_fov_x = given.half_fov_x or params.image.half_fov_x
-        views += frames_of(render_scene, params, given.name, poses, half_fov_x)
+        scene_id = render_scene.scene.scene_id
+        lens = named_lens(params, given.half_fov_x, seed, scene_id, given.name)
+        views += frames_of(render_scene, params, given.name, poses, lens)
     if params.cameras.overlap_views:
         views, without = _overlapping_sets(render_scene, params, seed, views)
         left_out |= without
@@ -152,11 +156,11 @@ def _walk(
     params: ViewParams,
     floors: list[tuple[FreeFloor, csr_array]],
     rng: np.random.Generator,
-) -> tuple[Float64Array, float] | None:
-    """Return poses (F, 4, 4) and half field of view of the walk that sees most of `_TRIES`."""
+) -> tuple[Float64Array, Lens] | None:
+    """Return poses (F, 4, 4) and lens of the walk that sees most of `_TRIES`."""
     options = params.cameras
     best: tuple[float, Float64Array] | None = None
-    half_fov_x = drawn(options.half_fov_x, rng, params.image.half_fov_x)
+    lens = drawn_lens(params, rng)
     roll = drawn(options.roll, rng, 0.0)
     slope = drawn_slope(params, rng)
     height = options.eye_height + options.eye_jitter * float(rng.uniform(-1, 1))
@@ -178,7 +182,7 @@ def _walk(
                 for eye, angle in zip(eyes, walk.headings.tolist(), strict=True)
             ]
         )
-        some = [(pose, half_fov_x) for pose in poses[::_EVERY]]
+        some = [(pose, lens) for pose in poses[::_EVERY]]
         seen = list(sights(render_scene, some, params))
         blocked = sum(sight.coarse.nearness > options.max_near for sight in seen) / len(seen)
         score = (1 - blocked) * math.fsum(sight.score for sight in seen) / len(seen)
@@ -186,7 +190,7 @@ def _walk(
         score *= _STANDING + (1 - _STANDING) * metres / (options.walk_step * len(eyes))
         if best is None or score > best[0]:
             best = (score, poses)
-    return None if best is None else (best[1], half_fov_x)
+    return None if best is None else (best[1], lens)
 
 
 def frames_of(
@@ -194,18 +198,17 @@ def frames_of(
     params: ViewParams,
     name: str,
     poses: Float64Array,
-    half_fov_x: float,
+    lens: Lens,
 ) -> list[View]:
     """Return the views of a trajectory, poses (F, 4, 4), linked with their neighbours."""
     scene = render_scene.scene
-    image = replace(params.image, half_fov_x=half_fov_x)
-    cameras = [(pose, half_fov_x) for pose in poses]
+    cameras = [(pose, lens) for pose in poses]
     matrices = [as_matrix(pose) for pose in poses]
     views = []
     for number, sight in enumerate(sights(render_scene, cameras, params)):
         pose = poses[number]
         room = room_at(scene, pose[:3, 3])
-        view = make_view(scene, image, f"{name}-{number:04d}", pose, sight, room)
+        view = make_view(scene, lens, f"{name}-{number:04d}", pose, sight, room)
         views.append(
             replace(
                 view,
@@ -260,8 +263,8 @@ def _overlapping(
 ) -> tuple[list[View], float] | None:
     """Return the further views of a set, and the median overlap; None if that is too small."""
     options = params.cameras
-    half_fov_x = anchor.half_fov_x
-    first = outlook(render_scene, anchor.pose, anchor.intrinsics)
+    lens = anchor.lens
+    first = outlook(render_scene, anchor.pose, lens)
     if not len(first.points):
         return None
     axis, eye = anchor.pose[:3, 2], anchor.eye
@@ -280,20 +283,19 @@ def _overlapping(
     for place in eyes:
         x, y = (target - place)[:2].tolist()
         length = math.hypot(x, y)
-        cameras.append((look(place, (x / length, y / length, slope)), half_fov_x))
+        cameras.append((look(place, (x / length, y / length, slope)), lens))
     clear = [
         (pose, sight)
         for (pose, _), sight in zip(cameras, sights(render_scene, cameras, params), strict=True)
         if sight.coarse.nearness <= options.max_near and sight.coarse.outdoors <= MOST_OUTDOORS
     ]
-    seen = [outlook(render_scene, pose, anchor.intrinsics) for pose, _ in clear]
+    seen = [outlook(render_scene, pose, lens) for pose, _ in clear]
     wanted = options.overlap_views - 1
     chosen, median = choose_overlapping(render_scene, first, seen, wanted, options.overlap)
     if len(chosen) < wanted or median < options.overlap:
         return None
-    image = replace(params.image, half_fov_x=half_fov_x)
-    views = [make_view(render_scene.scene, image, "", *clear[index], room) for index in chosen]
-    return [replace(view, K=anchor.K) for view in views], median
+    views = [make_view(render_scene.scene, lens, "", *clear[index], room) for index in chosen]
+    return views, median
 
 
 def stereo_pairs(
@@ -324,12 +326,11 @@ def stereo_pairs(
             without[name] = TOO_CLOSE
             paired += lefts
             continue
-        half_fov_x = lefts[0].half_fov_x
-        partners = frames_of(render_scene, params, name, right[members], half_fov_x)
+        partners = frames_of(render_scene, params, name, right[members], lefts[0].lens)
         for left, partner in zip(lefts, partners, strict=True):
             if not left.trajectory:
                 partner = replace(partner, view_id=name, trajectory="", frame=-1)
             paired.append(replace(left, stereo_partner=partner.view_id, stereo_offset=baseline))
-            partner = replace(partner, K=left.K, sector=left.sector)
+            partner = replace(partner, sector=left.sector)
             paired.append(replace(partner, stereo_partner=left.view_id, stereo_offset=-baseline))
     return paired, without

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbrnet.pipeline.lenses.model import Lens, world_rays
 from pbrnet.pipeline.render.scene import RenderScene, cast
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.geometry.directions import pixel_directions, turned, unit
+from pbrnet.scenes.geometry.directions import turned
 
 _WIDTH = 48  # pixels of the views that are compared
 _TOLERANCE = 2e-4  # of the distance
@@ -21,28 +22,22 @@ _TOLERANCE = 2e-4  # of the distance
 
 @dataclass(frozen=True)
 class Outlook:
-    """Surface points (P, 3) that a camera sees, metres; its pose (4, 4) and K of a small image."""
+    """Surface points (P, 3) that a camera sees, metres; its pose (4, 4), lens."""
 
     pose: Float64Array
-    intrinsics: Float64Array
+    lens: Lens
     points: Float64Array
 
 
-def outlook(render_scene: RenderScene, pose: Float64Array, intrinsics: Float64Array) -> Outlook:
-    """Trace the surfaces that a camera sees; `intrinsics` (3, 3) is K of any size of image."""
-    scale = _WIDTH / (2 * intrinsics[0, 2])
-    small = np.array(
-        [
-            [intrinsics[0, 0] * scale, 0, _WIDTH / 2],
-            [0, intrinsics[1, 1] * scale, intrinsics[1, 2] * scale],
-            [0, 0, 1],
-        ]
-    )
-    local = pixel_directions(small, _WIDTH, round(2 * small[1, 2])).reshape(-1, 3)
-    rays = unit(turned(local, pose[:3, :3]))
-    distance, _ = cast(render_scene, pose[:3, 3], rays, through_glass=True)
+def outlook(render_scene: RenderScene, pose: Float64Array, lens: Lens) -> Outlook:
+    """Trace the surfaces that a camera sees; `lens` is that of any size of image."""
+    height = max(1, round(lens.height * _WIDTH / lens.width))
+    small = lens.resized(_WIDTH, height, square=True)
+    origins, rays = world_rays(small, pose)
+    distance, _ = cast(render_scene, origins, rays, through_glass=True)
     hit = np.isfinite(distance)
-    return Outlook(pose, small, pose[:3, 3] + rays[hit] * distance[hit, None].astype(np.float64))
+    starts = np.broadcast_to(origins, rays.shape)
+    return Outlook(pose, lens, starts[hit] + rays[hit] * distance[hit, None].astype(np.float64))
 
 
 def overlap(render_scene: RenderScene, one: Outlook, other: Outlook) -> float:
@@ -93,12 +88,8 @@ def _share(render_scene: RenderScene, one: Outlook, other: Outlook) -> float:
     if not len(one.points):
         return 0.0
     eye = other.pose[:3, 3]
-    local = turned(one.points - eye, other.pose[:3, :3].T)
-    before = local[:, 2] > 1e-5
-    z = np.where(before, local[:, 2], 1)[:, None]
-    places = local[:, :2] / z * np.diag(other.intrinsics)[:2] + other.intrinsics[:2, 2]
-    inside = before & (places >= 0).all(axis=1)
-    inside &= (places < 2 * other.intrinsics[:2, 2]).all(axis=1)
+    places, seen = other.lens.project(turned(one.points - eye, other.pose[:3, :3].T))
+    inside = seen & other.lens.contains(places)
     if not inside.any():
         return 0.0
     offsets = one.points[inside] - eye

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from pbrnet.pipeline.lenses.model import WIDEST
 from pbrnet.pipeline.views import ImageParams
 from pbrnet.scenes.checked import OPTIONAL, param, within
 
@@ -44,7 +45,9 @@ class CameraParams:
         -0.2, "z of the view direction before normalisation, as in PBRS", within(-2, 2)
     )
     half_fov_x: tuple[float, ...] = param(
-        (), "radians, [min, max] drawn per room and sector; []: image.half_fov_x", within(0.05, 1.4)
+        (),
+        "radians, [min, max] drawn per room and sector; []: image.half_fov_x",
+        within(0.05, WIDEST),
     )
     pitch: tuple[float, ...] = param(
         (-0.3, 0.08),

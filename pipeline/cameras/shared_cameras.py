@@ -57,8 +57,7 @@ def take_cameras(
         if view.trajectory:
             trajectories.setdefault(view.trajectory, []).append(index)
             continue
-        half_fov_x = view.half_fov_x
-        (sight,) = sights(render_scene, [(view.pose, half_fov_x)], params)
+        (sight,) = sights(render_scene, [(view.pose, view.lens)], params)
         own = next((room for room in scene.rooms if room.id == view.room), None)
         room = own or room_at(scene, view.eye)
         reason = INSIDE if enclosed[index] else TOO_CLOSE if close[index] else ""
@@ -67,9 +66,8 @@ def take_cameras(
         if reason:
             rejected[reason] += 1
             continue
-        image = replace(params.image, half_fov_x=half_fov_x)
-        taken = make_view(scene, image, view.view_id, view.pose, sight, room)
-        kept.append(replace(taken, K=view.K, sector=view.sector, view_set=view.view_set))
+        taken = make_view(scene, view.lens, view.view_id, view.pose, sight, room)
+        kept.append(replace(taken, sector=view.sector, view_set=view.view_set))
     singles = len(kept)
     for name, members in trajectories.items():
         if name.startswith("walk-") and (close | enclosed)[members].any():
@@ -81,8 +79,7 @@ def take_cameras(
             if options.collisions == "reject":
                 left_out[name] = described_collisions(found, len(poses))
                 continue
-        frames = frames_of(render_scene, params, name, poses, lefts[members[0]].half_fov_x)
-        kept += [replace(frame, K=lefts[members[0]].K) for frame in frames]
+        kept += frames_of(render_scene, params, name, poses, lefts[members[0]].lens)
     kept = _with_overlap(render_scene, kept)
     if options.stereo_baseline:
         kept, without = stereo_pairs(render_scene, params, kept)
@@ -105,7 +102,7 @@ def _with_overlap(render_scene: RenderScene, views: list[View]) -> list[View]:
             sets.setdefault(view.view_set, []).append(index)
     result = list(views)
     for name, members in sets.items():
-        seen = [outlook(render_scene, views[i].pose, views[i].intrinsics) for i in members]
+        seen = [outlook(render_scene, views[i].pose, views[i].lens) for i in members]
         pairs = [overlap(render_scene, one, other) for one, other in combinations(seen, 2)]
         for index in members:
             median = round(float(np.median(pairs)), 6) if pairs else 0.0

@@ -36,27 +36,15 @@ from shapely.geometry import Polygon
 
 from pbrnet.pipeline.cameras.framing import THINGS, THIRDS, Framing, framing_of, is_framed
 from pbrnet.pipeline.cameras.settings import CameraParams, ViewParams
+from pbrnet.pipeline.lenses.model import Lens, world_rays
+from pbrnet.pipeline.lenses.settings import lens_of
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.scene import RenderScene, cast
-from pbrnet.pipeline.views import (
-    CameraFile,
-    ImageParams,
-    View,
-    as_matrix,
-    camera_model,
-    intrinsics_of,
-    look,
-    rolled,
-)
+from pbrnet.pipeline.views import CameraFile, View, as_matrix, camera_model, look, rolled
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.contract import Room, Scene
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.geometry.directions import (
-    equirectangular_directions,
-    fibonacci_sphere,
-    pixel_directions,
-    turned,
-)
+from pbrnet.scenes.geometry.directions import fibonacci_sphere, turned
 from pbrnet.scenes.seeds import generator
 
 _DOORWAY = 0.3  # metres outside a room that count as in it: under doors, sloping ceilings
@@ -67,6 +55,7 @@ _FLAT = 0.05  # metres off a plane up to which a surface is flat
 MOST_OUTDOORS = 0.6  # share of a view
 _FARTHEST = 8.0  # metres; a view that reaches farther shows no more of a room
 _REACH_WEIGHT = 3.0  # of the logarithm of the reach of a view without furniture
+_COARSE = (12, 9)  # columns and rows of rays by which a view is measured
 _RAYS = 192  # directions of the clearance test: 2.6 cm apart at 10 cm
 _PIXELS = 1 << 21  # per trace
 
@@ -97,7 +86,7 @@ class Candidate:
     room: Room
     sector: int
     pose: Float64Array  # camera_to_world (4, 4)
-    half_fov_x: float  # radians
+    lens: Lens
 
 
 @dataclass(frozen=True)
@@ -145,7 +134,7 @@ def sample_cameras(render_scene: RenderScene, params: ViewParams, seed: int) -> 
         candidates += found
         rejected += excluded
         total += len(found) + sum(excluded.values())
-    cameras = [(c.pose, c.half_fov_x) for c in candidates]
+    cameras = [(c.pose, c.lens) for c in candidates]
     scored = list(zip(candidates, sights(render_scene, cameras, params), strict=True))
     rooms = {item.id: item.room for item in scene.objects if not item.is_structure}
     chosen, by_reason = _choose(scored, rooms, options)
@@ -159,13 +148,12 @@ def sample_cameras(render_scene: RenderScene, params: ViewParams, seed: int) -> 
     names = _room_names(scene)
     views = []
     for c, sight in chosen:
-        image = replace(params.image, half_fov_x=c.half_fov_x)
-        view = make_view(scene, image, f"{names[c.room.id]}-s{c.sector}", c.pose, sight, c.room)
+        view = make_view(scene, c.lens, f"{names[c.room.id]}-s{c.sector}", c.pose, sight, c.room)
         views.append(replace(view, sector=c.sector))
     left_out: dict[str, str] = {}
     if options.stored_views:
         names_taken = {view.view_id for view in views}
-        stored, left_out = _stored_views(render_scene, params, names_taken)
+        stored, left_out = _stored_views(render_scene, params, names_taken, seed)
         views += stored
     return CameraFile(
         scene_id=scene.scene_id,
@@ -236,13 +224,13 @@ def _room_candidates(
     left = left[~close & ~enclosed]
     candidates = []
     for sector in range(options.sectors):
-        half_fov_x = drawn(options.half_fov_x, lens, params.image.half_fov_x)
+        own = drawn_lens(params, lens)
         for index in rng.permutation(left)[: options.candidates]:
             azimuth = azimuths[index, sector]
             slope = drawn_slope(params, lens)
             pose = look(eyes[index], (math.cos(azimuth), math.sin(azimuth), slope))
             pose = rolled(pose, drawn(options.roll, lens, 0.0))
-            candidates.append(Candidate(room, sector, pose, half_fov_x))
+            candidates.append(Candidate(room, sector, pose, own))
     rejected[NOT_TRIED] += len(left) * options.sectors - len(candidates)
     return candidates, +rejected
 
@@ -263,6 +251,19 @@ def grid_eyes(
 def drawn(bounds: tuple[float, ...], rng: np.random.Generator, otherwise: float) -> float:
     """Return a number drawn evenly from [least, most], or `otherwise` if `bounds` is empty."""
     return float(rng.uniform(bounds[0], bounds[1])) if bounds else otherwise
+
+
+def drawn_lens(params: ViewParams, rng: np.random.Generator) -> Lens:
+    """Return the lens of a view, with field of view, focal length and so on from their ranges."""
+    half_fov_x = drawn(params.cameras.half_fov_x, rng, params.image.half_fov_x)
+    return lens_of(params.image, half_fov_x, rng)
+
+
+def named_lens(
+    params: ViewParams, half_fov_x: float | None, seed: int, scene_id: str, name: str
+) -> Lens:
+    """Return the lens of a camera from a file, which may state its field of view, radians."""
+    return lens_of(params.image, half_fov_x, generator(seed, "cameras", scene_id, name, "lens"))
 
 
 def drawn_slope(params: ViewParams, rng: np.random.Generator) -> float:
@@ -305,28 +306,27 @@ def surroundings(
 
 def sights(
     render_scene: RenderScene,
-    cameras: Sequence[tuple[Float64Array, float]],
+    cameras: Sequence[tuple[Float64Array, Lens]],
     params: ViewParams,
 ) -> Iterator[Sight]:
     """Yield the sight of each camera from a small id image; a chunk of cameras per trace.
 
-    A camera is its `camera_to_world` (4, 4) and half of its field of view in x, radians; cameras
-    that follow each other with the same field of view share a trace.
+    A camera is its `camera_to_world` (4, 4) and its lens; cameras that follow each other with the
+    same lens share a trace.
     """
     scene = render_scene.scene
     options = params.cameras
     height = _id_height(params)
     width = 2 * height if params.image.is_panorama else options.id_width
-    small = replace(params.image, width=width, height=height)
-    chunk = max(1, _PIXELS // (small.width * small.height))
+    chunk = max(1, _PIXELS // (width * height))
     structure = {item.id for item in scene.objects if item.is_structure}
-    for half_fov_x, group in itertools.groupby(cameras, key=lambda camera: camera[1]):
-        image = replace(small, half_fov_x=half_fov_x)
+    for lens, group in itertools.groupby(cameras, key=lambda camera: camera[1]):
+        small = lens.resized(width, height, square=True)
         poses = [pose for pose, _ in group]
         for start in range(0, len(poses), chunk):
             some = np.array(poses[start : start + chunk])
-            ids = raycast.object_ids(render_scene.geometry, some, _rays(image))
-            looks = _coarse_looks(render_scene, some, image, options.near)
+            ids = _object_ids(render_scene, some, small)
+            looks = _coarse_looks(render_scene, some, lens, options.near)
             for (score, objects, seen), coarse, image_ids in zip(
                 score_ids(ids, scene, options.min_coverage), looks, ids, strict=True
             ):
@@ -339,11 +339,15 @@ def sights(
                 yield Sight(score, objects, seen, coarse, bare, framing)
 
 
-def _rays(image: ImageParams) -> Float64Array:
-    """Return the directions (H, W, 3) through the pixel centres, in camera axes."""
-    if image.is_panorama:
-        return equirectangular_directions(image.width)
-    return pixel_directions(intrinsics_of(image), image.width, image.height)
+def _object_ids(
+    render_scene: RenderScene, poses: Float64Array, lens: Lens
+) -> npt.NDArray[np.uint32]:
+    """Return object index + 1 of each pixel, 0 for none, uint32 (N, H, W); `poses` is (N, 4, 4)."""
+    rays = lens.rays()
+    if lens.is_central and rays.valid.all():
+        return raycast.object_ids(render_scene.geometry, poses, lens.scaled_rays())
+    found = [cast(render_scene, *world_rays(lens, pose), through_glass=True)[1] for pose in poses]
+    return (np.array(found).reshape(-1, lens.height, lens.width) + 1).astype(np.uint32)
 
 
 def _id_height(params: ViewParams) -> int:
@@ -354,24 +358,23 @@ def _id_height(params: ViewParams) -> int:
 def _coarse_looks(
     render_scene: RenderScene,
     poses: Float64Array,
-    image: ImageParams,
+    lens: Lens,
     near: float,
 ) -> list[CoarseLook]:
-    """Return the measures of each view by 12 by 9 rays; `poses` is (N, 4, 4).
+    """Return the measures of each view by a grid of rays; `poses` is (N, 4, 4).
 
-    Those of a panorama are even on the sphere; it is never flat.
+    Those of a panorama are even on the sphere. A view without rays at some pixels is never flat.
     """
-    across, down = 12, 9
-    slope = math.tan(image.half_fov_x)
-    x, y = np.meshgrid(
-        slope * (2 * (np.arange(across) + 0.5) / across - 1),
-        slope * image.height / image.width * (2 * (np.arange(down) + 0.5) / down - 1),
-    )
-    local = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
-    if image.is_panorama:
-        local = fibonacci_sphere(across * down)
+    columns, rows = _COARSE
+    if lens.is_panorama:
+        local = fibonacci_sphere(columns * rows)
+        starts, whole = np.zeros_like(local), False
+    else:
+        seen = lens.resized(columns, rows).rays()
+        local, starts = seen.directions[seen.valid], seen.origins[seen.valid]
+        whole = bool(seen.valid.all())
     directions = np.concatenate([turned(local, pose[:3, :3]) for pose in poses])
-    origins = np.repeat(poses[:, :3, 3], len(local), axis=0)
+    origins = np.concatenate([pose[:3, 3] + turned(starts, pose[:3, :3]) for pose in poses])
     distance, hit = cast(render_scene, origins, directions, through_glass=True)
     is_ground = [item.category == "ground" for item in render_scene.scene.objects]
     outdoors = np.isinf(distance) | np.array([*is_ground, False])[hit]
@@ -383,8 +386,7 @@ def _coarse_looks(
             float((distance[part] < near).mean()),
             float(outdoors[part].mean()),
             math.exp(math.fsum(np.log(length[part]).tolist()) / len(local)),
-            not (image.is_panorama or outdoors[part].any())
-            and _is_flat(points[part].reshape(down, across, 3)),
+            whole and not outdoors[part].any() and _is_flat(points[part].reshape(rows, columns, 3)),
         )
         for part in (slice(k, k + len(local)) for k in range(0, len(distance), len(local)))
     ]
@@ -485,7 +487,7 @@ def _overlap(one: Sight, other: Sight, furniture: dict[str, str | None]) -> floa
 
 
 def _stored_views(
-    render_scene: RenderScene, params: ViewParams, taken: set[str]
+    render_scene: RenderScene, params: ViewParams, taken: set[str], seed: int
 ) -> tuple[list[View], dict[str, str]]:
     """Return the cameras stored in an imported scene, with the image size of the parameters.
 
@@ -510,13 +512,13 @@ def _stored_views(
         while name in taken:
             name += "-again"
         taken.add(name)
-        (sight,) = sights(render_scene, [(pose, half_fov_x)], params)
+        lens = named_lens(params, half_fov_x, seed, scene.scene_id, name)
+        (sight,) = sights(render_scene, [(pose, lens)], params)
         reason = _shows_nothing(render_scene, pose, sight)
         if reason:
             left_out[name] = reason
             continue
-        image = replace(params.image, half_fov_x=half_fov_x)
-        view = make_view(scene, image, name, pose, sight, room)
+        view = make_view(scene, lens, name, pose, sight, room)
         views.append(replace(view, sector=int(stored.get("sector", view.sector))))
     return views, left_out
 
@@ -533,7 +535,7 @@ def _shows_nothing(render_scene: RenderScene, pose: Float64Array, sight: Sight) 
 
 def make_view(
     scene: Scene,
-    image: ImageParams,
+    lens: Lens,
     view_id: str,
     pose: Float64Array,
     sight: Sight,
@@ -543,7 +545,7 @@ def make_view(
     return View(
         scene_id=scene.scene_id,
         view_id=view_id,
-        **camera_model(image),
+        **camera_model(lens),
         camera_to_world=as_matrix(pose),
         room=room.id if room else None,
         room_type=room.type if room else "other",

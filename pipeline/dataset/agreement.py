@@ -18,7 +18,6 @@ from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import Channels, Frame
 from pbrnet.pipeline.views import Matrix, View
 from pbrnet.scenes.arrays import AnyArray, BoolArray, Float64Array, FloatingArray
-from pbrnet.scenes.geometry.directions import pixel_directions
 from pbrnet.scenes.importing.semantics import NYU13_OF_NYU40, NYU40_OF_CATEGORY
 
 _BOX_SLACK = 1e-4  # metres, and of the distance: rounding of depth, and of the hit point
@@ -98,7 +97,7 @@ def label_fault(labels: Frame, materials: Frame | None, inputs: Channels, view: 
 
 def world_points(depth: FloatingArray, view: View) -> Float64Array:
     """Return the 3D point of each pixel in world metres, (H, W, 3), from `depth` (H, W)."""
-    local = view.rays() * depth[..., None].astype(np.float64)
+    local = view.lens.points(depth)
     return local @ view.pose[:3, :3].T + view.eye
 
 
@@ -144,9 +143,9 @@ def disagreement(environment: Channels, inputs: Channels, view: View) -> float:
     surface's (with 5 % to spare), and one of the normals is at most 45 degrees from it.
     """
     valid = inputs["valid"] > 0
-    rays = pixel_directions(view.intrinsics, view.width, view.height)[valid]
-    lengths = np.sqrt((rays * rays).sum(axis=-1))
-    metres = inputs["Z"][valid] * lengths
+    rays = view.lens.points(np.where(valid, inputs["Z"], 1))[valid]
+    metres = np.sqrt((rays * rays).sum(axis=-1))
+    lengths = metres
     normals = [inputs[band][valid].astype(np.float32) for band in NORMAL]
     height, width = environment["distance.Z"].shape
     azimuth = np.arctan2(rays[:, 0], rays[:, 2]) / (2 * math.pi) + 0.5
@@ -228,20 +227,25 @@ def flow_fault(
 
 
 def reprojected(inputs: Channels, view: View, pose: Matrix) -> tuple[Float64Array, Float64Array]:
-    """Return place (H, W, 2), pixels, and z-depth (H, W) of a view's points in another camera.
+    """Return place (H, W, 2), pixels, and depth (H, W) of a view's points in another camera.
 
     The points come from the inputs' depth; without a surface they are at infinity, and depth is
-    that of a point at 1 metre in the same direction from the other camera.
+    that of a point at 1 metre in the same direction from the other camera. It is 0 where the other
+    camera's lens has no place for a point.
     """
+    lens = view.lens
     there = np.linalg.inv(np.array(pose, dtype=np.float64)) @ view.pose
     depth = inputs["Z"].astype(np.float64)[..., None]
-    rays = pixel_directions(view.intrinsics, view.width, view.height)
-    local = np.where(depth > 0, rays * depth, rays) @ there[:3, :3].T
-    local += np.where(depth > 0, there[:3, 3], 0)
-    z = local[..., 2]
-    image = local @ view.intrinsics.T
-    places: Float64Array = image[..., :2] / np.where(np.abs(z) > 1e-9, z, 1)[..., None]
-    return places, z
+    points = lens.points(np.where(depth > 0, depth, 1)[..., 0])
+    local = points @ there[:3, :3].T + np.where(depth > 0, there[:3, 3], 0)
+    along = np.sqrt((local**2).sum(axis=-1)) if lens.depth_is_distance else local[..., 2]
+    if lens.is_rectilinear:
+        image = local @ np.array(lens.K).T
+        places: Float64Array = image[..., :2] / np.where(np.abs(along) > 1e-9, along, 1)[..., None]
+        return places, along
+    places, known = lens.project(local)
+    known &= lens.rays().valid & (lens.is_central | (depth[..., 0] > 0))
+    return places, np.where(known, along, 0)
 
 
 def flow_error(

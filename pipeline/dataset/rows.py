@@ -62,7 +62,7 @@ class RowSource:
     @property
     def intrinsics(self) -> Float64Array | None:
         """Camera matrix (3, 3), None for an equirectangular view."""
-        return None if self.view.is_panorama else self.view.intrinsics
+        return None if self.view.is_panorama else np.array(self.view.K)
 
     @property
     def objects(self) -> int:

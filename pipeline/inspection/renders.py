@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree
 
@@ -30,7 +29,7 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.tonemap import to_bytes
-from pbrnet.pipeline.views import ImageParams, View, as_matrix, camera_model, look
+from pbrnet.pipeline.views import ImageParams, View, as_matrix, camera_model, lens_of, look
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.color import encode_srgb
 from pbrnet.scenes.contract import Room, Scene, load_scene
@@ -126,14 +125,8 @@ def _resized(view: View) -> View:
     scale = min(1.0, _QUICK_WIDTH / view.width)
     width, height = round(view.width * scale), max(1, round(view.height * scale))
     if view.is_panorama:
-        return replace(view, width=2 * (width // 2), height=width // 2)
-    factor = width / view.width
-    return replace(
-        view,
-        width=width,
-        height=height,
-        K=as_matrix(np.diag([factor, factor, 1.0]) @ view.intrinsics),
-    )
+        width, height = 2 * (width // 2), width // 2
+    return view.resized(width, height)
 
 
 def _extent(scene: Scene, floor: float, cut: float) -> tuple[np.ndarray, np.ndarray]:
@@ -258,7 +251,10 @@ def view_at(
     """Return a view from `eye` towards `target`, metres, z up; `image` gives size and lens."""
     pose = look(eye, np.subtract(target, eye))
     return View(
-        "scene", name, camera_to_world=as_matrix(pose), **camera_model(image or ImageParams())
+        "scene",
+        name,
+        camera_to_world=as_matrix(pose),
+        **camera_model(lens_of(image or ImageParams())),
     )
 
 

@@ -8,7 +8,6 @@ Equal input gives equal bits for any number of threads. The denoised image has a
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
@@ -20,7 +19,7 @@ from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.render.scene import RenderScene
-from pbrnet.pipeline.views import View, as_matrix
+from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, Float32Array
 
 SUBPIXELS = 3  # per axis, in the guides
@@ -62,10 +61,7 @@ def denoise(
 
 def guides(render_scene: RenderScene, view: View) -> tuple[Image, Image]:
     """Return the sub-pixel means of albedo in [0, 1] and camera-frame normal, float32 (H, W, 3)."""
-    fine = replace(view, width=SUBPIXELS * view.width, height=SUBPIXELS * view.height)
-    if not view.is_panorama:
-        scale = np.diag([SUBPIXELS, SUBPIXELS, 1.0])
-        fine = replace(fine, K=as_matrix(scale @ view.intrinsics))
+    fine = view.resized(SUBPIXELS * view.width, SUBPIXELS * view.height)
     channels = render_inputs(render_scene, fine)
     albedo = _average(channels, [f"albedo.{band}" for band in RGB])
     normal = _average(channels, [f"N.{axis}" for axis in "XYZ"])

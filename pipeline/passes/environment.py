@@ -17,8 +17,9 @@ import numpy as np
 
 from pbrnet.pipeline.channels import NORMAL, RGB, Kind
 from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.passes.denoise import SUBPIXELS, Image, denoise, denoiser_version
-from pbrnet.pipeline.passes.groundtruth import panorama_launch, render_blocks
+from pbrnet.pipeline.passes.groundtruth import lens_launch, render_blocks
 from pbrnet.pipeline.passes.illumination import Panorama
 from pbrnet.pipeline.passes.inputs import VisibleSurfaces, normal, reflectance
 from pbrnet.pipeline.passes.settings import EnvironmentParams, GroundTruthParams
@@ -66,7 +67,8 @@ def render_environment(
     `truth` has depth, emitter sampling and denoiser; `seed` is the view's own seed.
     """
     settings = replace(truth, spp=params.spp, noise=0.0)
-    launch = panorama_launch(render_scene.neutral(None), view, params.width, settings, seed)
+    lens = Lens("equirectangular", params.width, params.width // 2, ())
+    launch = lens_launch(render_scene.neutral(None), view, lens, settings, seed)
     canvas = replace(view, width=params.width, height=params.width // 2)
     ((image, stats),) = render_blocks(launch, canvas, settings, seed, 1)
     if truth.denoise == "oidn":
@@ -118,4 +120,4 @@ def _surfaces(
     render_scene: RenderScene, view: View, directions: Float64Array, colors: bool
 ) -> VisibleSurfaces:
     hits = raycast.surfaces(render_scene.geometry, view.eye, directions, colors)
-    return VisibleSurfaces(render_scene, view, directions, hits, hits.shape >= 0)
+    return VisibleSurfaces(render_scene, view, view.eye, directions, hits, hits.shape >= 0)

@@ -4,7 +4,7 @@ Samples are taken in blocks. Each block is an independent stratified estimate (m
 filter) with random numbers of its own; blocks are averaged in float64. This bounds memory, makes
 the image independent of the number of threads, and provides the noise estimate by which a view may
 stop early (`groundtruth.noise`). Not supported: participating media, depth of field, motion blur,
-spectral rendering, and pixels that are not square.
+and spectral rendering.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.guiding import plan_guiding
 from pbrnet.pipeline.pathtrace.integrator import JointPath
-from pbrnet.pipeline.pathtrace.launches import FrozenTracer, SphereTracer, make_sensor, trace_scalar
+from pbrnet.pipeline.pathtrace.launches import FrozenTracer, RayTracer, make_sensor, trace_scalar
 from pbrnet.pipeline.pathtrace.light_parts import LightGroups, LightParts, NoParts
 from pbrnet.pipeline.pathtrace.light_plan import EVERYWHERE, plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
@@ -82,12 +83,11 @@ def render_truth(
     * `firefly_light`: share of all light in the brightest fireflies, at most a thousandth of the
       pixels.
 
-    `seed` is the view's own seed, see `pbrnet.scenes.seeds`. Raises `InputError` for a view whose
-    pixels are not square.
+    `seed` is the view's own seed, see `pbrnet.scenes.seeds`.
     """
-    if view.is_panorama:
-        panorama = panorama_launch(render_scene, view, view.width, params, seed)
-        (truth,) = render_blocks(panorama, view, params, seed, 1)
+    if not view.lens.is_pinhole:
+        through = lens_launch(render_scene, view, view.lens, params, seed)
+        (truth,) = render_blocks(through, view, params, seed, 1)
         return truth
     path = path_integrator(params.max_depth, params.rr_depth)
     path = with_panes(path, render_scene.scene.portals)
@@ -115,8 +115,8 @@ def render_both(
     Each image has the same expectation as that of `render_truth`; see
     `pbrnet.pipeline.pathtrace.integrator`. With `light` also the parts of colour, see
     `pbrnet.pipeline.pathtrace.light_parts`, and with `groups` an image of each; colour and shading
-    keep their bits. Requires `integrator.available()`. Raises `InputError` as `render_truth` does,
-    and for a material that has no neutral twin.
+    keep their bits. Requires `integrator.available()`. Raises `InputError` for a material that has
+    no neutral twin.
     """
     table = partner_table(render_scene.materials.twins(albedo))
     parts = LightParts(render_scene.materials.lobes(), groups) if light else NoParts()
@@ -175,9 +175,9 @@ def _joint_launch(render_scene: RenderScene, view: View, path: JointPath) -> Lau
     count = len(path.image_names) + len(path.parts.names)
 
     def launch(copies: int, spp: int, seed: int) -> Any:
-        if view.is_panorama:
-            sphere = render_scene.materials.kept(SphereTracer)
-            return sphere.launch(scene, version, view, view.width, copies, path, spp, seed, count)
+        if not view.lens.is_pinhole:
+            rays = render_scene.materials.kept(RayTracer)
+            return rays.launch(scene, version, view.pose, view.lens, copies, path, spp, seed, count)
         tracer = tracer_of(render_scene)
         return tracer.launch(scene, version, view, copies, path, spp, seed)
 
@@ -194,36 +194,38 @@ def _halves(blocks: list[BlockStatistics]) -> dict[str, Channels]:
     return {name: image for name, image in images if image is not None}
 
 
-def panorama_launch(
-    render_scene: RenderScene, view: View, width: int, params: GroundTruthParams, seed: int
+def lens_launch(
+    render_scene: RenderScene, view: View, lens: Lens, params: GroundTruthParams, seed: int
 ) -> Launch:
-    """Return launches of one image: the panorama (width / 2, width) around a view's eye."""
+    """Return launches of one image from a view's pose, through any lens."""
     scene = render_scene.mitsuba
     if not integrator.available():
         path = path_integrator(params.max_depth, params.rr_depth)
         path = with_panes(path, render_scene.scene.portals)
-        return lambda copies, spp, seed: trace_scalar(scene, path, view, width, copies, spp, seed)
-    lights = _lights(render_scene, scene, view, params, seed, panoramic=True)
+        return lambda copies, spp, seed: trace_scalar(
+            scene, path, view.pose, lens, copies, spp, seed
+        )
+    lights = _lights(render_scene, scene, view, params, seed, lens)
     panes = panes_of(render_scene.scene.portals)
     materials = render_scene.materials
     joint = JointPath(
         _own(materials), params.max_depth, params.rr_depth, lights, panes=panes, alone=True
     )
-    tracer, version = materials.kept(SphereTracer), materials.version
+    tracer, version = materials.kept(RayTracer), materials.version
     return lambda copies, spp, seed: tracer.launch(
-        scene, version, view, width, copies, joint, spp, seed
+        scene, version, view.pose, lens, copies, joint, spp, seed
     )
 
 
 def planned_lights(
-    render_scene: RenderScene, scene: Any, view: View, seed: int, panoramic: bool = False
+    render_scene: RenderScene, scene: Any, view: View, seed: int, lens: Lens | None = None
 ) -> PlannedLights:
-    """Return emitter sampling and path guiding planned for a view, or for its panorama.
+    """Return emitter sampling and path guiding planned for a view, or for another lens at its pose.
 
     `scene` is the Mitsuba scene in the colours that are traced; it has emitters.
     """
     home = render_scene.scene
-    plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms), panoramic)
+    plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms), lens)
     return PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
 
 
@@ -238,7 +240,7 @@ def _view_lights(
     scene = render_scene.neutral(None).mitsuba
     if planned is not None and params.lights != "uniform":
         return planned
-    return _lights(render_scene, scene, view, params, seed, view.is_panorama)
+    return _lights(render_scene, scene, view, params, seed, view.lens)
 
 
 def _lights(
@@ -247,12 +249,12 @@ def _lights(
     view: View,
     params: GroundTruthParams,
     seed: int,
-    panoramic: bool,
+    lens: Lens,
 ) -> UniformLights | PlannedLights:
-    """Return the emitter sampling that the parameters choose for a view, or its panorama."""
+    """Return the emitter sampling that the parameters choose for a lens at a view's pose."""
     if params.lights == "uniform" or not scene.emitters():
         return UniformLights()
-    return planned_lights(render_scene, scene, view, seed, panoramic)
+    return planned_lights(render_scene, scene, view, seed, lens)
 
 
 def with_remainders(images: Float32Array) -> Float32Array:

@@ -30,12 +30,14 @@ _MIN_DEPTH = 1e-5  # metres
 class VisibleSurfaces:
     """Surfaces seen through the P pixel centres of a view, in row-major order.
 
-    `directions` (P, 3) are the rays' unit directions in the world, `valid` (P,) flags rays that
-    hit a surface. `textures` are those of the materials' `slots`, if they were evaluated.
+    `origins`, (3,) or (P, 3), and unit `directions` (P, 3) are those of the rays in the world,
+    `valid` (P,) flags rays that hit a surface. `textures` are those of the materials' `slots`, if
+    they were evaluated.
     """
 
     scene: RenderScene
     view: View
+    origins: Float64Array
     directions: Float64Array
     hits: Hits
     valid: BoolArray
@@ -50,11 +52,11 @@ class VisibleSurfaces:
 def depth(surfaces: VisibleSurfaces) -> AnyArray:
     """Return z-depth (P,): metres along the optical axis, 0 where no surface is.
 
-    In equirectangular views it is the distance along the ray. It is at least `_MIN_DEPTH`: a
-    surface that touches the eye would round to one behind it.
+    In fisheye and equirectangular views it is the distance along the ray. It is at least
+    `_MIN_DEPTH`: a surface that touches the eye would round to one behind it.
     """
     offset = surfaces.hits.position.astype(np.float64) - surfaces.view.eye
-    if surfaces.view.is_panorama:
+    if surfaces.view.lens.depth_is_distance:
         along = np.sqrt(_dots(offset, offset)[:, 0])
     else:
         along = _dots(offset, surfaces.rotation[:, 2])[:, 0]
@@ -129,14 +131,14 @@ def visible_surfaces(
 
     With colours and `textures`, those of the materials are evaluated by the same trace.
     """
-    directions = turned(unit(view.rays().reshape(-1, 3)), view.pose[:3, :3])
+    origins, directions = view.world_rays()
     geometry, values = render_scene.geometry, None
     if colors and textures:
         slots = render_scene.table.slots
-        hits, values = raycast.textured_surfaces(geometry, slots, view.eye, directions)
+        hits, values = raycast.textured_surfaces(geometry, slots, origins, directions)
     else:
-        hits = raycast.surfaces(geometry, view.eye, directions, colors)
-    return VisibleSurfaces(render_scene, view, directions, hits, hits.shape >= 0, values)
+        hits = raycast.surfaces(geometry, origins, directions, colors)
+    return VisibleSurfaces(render_scene, view, origins, directions, hits, hits.shape >= 0, values)
 
 
 def facing_normals(hits: Hits, directions: Float64Array) -> Float64Array:

@@ -90,7 +90,7 @@ def describe_instances(surfaces: VisibleSurfaces) -> list[dict[str, Any]]:
     order = np.full(len(scene.scene.objects) + 1, -1, dtype=np.int32)
     order[seen - 1] = np.arange(len(seen))
     numbers = order[scene.geometry.objects]  # object -1 reads the last entry
-    alone = raycast.objects_along(scene.geometry, numbers, view.eye, surfaces.directions)
+    alone = raycast.objects_along(scene.geometry, numbers, surfaces.origins, surfaces.directions)
     rows, columns = np.divmod(np.arange(len(image)), view.width)
     entries = []
     for place, number in enumerate(seen):
@@ -198,12 +198,8 @@ def _inside(points: Float64Array, view: View) -> BoolArray:
     """Test which world points (N, 3) lie before the camera and within the image."""
     if view.is_panorama:
         return np.ones(len(points), dtype=bool)
-    local = turned(points - view.eye, view.pose[:3, :3].T)
-    before = local[:, 2] > 0
-    pixels = turned(local, view.intrinsics)
-    depth = np.where(before, pixels[:, 2], 1)
-    x, y = pixels[:, 0] / depth, pixels[:, 1] / depth
-    inside: BoolArray = before & (x >= 0) & (x <= view.width) & (y >= 0) & (y <= view.height)
+    places, seen = view.lens.project(turned(points - view.eye, view.pose[:3, :3].T))
+    inside: BoolArray = seen & ((places >= 0) & (places <= (view.width, view.height))).all(axis=1)
     return inside
 
 

@@ -46,7 +46,7 @@ class VisibleMaterials:
     @cached_property
     def _evaluated(self) -> tuple[MaterialValues, BoolArray]:
         surfaces = self.surfaces
-        geometry, eye = surfaces.scene.geometry, surfaces.view.eye
+        geometry, eye = surfaces.scene.geometry, surfaces.origins
         return surfaces.scene.table.values(
             geometry, surfaces.hits, eye, surfaces.directions, surfaces.textures
         )
@@ -85,7 +85,7 @@ def emission(materials: VisibleMaterials) -> AnyArray:
     if not np.append(emitting, False)[surfaces.hits.shape].any():
         return np.zeros(len(surfaces.valid), np.float32)
     _, _, light = raycast.emitted_radiance(
-        surfaces.scene.geometry, surfaces.view.eye, surfaces.directions, emitting
+        surfaces.scene.geometry, surfaces.origins, surfaces.directions, emitting
     )
     return (light.max(axis=1) > 0).astype(np.float32)
 

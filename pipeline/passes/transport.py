@@ -126,8 +126,11 @@ def transport_of(
     """
     if not integrator.available():
         raise InputError("transport needs a variant other than scalar_rgb; see pbrnet doctor")
-    if view.is_panorama:
-        raise InputError(f"{view.view_id}: transport needs a perspective view, not a panorama")
+    if not view.lens.is_pinhole:
+        raise InputError(
+            f"{view.view_id}: transport needs a perspective view without distortion, its pixels "
+            "square"
+        )
     launcher = _launcher(render_scene)
     prepared = prepared or prepare(render_scene, view, seed)
     lights = prepared.lights

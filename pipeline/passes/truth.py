@@ -79,8 +79,7 @@ class NoisySettings:
 class Preparation:
     """Guides for the denoiser, and emitter sampling and path guiding of a view.
 
-    `lights` is None where nothing is planned: in a scene without lights, in a scalar variant, and
-    for a panorama.
+    `lights` is None where nothing is planned: in a scene without lights, and in a scalar variant.
     """
 
     guides: Guides
@@ -90,14 +89,14 @@ class Preparation:
 def prepare(scene: RenderScene, view: View, seed: int) -> Preparation:
     """Prepare a view in the scene's own colours; `seed` is that of the light plan."""
     form = scene.neutral(None).mitsuba
-    planned = integrator.available() and not view.is_panorama and form.emitters()
+    planned = integrator.available() and form.emitters()
     lights = planned_lights(scene, form, view, seed) if planned else None
     return Preparation(sample_guides(scene, view), lights)
 
 
 def sample_guides(scene: RenderScene, view: View) -> Guides:
     """Return guides that cost less than the samples they guide, where the variant has them."""
-    if integrator.available() and not view.is_panorama:
+    if integrator.available() and view.lens.is_pinhole:
         return fast_guides(scene, view)
     return guides(scene, view)
 

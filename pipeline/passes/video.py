@@ -18,17 +18,17 @@ import numpy as np
 
 from pbrnet.pipeline.channels import VIDEO_BANDS
 from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.lenses.model import world_rays
 from pbrnet.pipeline.passes.inputs import VisibleSurfaces, depth
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.views import Matrix, View
 from pbrnet.scenes.arrays import BoolArray, Float64Array, FloatingArray
-from pbrnet.scenes.geometry.directions import pixel_directions, turned, unit
+from pbrnet.scenes.geometry.directions import turned, unit
 
 # Of the distance: above the rounding of float32 hit points, below the thickness of any board.
 _TOLERANCE = 2e-4
 _NEARER = 0.98  # of a point's depth: what is nearer than that is another surface
 _GRID = 1024  # parts of a pixel to which flow is rounded, so that it compresses
-_MIN_DEPTH = 1e-5  # metres before a camera
 
 
 def video_of(surfaces: VisibleSurfaces) -> Channels:
@@ -60,18 +60,23 @@ def _motion(surfaces: VisibleSurfaces, pose: Matrix) -> tuple[Float64Array, Bool
     flow = np.round(flow * _GRID) / _GRID
     occluded = np.zeros(count, dtype=bool)
     some = found.inside
-    occluded[some] = ~_visible(surfaces, found.offsets, there[:3, 3], some)
+    occluded[some] = ~_visible(surfaces, found.offsets, there, some)
     occluded |= some & _between_pixels(surfaces, found, there)
     return flow, occluded, ~found.inside
 
 
 def _visible(
-    surfaces: VisibleSurfaces, offsets: Float64Array, eye: Float64Array, some: BoolArray
+    surfaces: VisibleSurfaces, offsets: Float64Array, pose: Float64Array, some: BoolArray
 ) -> BoolArray:
-    """Test which of `some` points (P,), `offsets` (P, 3) from `eye`, can be seen from there."""
-    directions, seen = unit(offsets[some]), surfaces.valid[some]
-    _, free = raycast.nearest(surfaces.scene.geometry, eye, directions)
-    metres = np.sqrt((offsets[some] ** 2).sum(axis=1))
+    """Test which of `some` points (P,), `offsets` (P, 3) from the eye of `pose`, are seen there."""
+    eye, offsets, seen = pose[:3, 3], offsets[some], surfaces.valid[some]
+    origins, directions = eye, unit(offsets)
+    metres = np.sqrt((offsets**2).sum(axis=1))
+    if not surfaces.view.lens.is_central:
+        directions = np.broadcast_to(pose[:3, 2], offsets.shape)
+        metres = (offsets * directions).sum(axis=1)
+        origins = eye + offsets - metres[:, None] * directions
+    _, free = raycast.nearest(surfaces.scene.geometry, origins, directions)
     arrives = free >= metres - _TOLERANCE * np.maximum(metres, 1)
     normals = surfaces.hits.geometric_normal[some].astype(np.float64)
     one, other = (
@@ -86,10 +91,9 @@ def _between_pixels(
 ) -> BoolArray:
     """Test where all four pixels of `there` around a point's place (P,) show nearer things."""
     view = surfaces.view
-    rays = pixel_directions(view.intrinsics, view.width, view.height).reshape(-1, 3)
-    directions = unit(turned(rays, there[:3, :3]))
-    _, metres = raycast.nearest(surfaces.scene.geometry, there[:3, 3], directions)
-    shown = (metres / np.sqrt((rays**2).sum(axis=1))).reshape(view.height, view.width)
+    _, metres = raycast.nearest(surfaces.scene.geometry, *world_rays(view.lens, there))
+    lengths = np.sqrt((view.rays() ** 2).sum(axis=-1))
+    shown = metres.reshape(view.height, view.width) / lengths
     corner = np.floor(found.places - 0.5).astype(np.int64)
     column, row = np.clip(corner, 0, (view.width - 2, view.height - 2)).T
     farthest = np.max(
@@ -105,12 +109,12 @@ def _between_pixels(
 
 @dataclass(frozen=True)
 class Reprojection:
-    """P pixels of a view, in row-major order, as another camera with the same K and size sees them.
+    """P pixels of a view, in row-major order, as another camera with the same lens sees them.
 
     `offsets` (P, 3) lead from that camera's eye to the pixels' surface points, world metres; where
     a pixel has no surface its point is at infinity, and the offset is a direction. `places` (P, 2)
-    are their image points in pixels (column, row), `depth` (P,) the distance along the other
-    camera's axis, `before` (P,) flags points before that camera; `places` of others are 0.
+    are their image points in pixels (column, row), `depth` (P,) the depth from the other camera,
+    `before` (P,) flags points for which its lens has a ray; `places` of others are 0.
     """
 
     offsets: Float64Array
@@ -121,18 +125,23 @@ class Reprojection:
 
 
 def reproject(depth: FloatingArray, view: View, pose: Float64Array) -> Reprojection:
-    """Reproject z-depth (P,) or (H, W) of a view (0: no surface) to `camera_to_world` (4, 4)."""
-    local = pixel_directions(view.intrinsics, view.width, view.height).reshape(-1, 3)
+    """Reproject depth (P,) or (H, W) of a view (0: no surface) to `camera_to_world` (4, 4).
+
+    Parallel rays that meet nothing have no point at infinity in another image.
+    """
+    lens = view.lens
+    rays = lens.rays()
     along = depth.reshape(-1, 1).astype(np.float64)
     seen = along > 0
-    offsets = turned(local * np.where(seen, along, 1), view.pose[:3, :3])
+    offsets = turned(view.rays().reshape(-1, 3) * np.where(seen, along, 1), view.pose[:3, :3])
     offsets += np.where(seen, view.eye - pose[:3, 3], 0)
-    x, y, z = np.moveaxis(turned(offsets, pose[:3, :3].T), -1, 0)
-    before = z > _MIN_DEPTH
-    (focal_x, skew, centre_x), (_, focal_y, centre_y), _ = view.intrinsics
-    z_or_one = np.where(before, z, 1)
-    x, y = x / z_or_one, y / z_or_one
-    places = np.stack([focal_x * x + skew * y + centre_x, focal_y * y + centre_y], axis=-1)
+    has_point = rays.valid.ravel()
+    if not lens.is_central:
+        offsets += turned(rays.origins.reshape(-1, 3), view.pose[:3, :3])
+        has_point = seen[:, 0]
+    local = turned(offsets, pose[:3, :3].T)
+    places, before = lens.project(local)
+    before &= has_point
     places = np.where(before[:, None], places, 0)
-    inside = before & (places >= 0).all(axis=1) & (places < (view.width, view.height)).all(axis=1)
-    return Reprojection(offsets, places, z, before, inside)
+    measured = np.sqrt((local**2).sum(axis=-1)) if lens.depth_is_distance else local[:, 2]
+    return Reprojection(offsets, places, measured, before, before & lens.contains(places))

@@ -75,15 +75,15 @@ def render_visibility(
 
 def _traced_surfaces(render_scene: RenderScene, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Trace the pixel centres; return surface flags (P,), positions and normals (P, 3), world."""
-    directions = turned(unit(view.rays().reshape(-1, 3)), view.pose[:3, :3])
-    hits = raycast.surfaces(render_scene.geometry, view.eye, directions, colors=False)
+    origins, directions = view.world_rays()
+    hits = raycast.surfaces(render_scene.geometry, origins, directions, colors=False)
     return hits.shape >= 0, hits.position.astype(np.float64), facing_normals(hits, directions)
 
 
 def _input_surfaces(inputs: Channels, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Return the same as `_traced_surfaces`, from a view's input images."""
     turn = view.pose[:3, :3]
-    local = (view.rays() * inputs["Z"].astype(np.float64)[..., None]).reshape(-1, 3)
+    local = view.lens.points(inputs["Z"]).reshape(-1, 3)
     points = turned(local, turn) + view.eye
     normals = np.stack([inputs[f"N.{axis}"].astype(np.float64) for axis in "XYZ"], axis=-1)
     return inputs["valid"].ravel() > 0, points, turned(unit(normals.reshape(-1, 3)), turn)

@@ -6,9 +6,10 @@ of a furnished scene through every material. In a small view that is more than i
 call meets another instance than at recording, so no instance is created between views: the sensor
 is moved instead.
 
-Mitsuba has no equirectangular sensor, so the rays of panoramas are made here and given to the joint
-path tracer, or in scalar variants to Mitsuba's `path`. A pixel is the mean radiance over its solid
-angle: directions are stratified (multi-jittered) and uniform over it.
+Mitsuba has no sensor for lenses other than pinholes, so their rays are made by `camera_rays` and
+given to the joint path tracer, or in scalar variants to Mitsuba's `path`. A pixel is the mean
+radiance over its area on the image, in panoramas over its solid angle: places in it are stratified
+(multi-jittered) and uniform.
 """
 
 from __future__ import annotations
@@ -21,6 +22,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from pbrnet.pipeline.lenses.model import Lens
+from pbrnet.pipeline.pathtrace.camera_rays import (
+    LensArrays,
+    LensKind,
+    camera_rays,
+    entry,
+    kind_of,
+    lens_arrays,
+)
 from pbrnet.pipeline.pathtrace.integrator import JointPath
 from pbrnet.pipeline.render.drjit_arrays import column
 from pbrnet.pipeline.views import View
@@ -116,8 +126,8 @@ def _launch(
     return mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed)
 
 
-class SphereTracer:
-    """Sampler and recorded launches of one open scene, kept between its views."""
+class RayTracer:
+    """Sampler and recorded launches of one open scene for lenses that are no pinholes."""
 
     def __init__(self) -> None:
         self._recordings = Recordings()
@@ -127,32 +137,33 @@ class SphereTracer:
         self,
         scene: mi.Scene,
         version: int,
-        view: View,
-        width: int,
+        pose: Float64Array,
+        lens: Lens,
         copies: int,
         path: JointPath,
         spp: int,
         seed: int,
         images: int = 1,
     ) -> Float64Array:
-        """Return radiance, (width / 2, copies, width, 3 images), of independent panoramas.
+        """Return radiance, (H, copies, W, 3 images), of independent images through a lens.
 
-        `images` is the number of images of `path` that are wanted, linear RGB each. They are in the
-        axes of `view`'s camera: the centre column is straight ahead, right of it is the camera's
-        right, the top row is its up. `spp` is a power of two. `version` is that of the scene's
-        `MaterialSets`.
+        `pose` is `camera_to_world`. `images` is the number of images of `path` that are wanted,
+        linear RGB each. Pixels without a ray are 0. `spp` is a power of two. `version` is that of
+        the scene's `MaterialSets`.
         """
         self._recordings.renew(version)
-        size = (width, copies, spp)
+        kind = kind_of(lens)
         # Without emitters of its own, calls to those of other open scenes could not be recorded.
-        key = (*size, images, *path.parts.names)
-        trace = self._recordings.of(_sphere_launch, key) if scene.emitters() else _sphere_launch
-        eye, axes = (column(mi.Float, part.ravel()) for part in (view.eye, view.pose[:3, :3]))
-        seeds = dr.opaque(mi.UInt32, seed)
-        found = trace(scene, self._sampler, path, eye, axes, *size, images, seeds)
+        key = (kind, copies, spp, images, *path.parts.names)
+        trace = self._recordings.of(_ray_launch, key) if scene.emitters() else _ray_launch
+        eye, axes = (column(mi.Float, part.ravel()) for part in (pose[:3, 3], pose[:3, :3]))
+        arrays, seeds = lens_arrays(lens), dr.opaque(mi.UInt32, seed)
+        found = trace(
+            scene, self._sampler, path, eye, axes, *arrays, kind, copies, spp, images, seeds
+        )
         bands = []
         for image in found:
-            samples = np.array(image).reshape(3, copies, width // 2, width, spp)
+            samples = np.array(image).reshape(3, copies, lens.height, lens.width, spp)
             bands.append(samples.mean(axis=-1, dtype=np.float64))
         return np.ascontiguousarray(np.concatenate(bands).transpose(2, 1, 3, 0))
 
@@ -160,39 +171,53 @@ class SphereTracer:
 def trace_scalar(
     scene: mi.Scene,
     integrator: mi.Integrator,
-    view: View,
-    width: int,
+    pose: Float64Array,
+    lens: Lens,
     copies: int,
     spp: int,
     seed: int,
 ) -> Float64Array:
-    """Return what `SphereTracer.launch` does, in a scalar variant and by Mitsuba's `path`."""
+    """Return what `RayTracer.launch` does, in a scalar variant and by Mitsuba's `path`."""
     sampler = mi.load_dict({"type": "multijitter", "sample_count": spp})
-    height, pitch = width // 2, 2 * math.pi / width
-    rotation, eye = view.pose[:3, :3], mi.ScalarPoint3f(view.eye.tolist())
+    height, width = lens.height, lens.width
+    valid = lens.rays().valid
     pixels = np.zeros((height, copies, width, 3))
     for number, (row, copy, across) in enumerate(np.ndindex(height, copies, width)):
         sampler.seed((seed + number) % 2**32, 1)
-        top, bottom = math.cos(row * pitch), math.cos((row + 1) * pitch)
-        for _ in range(spp):
-            x, y = sampler.next_2d()
-            sine, azimuth = top + (bottom - top) * y, (across + x) * pitch - math.pi
-            flat = math.sqrt(max(1 - sine * sine, 0))
-            local = [flat * math.sin(azimuth), -sine, flat * math.cos(azimuth)]
-            direction = mi.ScalarVector3f((rotation @ local).tolist())
-            ray = mi.RayDifferential3f(mi.Ray3f(eye, direction))
+        for _ in range(spp if valid[row, across] else 0):
+            origin, local = _scalar_ray(lens, row, across, *sampler.next_2d())
+            start = mi.ScalarPoint3f((pose[:3, 3] + pose[:3, :3] @ origin).tolist())
+            direction = mi.ScalarVector3f((pose[:3, :3] @ local).tolist())
+            ray = mi.RayDifferential3f(mi.Ray3f(start, direction))
             pixels[row, copy, across] += integrator.sample(scene, sampler, ray)[0]
             sampler.advance()
     return pixels / spp
 
 
-def _sphere_launch(
+def _scalar_ray(
+    lens: Lens, row: int, across: int, x: float, y: float
+) -> tuple[Float64Array, Float64Array]:
+    """Return origin and direction (3,) of the place `x`, `y` in a pixel, in the camera's axes."""
+    if not lens.is_panorama:
+        rays = lens.rays(np.array([across + x, row + y]))
+        return rays.origins, rays.directions
+    pitch = 2 * math.pi / lens.width
+    top, bottom = math.cos(row * pitch), math.cos((row + 1) * pitch)
+    sine, azimuth = top + (bottom - top) * y, (across + x) * pitch - math.pi
+    flat = math.sqrt(max(1 - sine * sine, 0))
+    return np.zeros(3), np.array([flat * math.sin(azimuth), -sine, flat * math.cos(azimuth)])
+
+
+def _ray_launch(
     scene: mi.Scene,
     sampler: mi.Sampler,
     path: JointPath,
     eye: mi.Float,
     axes: mi.Float,
-    width: int,
+    numbers: mi.Float,
+    ideal: mi.Float,
+    valid: mi.Float,
+    kind: LensKind,
     copies: int,
     spp: int,
     images: int,
@@ -202,48 +227,44 @@ def _sphere_launch(
 
     Samples are in the order copy, row, column, sample.
     """
-    height, pitch = width // 2, 2 * math.pi / width
-    count = copies * height * width * spp
+    count = copies * kind.height * kind.width * spp
     sampler = sampler.clone()
     sampler.set_sample_count(spp)
     sampler.set_samples_per_wavefront(spp)
     sampler.seed(seed, count)
     pixel = dr.arange(mi.UInt32, count) >> (spp.bit_length() - 1)
-    across = mi.Float(pixel % width)
-    row = mi.Float((pixel // width) % height)
-    offset = sampler.next_2d()
-    top, bottom = dr.cos(row * pitch), dr.cos((row + 1) * pitch)
-    sine = dr.lerp(top, bottom, offset.y)
-    azimuth = (across + offset.x) * pitch - math.pi
-    flat = dr.safe_sqrt(1 - dr.square(sine))
-    local = mi.Vector3f(flat * dr.sin(azimuth), -sine, flat * dr.cos(azimuth))
-    x, y, z = (
-        sum((_entry(axes, 3 * line + i) * local[i] for i in range(3)), mi.Float(0))
-        for line in range(3)
-    )
-    direction = dr.normalize(mi.Vector3f(x, y, z))
-    origin = mi.Point3f(*(_entry(eye, i) for i in range(3)))
+    arrays = LensArrays(numbers, ideal, valid)
+    start, local, active = camera_rays(kind, arrays, pixel, sampler.next_2d())
+    origin = mi.Point3f(*(entry(eye, i) for i in range(3)))
+    if kind.projection == "orthographic":
+        origin += _turned(axes, start)
+    direction = dr.normalize(_turned(axes, local))
     ray = mi.Ray3f(origin, direction, _FAR, 0.0, mi.Color0f())
-    return path.trace(scene, sampler, ray, mi.Bool(True))[:images]
+    return path.trace(scene, sampler, ray, active)[:images]
 
 
-def _entry(values: mi.Float, index: int) -> mi.Float:
-    return dr.gather(mi.Float, values, mi.UInt32(index))
+def _turned(axes: mi.Float, local: mi.Vector3f) -> mi.Vector3f:
+    """Turn vectors from the camera's axes, (9,) by rows, into the world."""
+    return mi.Vector3f(
+        *(
+            sum((entry(axes, 3 * line + i) * local[i] for i in range(3)), mi.Float(0))
+            for line in range(3)
+        )
+    )
 
 
 def make_sensor(view: View, copies: int = 1) -> Any:
     """Return a Mitsuba sensor for a view; `copies` > 1 gives that many images side by side.
 
     Samples are stratified within a pixel and independent between pixels, so each copy is an
-    independent estimate. Raises `InputError` for a view whose pixels are not square.
+    independent estimate. Raises `InputError` for a view that is no pinhole with square pixels.
     """
     intrinsics = view.intrinsics
     focal = intrinsics[0, 0]
-    if abs(intrinsics[1, 1] - focal) > 1e-6 * focal or abs(intrinsics[0, 1]) > 1e-9:
+    if not view.lens.is_pinhole:
         raise InputError(
-            f"view {view.view_id} of {view.scene_id}: K has pixels that are not square "
-            f"(fx {focal:g}, fy {intrinsics[1, 1]:g}, skew {intrinsics[0, 1]:g}), "
-            "which the path tracer's camera does not support"
+            f"view {view.view_id} of {view.scene_id}: this needs square pixels "
+            f"(fx {focal:g}, fy {intrinsics[1, 1]:g}, skew {intrinsics[0, 1]:g})"
         )
     film = {
         "type": "hdrfilm",

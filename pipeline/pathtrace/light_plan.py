@@ -26,6 +26,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
+from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.pathtrace.irradiance import (
     RAY_OFFSET,
     EmitterExtents,
@@ -120,16 +121,15 @@ def plan_lights(
     portals: tuple[Portal, ...],
     seed: int,
     indoors: npt.ArrayLike = EVERYWHERE,
-    panoramic: bool = False,
+    lens: Lens | None = None,
 ) -> LightPlan:
     """Return the light plan of a view; `scene` is the Mitsuba scene.
 
     `indoors` (2, 3) is the box around the rooms: inside it, the sun is hardly sampled where its
-    rays do not pass a portal. If `panoramic`, the plan is for all directions from the camera
-    position instead of those in the image.
+    rays do not pass a portal. With `lens` the plan is for what that one sees from the pose of the
+    view, instead of the view's own.
     """
-    directions = fibonacci_sphere(_SPHERE) if panoramic else _grid_directions(view)
-    pilot = _trace_pilot(scene, view, directions, seed)
+    pilot = _trace_pilot(scene, *_grid_rays(view, lens or view.lens), seed)
     hit, seen = pilot.hit, len(pilot.hit) // 2
     environment = environment_of(scene)
     rectangles = portal_rectangles(portals if environment is not None else ())
@@ -163,20 +163,30 @@ def _uniform_plan(count: int, rectangles: Rectangles) -> LightPlan:
     return LightPlan(np.full(count, 1 / count), np.zeros(0), rectangles.take(np.arange(0)))
 
 
-def _grid_directions(view: View) -> Float64Array:
-    """Return world directions (P, 3) of a grid of camera rays."""
+def _grid_rays(view: View, lens: Lens) -> tuple[Float64Array, Float64Array]:
+    """Return world origins and directions (P, 3) of a grid of camera rays of a lens."""
+    if lens.is_panorama:
+        directions = fibonacci_sphere(_SPHERE)
+        return np.tile(view.eye, (len(directions), 1)), directions
     width, height = _GRID
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    pixels = np.stack([columns * view.width / width, rows * view.height / height], axis=-1)
-    local = np.concatenate([pixels.reshape(-1, 2), np.ones((width * height, 1))], axis=1)
-    directions = local @ np.linalg.inv(view.intrinsics).T @ view.pose[:3, :3].T
-    return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    pixels = np.stack([columns * lens.width / width, rows * lens.height / height], axis=-1)
+    pixels = pixels.reshape(-1, 2)
+    turn = view.pose[:3, :3].T
+    if not lens.is_pinhole:
+        rays = lens.rays(pixels)
+        return view.eye + rays.origins[rays.valid] @ turn, rays.directions[rays.valid] @ turn
+    local = np.concatenate([pixels, np.ones((width * height, 1))], axis=1)
+    directions = local @ np.linalg.inv(np.array(lens.K)).T @ turn
+    directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return np.tile(view.eye, (len(directions), 1)), directions
 
 
-def _trace_pilot(scene: mi.Scene, view: View, directions: Float64Array, seed: int) -> PilotPoints:
+def _trace_pilot(
+    scene: mi.Scene, origins: Float64Array, directions: Float64Array, seed: int
+) -> PilotPoints:
     """Trace camera rays (P, 3) and one cosine-distributed bounce from each hit."""
     random = generator(seed, "pilot")
-    origins = np.tile(view.eye, (len(directions), 1))
     points, normals, hit = first_hits(scene, origins, directions)
     # A point of the unit sphere on top of the normal: cosine-distributed.
     bounce = random.normal(size=points.shape)

@@ -234,15 +234,15 @@ def _stored_views(content: Content) -> None:
 
 
 def _camera_file(content: Content, path: Path) -> None:
-    """Add the views of a camera file; panoramas are left out."""
+    """Add the views of a camera file; those that are not plain perspective are left out."""
     found = load_cameras(path)
     if found.scene_id != content.scene.scene_id:
         raise InputError(
             f"{path}: cameras of {found.scene_id!r}, not of {content.scene.scene_id!r}"
         )
     for view in found.views:
-        if not view.K:
-            content.lost.note("panoramic cameras were left out")
+        if not view.lens.is_rectilinear:
+            content.lost.note("cameras that are not plain perspective were left out")
             continue
         half = math.atan(0.5 * view.width / view.K[0][0])
         pose = _opengl(np.array(view.camera_to_world))

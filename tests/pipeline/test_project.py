@@ -63,5 +63,7 @@ def test_params_says_value_origin_and_meaning() -> None:
     assert [line.split()[0] for line in changed] == ["seed", "image.width", "train.can.epochs"]
     assert {line.split()[0] for line in pbrnet("params", "image").stdout.splitlines()} == {
         "image.width", "image.height", "image.half_fov_x", "image.projection",
+        "image.lens.distortion", "image.lens.focal", "image.lens.centre",
+        "image.lens.half_width", "image.lens.calibration", "image.lens.camera",
     }  # fmt: skip
     assert isinstance(pbrnet("params", "imag").exception, ParameterError)

@@ -9,6 +9,7 @@ import pytest
 
 from pbrnet.pipeline.cameras.camera_files import NO_SET, make_cameras
 from pbrnet.pipeline.cameras.overlap import outlook, overlap
+from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.video import reproject
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
@@ -34,17 +35,17 @@ def test_overlap_before_a_wall_is_what_geometry_says(tmp_path: Path) -> None:
     set_variant("auto")
     wall = quad("wall", (0, 4, 1.5), (0, -1, 0), (20, 20), diffuse())
     board = quad("board", (0.4, 0.5, 1.5), (0, -1, 0), (0.3, 20), diffuse())
-    k = np.array([[60.0, 0, 48], [0, 60, 36], [0, 0, 1]])
+    lens = Lens("perspective", 96, 72, ((60.0, 0, 48), (0, 60, 36), (0, 0, 1)))
     quarter = 4 * 96 / 60 / 4
     poses = [look((x, 0, 1.5), (0, 1, 0)) for x in (0.0, quarter)]
     back = look((0, 0, 1.5), (0, -1, 0))
     scene = open_scene(write_scene(tmp_path / "wall", wall))
-    one, other, behind = (outlook(scene, pose, k) for pose in (*poses, back))
+    one, other, behind = (outlook(scene, pose, lens) for pose in (*poses, back))
     assert overlap(scene, one, other) == pytest.approx(0.75, abs=1e-6)
     assert overlap(scene, one, one) == 1.0
     assert overlap(scene, one, behind) == 0.0
     hidden = open_scene(write_scene(tmp_path / "board", wall + board))
-    one, other = (outlook(hidden, pose, k) for pose in poses)
+    one, other = (outlook(hidden, pose, lens) for pose in poses)
     assert overlap(hidden, one, other) < 0.6, "the board hides other parts of the wall from each"
 
 

@@ -228,6 +228,7 @@ import sys
 import numpy as np
 from pathlib import Path
 from pbrnet.pipeline.passes.groundtruth import path_integrator
+from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.pathtrace.launches import trace_scalar
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.scenes.contract import load_scene
@@ -235,7 +236,9 @@ from tests.pipeline.passes.test_environment import IN_ROOM
 
 set_variant("scalar_rgb")
 scene = open_scene(load_scene(Path(sys.argv[1]))).mitsuba
-np.save(sys.argv[2], trace_scalar(scene, path_integrator(6, 3), IN_ROOM, 16, 2, 16, 5))
+lens = Lens("equirectangular", 16, 8, ())
+path = path_integrator(6, 3)
+np.save(sys.argv[2], trace_scalar(scene, path, IN_ROOM.pose, lens, 2, 16, 5))
 """
 
 

@@ -1,0 +1,1 @@
+"""Lenses: projections of cameras with their distortion, and calibration files."""
