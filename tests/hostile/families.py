@@ -11,6 +11,7 @@ from tests.hostile.project_files import (
     frames,
     networks,
     params,
+    photographs,
     submissions,
 )
 from tests.hostile.scene_files import (
@@ -40,6 +41,7 @@ FAMILIES: tuple[Family, ...] = (
     *dataset.FAMILIES,
     *submissions.FAMILIES,
     *networks.FAMILIES,
+    *photographs.FAMILIES,
     *folders.FAMILIES,
     *catalogues.FAMILIES,
     *command_lines.FAMILIES,

@@ -1,0 +1,1 @@
+"""Study of photographs: networks trained on each data set, tested on real photographs."""
