@@ -36,14 +36,23 @@ docs/exports.md describes what each format holds. pbrnet import reads the files 
     type=FILE,
     help="Camera file whose views become cameras.  [default: that of the scene's data folder]",
 )
+@click.option(
+    "--panes/--no-panes",
+    default=True,
+    show_default=True,
+    help="Sheets of glass in windows. Path tracers such as Cycles do not sample sun and sky "
+    "through glass: leave it out for them.",
+)
 @idle_seed_option
-def export_scene_command(scene: Path, name: str, out: Path | None, cameras: Path | None) -> None:
+def export_scene_command(
+    scene: Path, name: str, out: Path | None, cameras: Path | None, panes: bool
+) -> None:
     """Write the scene folder SCENE as one file for other programs.
 
     What the format does not hold is listed in the end, and in a JSON file beside the output.
     """
     out = out or Path(scene.resolve().name + TARGETS[name].suffixes[0])
-    done = export_scene(scene, name, out, cameras)
+    done = export_scene(scene, name, out, cameras, panes)
     say(f"{scene} -> {', '.join(map(str, done.files))}: {done.objects} objects")
     if done.lost:
         say("not held by the format:", *(f"  - {line}" for line in done.lost))

@@ -17,7 +17,7 @@ from pbrnet.pipeline.scene_export.looks import Glow, Look, LookReader, Picture, 
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import Color
-from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.contract import Portal, Scene, SceneObject, load_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import exists
 from pbrnet.scenes.formats.ply import read_ply
@@ -69,18 +69,47 @@ class Eye:
     aspect: float
 
 
+@dataclass(frozen=True)
+class Joint:
+    """A hinge between the frame and the leaf of a door.
+
+    `pivot` (3,) lies at the bottom; a positive angle about `axis` (3,) opens the door. Angles are
+    degrees from closed.
+    """
+
+    pivot: Float64Array
+    axis: Float64Array
+    limits: tuple[float, float]
+    current: float
+    moving: tuple[str, ...]  # names of the pieces that turn
+
+
 @dataclass
 class Content:
     """All of a scene that formats hold, and what was lost on the way."""
 
     scene: Scene
     pieces: dict[str, Piece] = field(default_factory=dict)
+    joints: dict[str, Joint] = field(default_factory=dict)  # by object
+    panes: dict[str, Portal] = field(default_factory=dict)  # by piece: sheets of glass
     materials: list[tuple[str, Look, Glow | None]] = field(default_factory=list)
     lamps: list[Lamp] = field(default_factory=list)
     environments: list[Element] = field(default_factory=list)
     eyes: list[Eye] = field(default_factory=list)
     max_depth: int = 17
     lost: Changes = field(default_factory=Changes)
+
+    def fixed(self, thing: SceneObject) -> list[Piece]:
+        """Return the pieces of an object that no joint moves."""
+        joint = self.joints.get(thing.id)
+        moving = joint.moving if joint is not None else ()
+        return [self.pieces[name] for name in thing.shapes if name not in moving]
+
+    def unowned(self) -> list[Piece]:
+        """Return the pieces that belong to no object."""
+        owned = {shape for one in self.scene.objects for shape in one.shapes}
+        owned |= {name for joint in self.joints.values() for name in joint.moving}
+        return [piece for name, piece in self.pieces.items() if name not in owned]
 
 
 def read_content(folder: Path, cameras: Path | None = None) -> Content:

@@ -10,7 +10,7 @@ from pbrnet.pipeline.scene_export.content import Content
 from pbrnet.pipeline.scene_export.outdoors import Outdoors
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.checked import plain
-from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.contract import Portal, SceneObject
 from pbrnet.scenes.importing.semantics import NYU40_OF_CATEGORY, category_number
 
 VERSION = 1
@@ -38,6 +38,11 @@ def labels_of(thing: SceneObject) -> dict[str, Any]:
         "nyu40": NYU40_OF_CATEGORY[category_number(thing.category)],
     }
     return {**found, **({"room": thing.room} if thing.room else {})}
+
+
+def pane_labels(portal: Portal) -> dict[str, Any]:
+    """Return the labels of a sheet of glass in a portal."""
+    return {"kind": "window pane", "portal": portal.id, "sheets": portal.panes}
 
 
 def looking(position: Float64Array, direction: Float64Array) -> Float64Array:

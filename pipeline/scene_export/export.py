@@ -9,17 +9,15 @@ from pathlib import Path
 from pbrnet.pipeline.scene_export.archive import write_archive
 from pbrnet.pipeline.scene_export.content import Content, read_content
 from pbrnet.pipeline.scene_export.glb import glb_bytes
+from pbrnet.pipeline.scene_export.joints import add_joints
 from pbrnet.pipeline.scene_export.outdoors import SKY, Outdoors, outdoors_of, save_sky
+from pbrnet.pipeline.scene_export.panes import add_panes
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.files import atomic_directory, atomic_file, temporary_folder, write_json
 from pbrnet.scenes.installation import optional
 
-# What no scene folder contains, so that no format gets it.
-_ALWAYS = (
-    "doors and drawers have no joints: scenes do not say how they open",
-    "window panes are openings without glass: see the portals in the description",
-)
+_ALWAYS = ("drawers and the doors of furniture have no joints: scenes do not say how they open",)
 
 
 @dataclass(frozen=True)
@@ -51,14 +49,17 @@ TARGETS = {
 }
 
 
-def export_scene(folder: Path, name: str, out: Path, cameras: Path | None = None) -> Exported:
+def export_scene(
+    folder: Path, name: str, out: Path, cameras: Path | None = None, panes: bool = True
+) -> Exported:
     """Write the scene `folder` as format `name` to the file `out`.
 
     `cameras` is a camera file whose views become cameras; by default that of the scene's project,
-    if it is there. Beside `out` appear `OUT-sky.exr` for a scene with a sky, and `OUT.json`, which
-    lists what the format does not hold. All are written by rename. Raises `InputError` for a scene
-    that cannot be used, `ParameterError` for a suffix of another format, `MachineError` if `out`
-    is something else than a regular file.
+    if it is there. Without `panes`, windows stay openings without glass. Beside `out` appear
+    `OUT-sky.exr` for a scene with a sky, and `OUT.json`, which lists what the format does not
+    hold. All are written by rename. Raises `InputError` for a scene that cannot be used,
+    `ParameterError` for a suffix of another format, `MachineError` if `out` is something else than
+    a regular file.
     """
     target = TARGETS[name]
     if out.suffix.lower() not in target.suffixes:
@@ -71,6 +72,11 @@ def export_scene(folder: Path, name: str, out: Path, cameras: Path | None = None
     if name != "glb":
         optional("pxr", "usd")
     content = read_content(folder, cameras)
+    add_joints(content)
+    if panes:
+        add_panes(content)
+    elif any(portal.panes for portal in content.scene.portals):
+        content.lost.note("window panes were left out: see the portals in the description")
     outdoors = outdoors_of(content)
     sky = out.with_name(f"{out.stem}-sky.exr")
     if outdoors is not None and outdoors.stated["kind"] == "image":

@@ -16,8 +16,14 @@ from typing import Any
 import numpy as np
 
 from pbrnet.pipeline.scene_export import pictures
-from pbrnet.pipeline.scene_export.content import Content, Eye, Lamp, Piece
-from pbrnet.pipeline.scene_export.description import SUN, description, labels_of, looking
+from pbrnet.pipeline.scene_export.content import Content, Eye, Joint, Lamp, Piece
+from pbrnet.pipeline.scene_export.description import (
+    SUN,
+    description,
+    labels_of,
+    looking,
+    pane_labels,
+)
 from pbrnet.pipeline.scene_export.looks import Glow, Look, Picture
 from pbrnet.pipeline.scene_export.outdoors import Outdoors
 from pbrnet.scenes.arrays import AnyArray, Float64Array
@@ -51,8 +57,7 @@ class _Writer:
         for name, look, glow in self._content.materials:
             self._add("materials", self._material(name, look, glow))
         children = [self._object(one) for one in self._content.scene.objects]
-        owned = {shape for one in self._content.scene.objects for shape in one.shapes}
-        others = [one for name, one in self._content.pieces.items() if name not in owned]
+        others = self._content.unowned()
         children += [self._shape(piece, np.zeros(3)) for piece in others]
         children += [self._lamp(lamp) for lamp in self._content.lamps]
         if self._outdoors is not None and self._outdoors.direction is not None:
@@ -98,14 +103,36 @@ class _Writer:
     def _object(self, thing: SceneObject) -> int:
         low, high = np.array(thing.bbox_min), np.array(thing.bbox_max)
         pivot = np.round([*(0.5 * (low + high))[:2], low[2]] * np.array(_STEP)) / _STEP
-        pieces = [self._content.pieces[name] for name in thing.shapes]
+        joint = self._content.joints.get(thing.id)
         node: dict[str, Any] = {
             "name": thing.id,
             "translation": pivot.tolist(),
             "extras": labels_of(thing),
         }
-        if pieces:
-            node["children"] = [self._shape(piece, pivot) for piece in pieces]
+        pieces = self._content.fixed(thing)
+        children = [self._shape(piece, pivot) for piece in pieces]
+        if joint is not None:
+            children.append(self._leaf(thing, joint, pivot))
+        if children:
+            node["children"] = children
+        return self._add("nodes", node)
+
+    def _leaf(self, thing: SceneObject, joint: Joint, pivot: Float64Array) -> int:
+        """The node of what turns about a hinge, with the hinge as its origin."""
+        stated = {
+            "kind": "revolute",
+            "axis": joint.axis.tolist(),
+            "limits": list(joint.limits),
+            "current": joint.current,
+            "unit": "degrees",
+        }
+        pieces = [self._content.pieces[name] for name in joint.moving]
+        node = {
+            "name": f"{thing.id}.leaf",
+            "translation": (joint.pivot - pivot).tolist(),
+            "extras": {"joint": stated},
+            "children": [self._shape(piece, joint.pivot) for piece in pieces],
+        }
         return self._add("nodes", node)
 
     def _shape(self, piece: Piece, pivot: Float64Array) -> int:
@@ -124,7 +151,10 @@ class _Writer:
         indices = self._add("accessors", {**accessor, "type": "SCALAR"})
         primitive = {"attributes": attributes, "indices": indices, "material": piece.material}
         number = self._add("meshes", {"name": piece.id, "primitives": [primitive]})
-        return self._add("nodes", {"name": piece.id, "mesh": number})
+        node: dict[str, Any] = {"name": piece.id, "mesh": number}
+        if piece.id in self._content.panes:
+            node["extras"] = pane_labels(self._content.panes[piece.id])
+        return self._add("nodes", node)
 
     def _has_images(self, material: int) -> bool:
         made = json.dumps(self._lists["materials"][material])

@@ -18,6 +18,7 @@ import numpy as np
 
 from pbrnet.pipeline.scene_export.measured import ior_in_air, metal
 from pbrnet.scenes.arrays import Float64Array, as_triple
+from pbrnet.scenes.checked import build
 from pbrnet.scenes.color import REC709, Color
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.models.stated import Statement
@@ -240,18 +241,16 @@ class LookReader:
     def glass(self, bsdf: Element) -> Look:
         """Look of dielectrics."""
         kind = bsdf.get("type", "")
-        rough = kind == "roughdielectric"
+        stated = build(Statement, {"bsdf": kind, "distribution": self._distribution(bsdf)})
         thin = kind == "thindielectric"
-        stated = Statement("roughdielectric" if rough else "dielectric",
-                           distribution=self._distribution(bsdf))  # fmt: skip
         return Look(
             base=self.color(bsdf, "specular_transmittance", _WHITE),
-            roughness=self._roughness(bsdf) if rough else 0.0,
+            roughness=self._roughness(bsdf) if kind == "roughdielectric" else 0.0,
             transmission=1.0,
             ior=self._ior(bsdf, 1.5046),
             solid=not thin,
             two_sided=thin,
-            stated=None if thin else stated,
+            stated=stated,
         )
 
     def conductor(self, bsdf: Element) -> Look:

@@ -15,11 +15,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdShade, UsdUtils, Vt
+from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade, UsdUtils, Vt
 
 from pbrnet.pipeline.scene_export import pictures
-from pbrnet.pipeline.scene_export.content import Content, Eye, Lamp, Piece
-from pbrnet.pipeline.scene_export.description import SUN, description, labels_of, looking
+from pbrnet.pipeline.scene_export.content import Content, Eye, Joint, Lamp, Piece
+from pbrnet.pipeline.scene_export.description import (
+    SUN,
+    description,
+    labels_of,
+    looking,
+    pane_labels,
+)
 from pbrnet.pipeline.scene_export.looks import Glow, Look, Picture
 from pbrnet.pipeline.scene_export.outdoors import SKY, Outdoors, save_sky
 from pbrnet.scenes.arrays import AnyArray, Float64Array
@@ -88,10 +94,8 @@ class _Writer:
             self._materials.append(self._material(name, look, glow))
         for thing in self.content.scene.objects:
             self._object(thing)
-        owned = {shape for one in self.content.scene.objects for shape in one.shapes}
-        for name, piece in self.content.pieces.items():
-            if name not in owned:
-                self._shape(piece, "/World/Objects", np.zeros(3))
+        for piece in self.content.unowned():
+            self._shape(piece, "/World/Objects", np.zeros(3))
         for lamp in self.content.lamps:
             self._lamp(lamp)
         self._sky()
@@ -115,13 +119,41 @@ class _Writer:
         label.Set(Vt.TokenArray([thing.category]))
         for key, value in labels_of(thing).items():
             prim.SetCustomDataByKey(f"pbrnet:{key}", value)
-        for name in thing.shapes:
-            self._shape(self.content.pieces[name], path, pivot)
+        for piece in self.content.fixed(thing):
+            self._shape(piece, path, pivot)
+        if thing.id in self.content.joints:
+            self._joint(path, self.content.joints[thing.id], pivot)
+
+    def _joint(self, path: str, joint: Joint, pivot: Float64Array) -> None:
+        """What turns about a hinge, as a rigid body, and the hinge between it and its frame."""
+        name = self._path(path, "leaf")
+        leaf = UsdGeom.Xform.Define(self.stage, name)
+        place = joint.pivot - pivot
+        leaf.AddTranslateOp().Set(Gf.Vec3d(*place.tolist()))
+        UsdPhysics.RigidBodyAPI.Apply(leaf.GetPrim())
+        for moving in joint.moving:
+            self._shape(self.content.pieces[moving], name, joint.pivot)
+        hinge = UsdPhysics.RevoluteJoint.Define(self.stage, self._path(path, "hinge"))
+        hinge.CreateBody0Rel().SetTargets([Sdf.Path(path)])
+        hinge.CreateBody1Rel().SetTargets([Sdf.Path(name)])
+        hinge.CreateAxisAttr(UsdGeom.Tokens.z)
+        hinge.CreateLowerLimitAttr(joint.limits[0])
+        hinge.CreateUpperLimitAttr(joint.limits[1])
+        # The angle is that of the leaf's axes against those of the frame, about their Z.
+        up = Gf.Rotation(Gf.Vec3d(1, 0, 0), 0.0 if joint.axis[2] > 0 else 180.0)
+        closed = Gf.Rotation(Gf.Vec3d(0, 0, 1), -joint.current) * up
+        hinge.CreateLocalPos0Attr(Gf.Vec3f(*place.tolist()))
+        hinge.CreateLocalRot0Attr(Gf.Quatf(closed.GetQuat()))
+        hinge.CreateLocalPos1Attr(Gf.Vec3f(0))
+        hinge.CreateLocalRot1Attr(Gf.Quatf(up.GetQuat()))
 
     def _shape(self, piece: Piece, parent: str, pivot: Float64Array) -> None:
         mesh = piece.mesh
         made = UsdGeom.Mesh.Define(self.stage, self._path(parent, piece.id))
         made.GetPrim().SetDisplayName(piece.id)
+        if piece.id in self.content.panes:
+            for key, value in pane_labels(self.content.panes[piece.id]).items():
+                made.GetPrim().SetCustomDataByKey(f"pbrnet:{key}", value)
         points = _vectors(mesh.vertices - pivot)
         made.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
         made.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, "i4")))

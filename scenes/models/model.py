@@ -56,4 +56,5 @@ class Model:
     version: str = ""  # of the format
     author: str = ""  # empty if the file does not state it
     licence: str = ""
+    package: Path | None = None  # folder to which a file with images inside was unpacked
     described: dict[str, Any] | None = None  # what `pbrnet export-scene` wrote of its scene

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -21,6 +21,7 @@ from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.checked import build, param, within
 from pbrnet.scenes.contract import Scene, SceneObject, save_scene
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.importing.camera import (
     Camera,
     default_camera,
@@ -34,12 +35,15 @@ from pbrnet.scenes.importing.shape import Emitter, Shape, bounds_of
 from pbrnet.scenes.importing.writer import write_scene_xml
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.models.model import Model
+from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.photometry import LUMEN
 from pbrnet.scenes.reconstruction.rooms import FoundRoom
 
 _MOVED = 0.01  # metres that parts of the building may differ from their description
 _IMAGE_TO_WORLD = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 _SUN = "sun"  # name of the light that stands for the sun
+LEAF_SUFFIX = ".leaf"  # of the name of the part of a shape that moves with a door
+PANE_PREFIX = "pane-"  # of the name of a sheet of glass in a portal, before the portal's
 
 
 @dataclass(frozen=True)
@@ -86,10 +90,12 @@ def restore(
     described = build(Description, model.described, where, InputError)
     scene = build(Scene, described.scene, f"{where}.scene", InputError)
     labels = {shape.name: shape.id for shape in model.shapes}
-    shapes = [
+    panes = {PANE_PREFIX + portal.id for portal in scene.portals if portal.panes > 0}
+    shapes = _with_leaves(
         replace(shape.transformed(frame), id=_local_name(shape.name, shape.id))
         for shape in model.shapes
-    ]
+        if shape.name not in panes
+    )
     if not _fits(scene, shapes):
         changes.note(
             "the description of the scene in the file no longer fits its shapes: rooms and objects "
@@ -102,6 +108,8 @@ def restore(
     sky = None
     if described.sky is not None:
         sky = build(Sky, described.sky, f"{where}.sky", InputError)
+        if model.package is not None:
+            sandbox = Sandbox(OpenedFiles(model.package))
         with_sun = sky.kind == "sunsky"
         emitters = [one for one, light in zip(emitters, model.lights, strict=True)
                     if not (with_sun and light.name == _SUN)]  # fmt: skip
@@ -119,6 +127,33 @@ def _local_name(name: str, id_: str) -> str:
     """The id that a shape had: its name, if that can be one."""
     valid = name.isascii() and name.replace("-", "").replace("_", "").replace(".", "").isalnum()
     return name if valid and not name.startswith(".") and len(name) <= 120 else id_
+
+
+def _with_leaves(parts: Iterable[Shape]) -> list[Shape]:
+    """The shapes of which an export parted what moves with a door, whole again."""
+    shapes: list[Shape] = []
+    place: dict[str, int] = {}
+    for part in sorted(parts, key=lambda one: one.id.endswith(LEAF_SUFFIX)):  # stable
+        whole = place.get(part.id.removesuffix(LEAF_SUFFIX))
+        if whole is not None and part.id.endswith(LEAF_SUFFIX):
+            mesh = _joined(shapes[whole].mesh, part.mesh)
+            shapes[whole] = replace(shapes[whole], mesh=mesh)
+            continue
+        place[part.id] = len(shapes)
+        shapes.append(part)
+    return shapes
+
+
+def _joined(first: Mesh, second: Mesh) -> Mesh:
+    def both(a: Float64Array | None, b: Float64Array | None) -> Float64Array | None:
+        return None if a is None or b is None else np.concatenate([a, b])
+
+    return Mesh(
+        np.concatenate([first.vertices, second.vertices]),
+        np.concatenate([first.faces, second.faces + len(first.vertices)]),
+        both(first.normals, second.normals),
+        both(first.uvs, second.uvs),
+    )
 
 
 def _fits(scene: Scene, shapes: list[Shape]) -> bool:

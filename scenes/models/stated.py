@@ -19,7 +19,7 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.materials.surface import Surface, rough_glass, thin_sheet
 from pbrnet.scenes.importing.xml_elements import plugin
 
-_PASSING = ("dielectric", "roughdielectric", "principledthin")
+_PASSING = ("dielectric", "roughdielectric", "thindielectric", "principledthin")
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,7 @@ class Statement:
         "roughconductor",
         "dielectric",
         "roughdielectric",
+        "thindielectric",
         "principledthin",
         "principled",
     ]

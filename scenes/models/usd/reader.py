@@ -82,7 +82,9 @@ def read_model(
         for name in ("points", "normals", "uvs")
     }
     materials = UsdMaterials(data["materials"], images.find, textures, changes)
-    return _Builder(path, data, arrays, materials, changes).build()
+    model = _Builder(path, data, arrays, materials, changes).build()
+    model.package = root if is_package else None
+    return model
 
 
 def _missing(layers: list[str], root: Path) -> str:

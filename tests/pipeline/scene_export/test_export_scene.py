@@ -104,7 +104,7 @@ def test_glb_holds_labels_lights_and_all_images(home: Scene, exported: Path) -> 
     root = nodes[document["scenes"][0]["nodes"][0]]
     up = np.reshape(root["matrix"], (4, 4)).T @ [0, 0, 1, 0]
     assert up.tolist() == [0, 1, 0, 0]
-    labelled = {node["extras"]["id"]: node for node in nodes if "extras" in node}
+    labelled = {node["extras"]["id"]: node for node in nodes if "id" in node.get("extras", {})}
     assert {id_: node["extras"]["category"] for id_, node in labelled.items()} == {
         thing.id: thing.category for thing in home.objects
     }
@@ -122,7 +122,11 @@ def test_glb_holds_labels_lights_and_all_images(home: Scene, exported: Path) -> 
     assert sun["type"] == "directional" and 1e3 < sun["intensity"] < 2e5  # lux
     assert exported.with_name("home-sky.exr").is_file()
     held = json.loads(exported.with_name("home.json").read_text())
-    assert any("hinge" in line or "joints" in line for line in held["not held"])
+    assert any("drawers" in line for line in held["not held"])
+    kinds = [node["extras"].get("kind") for node in nodes if "extras" in node]
+    assert kinds.count("window pane") == sum(portal.panes > 0 for portal in home.portals) > 0
+    (joint,) = [node["extras"]["joint"] for node in nodes if "joint" in node.get("extras", {})]
+    assert joint["kind"] == "revolute" and joint["limits"] == [0, 90]
 
 
 def test_lamps_shine_in_candela_per_square_metre(tmp_path: Path) -> None:
@@ -185,7 +189,7 @@ def test_a_home_comes_back_from_usd(name: str, suffix: str, home: Scene, tmp_pat
 
 def test_usd_is_in_metres_with_labels_and_lights(home: Scene, tmp_path: Path) -> None:
     pytest.importorskip("pxr")
-    from pxr import Usd, UsdGeom, UsdShade
+    from pxr import Usd, UsdGeom, UsdPhysics, UsdShade
 
     path = tmp_path / "home.usdc"
     export_scene(home.folder, "usd", path)
@@ -199,8 +203,14 @@ def test_usd_is_in_metres_with_labels_and_lights(home: Scene, tmp_path: Path) ->
     )
     assert found == Counter(thing.category for thing in home.objects)
     meshes = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
-    assert len(meshes) == sum(len(thing.shapes) for thing in home.objects)
+    names = {prim.GetDisplayName() for prim in meshes}
+    assert names >= {shape for thing in home.objects for shape in thing.shapes}
+    assert sum(name.startswith("pane-") for name in names) == len(home.portals) - 1  # the entrance
     assert all(UsdShade.MaterialBindingAPI(one).ComputeBoundMaterial()[0] for one in meshes)
+    (hinge,) = [prim for prim in stage.Traverse() if prim.IsA(UsdPhysics.RevoluteJoint)]
+    frame, leaf = (hinge.GetRelationship(f"physics:body{k}").GetTargets()[0] for k in (0, 1))
+    assert leaf.HasPrefix(frame)
+    assert stage.GetPrimAtPath(leaf).HasAPI(UsdPhysics.RigidBodyAPI)
     sun = stage.GetPrimAtPath("/World/Lights/sun")
     outdoors = outdoors_of(read_content(home.folder))
     assert outdoors is not None
@@ -310,6 +320,22 @@ def test_the_command_reports_what_the_format_does_not_hold(
     assert "not held" in capsys.readouterr().out
     assert exit_code("export-scene", tmp_path / "none", "--to", "glb", "--out", out) == 3
     assert exit_code("export-scene", home.folder, "--to", "obj") == 2
+
+
+@pytest.mark.check
+def test_the_image_of_a_sky_comes_back_from_a_package(home: Scene, tmp_path: Path) -> None:
+    pytest.importorskip("pxr")
+    folder = tmp_path / "turned"
+    shutil.copytree(home.folder, folder)
+    tree = ElementTree.parse(folder / "scene.xml")
+    (sky,) = [one for one in tree.getroot() if one.get("type") == "sunsky"]
+    turn = ElementTree.SubElement(sky, "transform", name="to_world")
+    ElementTree.SubElement(turn, "rotate", z="1", angle="20")
+    tree.write(folder / "scene.xml")
+    export_scene(folder, "usdz", tmp_path / "turned.usdz", panes=False)
+    back = import_scene(tmp_path / "turned.usdz", tmp_path / "back")
+    _assert_same(load_scene(folder), back)
+    assert ElementTree.parse(back.xml).find("emitter[@type='envmap']") is not None
 
 
 @pytest.mark.check

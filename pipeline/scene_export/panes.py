@@ -1,0 +1,48 @@
+"""Window panes as thin sheets of glass: scenes have portals in their place."""
+
+from __future__ import annotations
+
+import mapbox_earcut
+import numpy as np
+
+from pbrnet.pipeline.scene_export.content import Content, Piece
+from pbrnet.pipeline.scene_export.looks import Look
+from pbrnet.scenes.arrays import Float64Array, Int64Array
+from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.models.restored import PANE_PREFIX
+from pbrnet.scenes.models.stated import Statement
+
+_GLASS = Look(
+    base=(1.0, 1.0, 1.0),
+    roughness=0.0,
+    transmission=1.0,
+    ior=1.5,
+    two_sided=True,
+    stated=Statement("thindielectric"),
+)
+
+
+def add_panes(content: Content) -> None:
+    """Add a sheet of glass to `content` for each portal with panes."""
+    portals = {PANE_PREFIX + one.id: one for one in content.scene.portals if one.panes > 0}
+    if not portals:
+        return
+    number = len(content.materials)
+    content.materials.append(("window_pane", _GLASS, None))
+    for name, portal in portals.items():
+        mesh = _sheet(np.array(portal.polygon), np.array(portal.normal))
+        content.pieces[name] = Piece(name, mesh, number)
+    if any(portal.panes > 1 for portal in portals.values()):
+        content.lost.note("windows of several panes have one sheet of glass")
+    content.panes.update(portals)
+
+
+def _sheet(polygon: Float64Array, normal: Float64Array) -> Mesh:
+    """A planar polygon (N, 3) as triangles whose front is on the side of `normal` (3,)."""
+    flat = np.delete(polygon, int(np.argmax(np.abs(normal))), axis=1)
+    faces: Int64Array = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], np.uint32))
+    faces = faces.reshape(-1, 3).astype(np.int64)
+    a, b, c = (polygon[faces[:, corner]] for corner in range(3))
+    turned = np.cross(b - a, c - a) @ normal < 0
+    faces[turned] = faces[turned][:, ::-1]
+    return Mesh(polygon, faces)
