@@ -203,7 +203,8 @@ def _added_lamps(
     rng: Draw, plan: Plan, style: Style, standing: Sequence[Standing], first: int
 ) -> list[PlacedInRoom]:
     """Ceiling lamps in the middle of the rooms that have no lamp, above all that stands there."""
-    lit = {one.room.id for one in standing if any(part.lumens > 0 for part in one.piece.parts)}
+    lamps = (one for one in standing if one.category == "lamp")  # no screens, no candles
+    lit = {one.room.id for one in lamps if any(part.lumens > 0 for part in one.piece.parts)}
     made = []
     for number, room in enumerate(each for each in plan.rooms if each.id not in lit):
         kind = rng.pick(CEILING_LAMPS[room.type])

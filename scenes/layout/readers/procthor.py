@@ -38,6 +38,8 @@ _TYPES: dict[str, tuple[str, Point3]] = {
 _TYPE_OF_WORDS = {**{name.lower(): name for name in _TYPES}, **_TABLE["words"]}
 _HASH = re.compile(r"[0-9a-f]{32}")  # an asset of Objaverse, whose name tells nothing
 _WORDS = 12  # of a name that are looked at
+_LAMP: Point3 = (0.5, 0.5, 0.15)
+_USUAL_HEIGHT = 2.6  # metres, of rooms
 _UNKNOWN: Point3 = (0.4, 0.4, 0.4)
 _ON_FLOOR = 0.6, 1.7  # of the usual height: heights that twice the centre's may tell
 _BY_WALL = 0.4, 1.3  # of the usual size: distances to walls that tell a size
@@ -92,12 +94,14 @@ def read(content: Any, path: Path, assets: Path | None = None) -> Layout:
     if assets is None:
         objects = [_fitted(one, list(walls.values())) for one in objects]
     heights = [wall.height for wall in walls.values() if wall.height > 0]
+    height = float(np.median(heights)) if heights else _USUAL_HEIGHT
+    objects += _lamps(house["proceduralParameters"]["lights"], height)
     return Layout(
         name=path.stem,
         rooms=tuple(rooms),
         openings=tuple(_openings(house, walls, {room.id for room in rooms}, changes)),
         objects=tuple(_numbered(objects)),
-        height=float(np.median(heights)) if heights else 2.6,
+        height=height,
         wall=_WALL,
         changes=changes.sentences(),
     )
@@ -216,6 +220,16 @@ def _objects(
     )
     for child in node["children"].items():
         yield from _objects(child, sizes, changes, name, depth + 1)
+
+
+def _lamps(lights: Node, ceiling: float) -> Iterator[LayoutObject]:
+    """Ceiling lamps where a house has lights without a body, one in the middle of each room."""
+    for light in lights.items():
+        if light["type"].text("") == "point":
+            place = _place(light["position"])
+            yield LayoutObject(
+                light["id"].text(), "lamp", (*place, ceiling - 0.5 * _LAMP[2]), _LAMP, name="light"
+            )
 
 
 def _kind(asset: str, words: str, changes: Changes) -> tuple[str, Point3]:

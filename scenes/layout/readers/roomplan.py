@@ -203,8 +203,9 @@ def _objects(captures: Sequence[Node], floor_z: float, changes: Changes) -> Iter
     for box in boxes:
         label = box.node["category"].single_key()
         category = labelled_category("roomplan", label, changes)
-        for key, value in (box.node["attributes"].value or {}).items():
-            category = attribute_category(str(key), str(value)) or category
+        attributes = box.node["attributes"].value
+        for key, value in (attributes if isinstance(attributes, dict) else {}).items():
+            category = attribute_category(str(key)[:60], str(value)[:60]) or category
         if abs(box.axes[2, 1]) < _UPRIGHT:
             changes.note("objects that are not upright were set upright: {}", label)
         width, height, depth = (max(float(side), _THINNEST) for side in box.sides)

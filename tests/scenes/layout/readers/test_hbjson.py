@@ -7,65 +7,7 @@ import pytest
 
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.layout.readers import hbjson
-
-Corners = list[list[float]]
-
-
-def face(name: str, kind: str, corners: Corners, **more: Any) -> dict[str, Any]:
-    return {
-        "identifier": name,
-        "face_type": kind,
-        "geometry": {"type": "Face3D", "boundary": corners},
-        **more,
-    }
-
-
-def upright(x: float, y0: float, y1: float, z0: float, z1: float) -> Corners:
-    """A rectangle in the plane of x."""
-    return [[x, y0, z0], [x, y1, z0], [x, y1, z1], [x, y0, z1]]
-
-
-def room(name: str, x0: float, x1: float, z: float, story: str, **east: Any) -> dict[str, Any]:
-    """A room 3 m high from y = 0 to 4; `east` goes into its wall at x1."""
-    level = [[x0, 0, 0], [x1, 0, 0], [x1, 4, 0], [x0, 4, 0]]
-    floor, ceiling = ([[x, y, z + up] for x, y, _ in level] for up in (0, 3))
-    return {
-        "identifier": name.replace(" ", "_"),
-        "display_name": name,
-        "story": story,
-        "faces": [
-            face(f"{name}-floor", "Floor", floor),
-            face(f"{name}-ceiling", "RoofCeiling", ceiling),
-            face(f"{name}-east", "Wall", upright(x1, 0, 4, z, z + 3), **east),
-            face(f"{name}-west", "Wall", upright(x0, 0, 4, z, z + 3)),
-        ],
-    }
-
-
-def opening(name: str, corners: Corners, **more: Any) -> dict[str, Any]:
-    return {"identifier": name, "geometry": {"type": "Face3D", "boundary": corners}, **more}
-
-
-def model() -> dict[str, Any]:
-    """Two rooms on the ground that share a door, and one above."""
-    kitchen = room("Kitchen", 0, 5, 0, "Ground", doors=[
-        opening("door_a", upright(5, 1, 2, 0, 2.1))
-    ])  # fmt: skip
-    hall = room("Corridor", 5, 8, 0, "Ground", apertures=[
-        opening("window", upright(8, 1, 3, 0.9, 2.1))
-    ])  # fmt: skip
-    hall["faces"][3]["doors"] = [opening("door_b", upright(5, 2, 1, 0, 2.1))]
-    hall["faces"][1]["apertures"] = [
-        opening("skylight", [[6, 1, 3], [7, 1, 3], [7, 2, 3], [6, 2, 3]])
-    ]
-    above = room("Bedroom", 0, 5, 3.3, "First")
-    return {
-        "type": "Model",
-        "identifier": "house",
-        "units": "Meters",
-        "rooms": [kitchen, hall, above],
-        "orphaned_shades": [{}, {}],
-    }
+from tests.fixtures.layout_formats import model
 
 
 def test_the_storey_with_most_rooms_is_read() -> None:

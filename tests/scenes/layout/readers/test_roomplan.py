@@ -4,67 +4,12 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from shapely.geometry import Polygon
 
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.layout.readers import roomplan
-
-TURN = math.radians(30.0)  # of the whole capture about the vertical
-
-
-def transform(x: float, y: float, z: float, turn: float) -> list[float]:
-    """Numbers by column of a rotation about Y and a place, all turned by `TURN`."""
-
-    def about_y(angle: float) -> np.ndarray:
-        cos, sin = math.cos(angle), math.sin(angle)
-        return np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
-
-    matrix = np.eye(4)
-    matrix[:3, :3] = about_y(TURN + turn)
-    matrix[:3, 3] = about_y(TURN) @ [x, y, z]
-    return matrix.T.ravel().tolist()
-
-
-def surface(
-    kind: str, place: tuple[float, float, float], turn: float, *sides: float, **more: Any
-) -> dict[str, Any]:
-    return {
-        "category": {kind: {}},
-        "dimensions": [*sides, 0.0][:3],
-        "identifier": f"{kind}-{place}",
-        "transform": transform(*place, turn),
-        "story": 0,
-        **more,
-    }
-
-
-def capture() -> dict[str, Any]:
-    """A room of 4 by 3 m about the origin, its floor 1.2 m below; y is up, x to the right."""
-    quarter = math.pi / 2
-    return {
-        "version": 2,
-        "referenceOriginTransform": transform(0, 0, 0, 0),
-        "walls": [
-            surface("wall", (0, 0, -1.5), 0, 4, 2.4),
-            surface("wall", (0, 0, 1.5), 0, 4, 2.4),
-            surface("wall", (-2, 0, 0), quarter, 3, 2.4),
-            surface("wall", (2, 0, 0), quarter, 3, 2.4),
-        ],
-        "doors": [
-            surface("door", (-2, -0.2, 0), quarter, 0.9, 2.0, category={"door": {"isOpen": True}})
-        ],
-        "windows": [surface("window", (1, 0.3, 1.5), 0, 1.2, 1.0)],
-        "openings": [],
-        "objects": [
-            surface("sofa", (0, -0.8, -1.0), 0, 2, 0.8, 0.9),
-            surface("storage", (1.7, -0.2, 0), -quarter, 1.0, 2.0, 0.5,
-                    attributes={"StorageType": "shelf"}),
-            surface("hovercraft", (1, -1.0, 1), 0, 0.4, 0.4, 0.4),
-        ],
-        "sections": [{"label": "livingRoom", "center": [0.1, 0, 0.2], "story": 0}],
-    }  # fmt: skip
+from tests.fixtures.layout_formats import TURN, capture
 
 
 def turned_back(point: tuple[float, ...]) -> tuple[float, float]:

@@ -8,25 +8,7 @@ from shapely.geometry import Polygon
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.layout.layout import Layout
 from pbrnet.scenes.layout.readers import spatiallm
-
-# Two rooms, 4 by 3 m and 2 by 3 m; the second's walls end 5 cm before the first's
-HOME = """
-wall_0=Wall(0,0,1.5,4.0,0,1.5,2.5,0)
-wall_1=Wall(4.0,0,1.5,4.0,3,1.5,2.5,0)
-wall_2=Wall(4.0,3,1.5,0,3,1.5,2.5,0)
-wall_3=Wall(0,3,1.5,0,0,1.5,2.5,0)
-wall_4=Wall(4.05,0,1.5,6,0,1.5,2.5,0)
-wall_5=Wall(6,0,1.5,6,3,1.5,2.5,0)
-wall_6=Wall(6,3,1.5,4.05,3,1.5,2.5,0)
-door_0=Door(wall_1,4.02,1.5,2.5,0.9,2.0)
-door_1=Door(wall_5,6,2,2.5,0.8,2.0)
-window_0=Window(wall_0,2,0,2.9,1.2,1.0)
-bbox_0=Bbox(sofa,2,2.55,1.9,0,2.0,0.9,0.8)
-bbox_1=Bbox(dining_table,1,1,1.85,0,1.0,0.8,0.7)
-bbox_2=Bbox(dining_chair,1,0.3,1.95,0,0.5,0.5,0.9)
-bbox_3=Bbox(carpet,2,1.5,1.5,0,1.5,1.0,0)
-bbox_4=Bbox(wobble,5,1,1.75,0.7853981,0.5,0.5,0.5)
-"""
+from tests.fixtures.layout_formats import SPATIALLM
 
 
 def read(text: str) -> Layout:
@@ -34,8 +16,8 @@ def read(text: str) -> Layout:
 
 
 def test_rooms_are_what_walls_enclose() -> None:
-    assert spatiallm.recognises(HOME)
-    layout = read(HOME)
+    assert spatiallm.recognises(SPATIALLM)
+    layout = read(SPATIALLM)
     assert [sorted(room.polygon) for room in layout.rooms] == [
         sorted([(0, 0), (4, 0), (4, 3), (0, 3)]),
         sorted([(4, 0), (6, 0), (6, 3), (4, 3)]),
@@ -46,7 +28,7 @@ def test_rooms_are_what_walls_enclose() -> None:
 
 
 def test_openings_stand_above_the_floor() -> None:
-    inner, outer, window = read(HOME).openings
+    inner, outer, window = read(SPATIALLM).openings
     assert (inner.kind, outer.kind, window.kind) == ("door", "entrance", "window")
     assert (inner.start, inner.end) == ((4.0, pytest.approx(1.05)), (4.0, pytest.approx(1.95)))
     assert (inner.bottom, inner.top) == (0, 2)
@@ -54,7 +36,7 @@ def test_openings_stand_above_the_floor() -> None:
 
 
 def test_objects_have_their_backs_to_walls_and_chairs_face_tables() -> None:
-    layout = read(HOME)
+    layout = read(SPATIALLM)
     sofa, table, chair, rug, strange = layout.objects
     assert (sofa.category, sofa.yaw) == ("sofa", 0)  # front to -y, away from the wall at y = 3
     assert sofa.center == (2, 2.55, pytest.approx(0.4))
@@ -83,7 +65,7 @@ def test_objects_have_their_backs_to_walls_and_chairs_face_tables() -> None:
 )
 def test_lines_that_are_no_entity_are_refused(line: str, told: str) -> None:
     with pytest.raises(InputError, match=r"plan\.txt: line") as caught:
-        read(HOME + line)
+        read(SPATIALLM + line)
     assert told in str(caught.value)
 
 
@@ -101,6 +83,6 @@ def test_texts_without_a_plan_are_refused(text: str, told: str) -> None:
 
 
 def test_openings_of_missing_walls_are_named() -> None:
-    layout = read(HOME + "door_7=Door(wall_77,4,1.5,2.5,0.9,2.0)")
+    layout = read(SPATIALLM + "door_7=Door(wall_77,4,1.5,2.5,0.9,2.0)")
     assert len(layout.openings) == 3
     assert any("door_7" in change for change in layout.changes)
