@@ -10,6 +10,7 @@ from pbrnet.scenes.checked import shown
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.layout.building.walls import check_ring, counter_clockwise
 from pbrnet.scenes.layout.layout import MAX_PLACE, MAX_SIZE, Layout, LayoutObject
+from pbrnet.scenes.layout.storey import main_storey
 from pbrnet.scenes.looks import STYLES
 
 MOST_ROOMS = 200
@@ -21,7 +22,7 @@ _LOW, _HIGH = 1.8, 20.0  # metres, of rooms
 
 
 def check_layout(layout: Layout) -> Layout:
-    """Return a layout that can be built, its polygons counter-clockwise.
+    """Return a layout that can be built: one storey, polygons counter-clockwise, floors at 0.
 
     Raises `InputError` that begins with the key, such as "rooms[2].polygon".
     """
@@ -49,7 +50,7 @@ def check_layout(layout: Layout) -> Layout:
         _check_object(each, where)
         _check_known(f"{where}.room", each.room, names, "room")
         _check_known(f"{where}.on", each.on, carriers - {each.id}, "other object")
-    return counter_clockwise(layout)
+    return counter_clockwise(main_storey(layout))
 
 
 def _check_rooms(layout: Layout) -> None:

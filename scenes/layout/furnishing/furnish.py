@@ -11,7 +11,7 @@ import numpy as np
 from shapely.geometry import Point, Polygon
 
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.geometry.regions import deepest_point
+from pbrnet.scenes.geometry.regions import deepest_point, meets
 from pbrnet.scenes.importing.categories import CATEGORIES
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.layout.building.plan import printable
@@ -36,6 +36,7 @@ from pbrnet.scenes.seeds import Draw
 
 _BESIDE = 0.6  # metres from its room, within which an object still belongs to it
 _NEAR = 0.15  # metres from floor or ceiling to a box that stands or hangs there
+_WAY = 0.3  # metres before a door that are free
 _HEADROOM = 2.05  # metres below a hanging lamp
 
 
@@ -85,6 +86,7 @@ def furnish_layout(
         standing = Standing(piece, pose, room, piece.category, stated.on is not None)
         pieces.append(_Piece(stated, fit, standing))
     standing = _placed_clear(pieces, plan, changes)
+    _note_blocked(pieces, standing, plan, changes)
     placed = [
         _as_placed(number, each.fit.kind, one)
         for number, (each, one) in enumerate(zip(pieces, standing, strict=True))
@@ -189,6 +191,20 @@ def _placed_clear(pieces: Sequence[_Piece], plan: Plan, changes: Changes) -> lis
                 _named(each.stated),
             )
     return made
+
+
+def _note_blocked(
+    pieces: Sequence[_Piece], standing: Sequence[Standing], plan: Plan, changes: Changes
+) -> None:
+    """Name what stands right before a door or opening."""
+    ways = [
+        opening.edge.strip(0.1, opening.width - 0.1, _WAY, -opening.thickness - _WAY)
+        for opening in plan.openings
+        if opening.z0 <= 0
+    ]
+    for each, one in zip(pieces, standing, strict=True):
+        if one.on_floor and any(meets(one.footprint, way) for way in ways):
+            changes.note("stand in the way of a door: {}", _named(each.stated))
 
 
 def _as_placed(number: int, kind: str, one: Standing) -> PlacedInRoom:

@@ -203,7 +203,8 @@ def _line(
         if name not in rooms:
             raise InputError(f"{where}: {name!r} is the id of no room")
     if stated.between:
-        wall = shared_wall(*(rooms[name].polygon for name in stated.between))
+        first, second = stated.between
+        wall = shared_wall(rooms[first].polygon, rooms[second].polygon)
         problem = f"the rooms {named[0]!r} and {named[1]!r} share no wall"
     else:
         wall = _side(rooms[named[0]].polygon, stated.wall or "")
@@ -255,7 +256,8 @@ def _object(
         raise InputError(f"{where}.at: give [x, y], or [x, y, z] of the bottom of the box")
     if stated.on is not None and stated.on not in others:
         raise InputError(f"{where}.on: {stated.on[:60]!r} is the id of no object before it")
-    floor = rooms[stated.room].floor_z if stated.room in rooms else 0.0
+    room = None if stated.room is None else rooms.get(stated.room)
+    floor = 0.0 if room is None else room.floor_z
     bottom = floor + _USUAL.bottoms.get(stated.category, 0.0)
     if stated.on is not None:
         carrier = others[stated.on]

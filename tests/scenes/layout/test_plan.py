@@ -9,7 +9,7 @@ from shapely.geometry import Polygon
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.layout.building.walls import straightened
-from tests.fixtures.layouts import FLAT, changed, planned
+from tests.fixtures.layouts import FLAT, changed, checked, planned
 
 TWO = [{"id": "a", "rectangle": [0, 0, 4, 3]}, {"id": "b", "rectangle": [4, 0, 7, 3]}]
 
@@ -119,3 +119,24 @@ def test_names_that_are_no_file_names_are_replaced() -> None:
 def test_corners_on_a_straight_wall_go() -> None:
     ring = np.array([[0, 0], [1, 0], [2, 0], [2, 2], [2, 2], [0, 2]], dtype=float)
     assert straightened(ring).tolist() == [[0, 0], [2, 0], [2, 2], [0, 2]]
+
+
+def test_one_storey_is_built_with_its_floor_at_zero() -> None:
+    rooms = [
+        TWO[0] | {"floor_z": 3.0},
+        TWO[1] | {"floor_z": 3.1},
+        {"id": "up", "rectangle": [0, 0, 3, 3], "floor_z": 6.0},
+    ]
+    objects = [
+        {"category": "chair", "room": "a", "at": [1, 1]},
+        {"category": "stool", "room": "up", "at": [1, 1]},
+        {"category": "bin", "at": [1, 2, 3.0]},
+    ]
+    content = changed(rooms=rooms, openings=[], objects=objects, strict=False)
+    layout = checked(content)
+    assert [(room.id, room.floor_z) for room in layout.rooms] == [("a", 0), ("b", 0)]
+    heights = {each.category: each.center[2] - 0.5 * each.size[2] for each in layout.objects}
+    assert heights == {"chair": pytest.approx(0), "bin": pytest.approx(0)}
+    assert len(layout.changes) == 2
+    with pytest.raises(InputError, match=r"rooms\[2\].floor_z: on another level"):
+        checked(content | {"strict": True})
