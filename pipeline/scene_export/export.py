@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,8 @@ from pbrnet.pipeline.scene_export.archive import write_archive
 from pbrnet.pipeline.scene_export.content import Content, read_content
 from pbrnet.pipeline.scene_export.glb import glb_bytes
 from pbrnet.pipeline.scene_export.joints import add_joints
-from pbrnet.pipeline.scene_export.outdoors import SKY, Outdoors, outdoors_of, save_sky
+from pbrnet.pipeline.scene_export.light_variants import light_variants
+from pbrnet.pipeline.scene_export.outdoors import SKY, Lit, Outdoors, outdoors_of, save_sky
 from pbrnet.pipeline.scene_export.panes import add_panes
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import ParameterError
@@ -72,6 +73,7 @@ def export_scene(
     if name != "glb":
         optional("pxr", "usd")
     content = read_content(folder, cameras)
+    variants = [] if name == "glb" else light_variants(content)
     add_joints(content)
     if panes:
         add_panes(content)
@@ -82,7 +84,12 @@ def export_scene(
     if outdoors is not None and outdoors.stated["kind"] == "image":
         beside = {"glb": sky.name, "usd": f"{out.stem}-textures/{SKY}", "usdz": f"textures/{SKY}"}
         outdoors.stated["file"] = beside[name]
-    files = _WRITERS[name](content, outdoors, out)
+    if name == "glb":
+        files = _write_glb(content, outdoors, out)
+    else:
+        lit = [(one, outdoors_of(one)) for one in variants]
+        write = _write_usd if name == "usd" else _write_usdz
+        files = write((content, outdoors), out, lit)
     lost = (*_ALWAYS, *content.lost.sentences())
     notes = out.with_name(f"{out.stem}.json")
     write_json(notes, {"scene": content.scene.scene_id, "format": name, "not held": list(lost)})
@@ -105,26 +112,19 @@ def _write_glb(content: Content, outdoors: Outdoors | None, out: Path) -> tuple[
     return (out, sky)
 
 
-def _write_usd(content: Content, outdoors: Outdoors | None, out: Path) -> tuple[Path, ...]:
+def _write_usd(lit: Lit, out: Path, variants: Sequence[Lit]) -> tuple[Path, ...]:
     usd = optional("pbrnet.pipeline.scene_export.usd", "usd")
     textures = out.with_name(f"{out.stem}-textures")
     with temporary_folder() as work, atomic_file(out) as partial:
         stage = work / "stage.usdc"
         with atomic_directory(textures) as folder:
-            usd.write_usd(content, outdoors, stage, folder, textures.name)
+            usd.write_usd(lit, stage, folder, textures.name, variants)
         partial.write_bytes(stage.read_bytes())
     return (out, textures)
 
 
-def _write_usdz(content: Content, outdoors: Outdoors | None, out: Path) -> tuple[Path, ...]:
+def _write_usdz(lit: Lit, out: Path, variants: Sequence[Lit]) -> tuple[Path, ...]:
     usd = optional("pbrnet.pipeline.scene_export.usd", "usd")
     with temporary_folder() as work, atomic_file(out) as partial:
-        usd.write_usdz(content, outdoors, partial, work)
+        usd.write_usdz(lit, partial, work, variants)
     return (out,)
-
-
-_WRITERS: dict[str, Callable[[Content, Outdoors | None, Path], tuple[Path, ...]]] = {
-    "glb": _write_glb,
-    "usd": _write_usd,
-    "usdz": _write_usdz,
-}

@@ -44,6 +44,9 @@ class Outdoors:
     stated: dict[str, Any]
 
 
+Lit = tuple[Content, Outdoors | None]  # a scene with its sky and sun
+
+
 def outdoors_of(content: Content) -> Outdoors | None:
     """Return sky and sun of a scene; None for a scene without any."""
     if not content.environments:

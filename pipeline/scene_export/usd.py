@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +27,9 @@ from pbrnet.pipeline.scene_export.description import (
     looking,
     pane_labels,
 )
+from pbrnet.pipeline.scene_export.light_variants import differing
 from pbrnet.pipeline.scene_export.looks import Glow, Look, Picture
-from pbrnet.pipeline.scene_export.outdoors import SKY, Outdoors, save_sky
+from pbrnet.pipeline.scene_export.outdoors import SKY, Lit, Outdoors, save_sky
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import SceneObject
@@ -44,25 +46,26 @@ _WRAPS = {"clamp": "clamp", "mirror": "mirror"}
 
 
 def write_usd(
-    content: Content, outdoors: Outdoors | None, stage: Path, textures: Path, prefix: str
+    lit: Lit, stage: Path, textures: Path, prefix: str, variants: Sequence[Lit] = ()
 ) -> None:
     """Write the crate file `stage`, its images to the folder `textures`, named `prefix`/NAME.
 
-    What USD cannot say is noted in `content.lost`.
+    `variants` are scenes that differ in light, see `light_variants`: variants of the root. What
+    USD cannot say is noted in the `lost` of the scene.
     """
     textures.mkdir(exist_ok=True)
     made = Usd.Stage.CreateNew(str(stage))
     try:
-        _Writer(content, outdoors, made, textures, prefix).write()
+        _Writer(*lit, made, textures, prefix).write(variants)
         made.GetRootLayer().Save()
     except Tf.ErrorException as error:
         raise MachineError(f"{stage}: OpenUSD could not write it ({error})") from None
 
 
-def write_usdz(content: Content, outdoors: Outdoors | None, target: Path, work: Path) -> None:
+def write_usdz(lit: Lit, target: Path, work: Path, variants: Sequence[Lit] = ()) -> None:
     """Write the package `target`; `work` is an empty folder for its parts."""
-    stage = work / f"{content.scene.scene_id}.usdc"
-    write_usd(content, outdoors, stage, work / "textures", "textures")
+    stage = work / f"{lit[0].scene.scene_id}.usdc"
+    write_usd(lit, stage, work / "textures", "textures", variants)
     packed = work / "packed.usdz"
     if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(stage)), str(packed)):
         raise MachineError(f"{target}: OpenUSD could not write the package")
@@ -76,11 +79,12 @@ class _Writer:
     stage: Any
     textures: Path
     prefix: str
+    sky: str = SKY  # name of its image
     _names: dict[str, dict[str, int]] = field(default_factory=dict)
-    _materials: list[Any] = field(default_factory=list)
+    _materials: dict[int, Any] = field(default_factory=dict)  # made when a shape has them
     _files: dict[Any, str] = field(default_factory=dict)
 
-    def write(self) -> None:
+    def write(self, variants: Sequence[Lit]) -> None:
         UsdGeom.SetStageUpAxis(self.stage, UsdGeom.Tokens.z)
         UsdGeom.SetStageMetersPerUnit(self.stage, 1.0)
         world = UsdGeom.Xform.Define(self.stage, "/World").GetPrim()
@@ -90,17 +94,41 @@ class _Writer:
         self.stage.GetRootLayer().customLayerData = {"pbrnet": text}
         for group in ("Materials", "Objects", "Lights", "Cameras"):
             UsdGeom.Scope.Define(self.stage, f"/World/{group}")
-        for name, look, glow in self.content.materials:
-            self._materials.append(self._material(name, look, glow))
+        varied = differing(self.content, [content for content, _ in variants])
         for thing in self.content.scene.objects:
-            self._object(thing)
+            if thing.id not in varied:
+                self._object(thing)
         for piece in self.content.unowned():
             self._shape(piece, "/World/Objects", np.zeros(3))
+        for eye in self.content.eyes:
+            self._camera(eye)
+        if variants:
+            self._variants(world, variants, varied)
+        else:
+            self._lights()
+
+    def _variants(self, world: Any, variants: Sequence[Lit], varied: set[str]) -> None:
+        """A variant of the root for each light, with the objects that differ; the last is shown."""
+        choice = world.GetVariantSets().AddVariantSet("light")
+        for content, outdoors in (*variants, (self.content, self.outdoors)):
+            # Images are shared; names of prims are those of this writer.
+            names = {key: dict(taken) if key else taken for key, taken in self._names.items()}
+            each = replace(self, content=content, outdoors=outdoors, _names=names, _materials={})
+            light = Tf.MakeValidIdentifier(content.scene.lighting)
+            if content is not self.content:
+                each.sky = f"{light}-{SKY}"
+            choice.AddVariant(light)
+            choice.SetVariantSelection(light)
+            with choice.GetVariantEditContext():
+                for thing in content.scene.objects:
+                    if thing.id in varied:
+                        each._object(thing)
+                each._lights()
+
+    def _lights(self) -> None:
         for lamp in self.content.lamps:
             self._lamp(lamp)
         self._sky()
-        for eye in self.content.eyes:
-            self._camera(eye)
 
     def _path(self, parent: str, name: str) -> str:
         taken = self._names.setdefault(parent, {})
@@ -171,6 +199,9 @@ class _Writer:
             table.Set(Vt.Vec2fArray.FromNumpy(_vectors(mesh.uvs * [1, -1] + [0, 1])))
         made.CreateDoubleSidedAttr(self.content.materials[piece.material][1].two_sided)
         binding = UsdShade.MaterialBindingAPI.Apply(made.GetPrim())
+        if piece.material not in self._materials:
+            made_of = self._material(*self.content.materials[piece.material])
+            self._materials[piece.material] = made_of
         binding.Bind(self._materials[piece.material])
 
     # Materials
@@ -325,9 +356,9 @@ class _Writer:
             sun = Lamp("directional", SUN, self.outdoors.illuminance, np.zeros(3),
                        self.outdoors.direction)  # fmt: skip
             self._lamp(sun)
-        save_sky(self.textures / SKY, self.outdoors.sky)
+        save_sky(self.textures / self.sky, self.outdoors.sky)
         dome = UsdLux.DomeLight.Define(self.stage, self._path("/World/Lights", "sky"))
-        dome.CreateTextureFileAttr(Sdf.AssetPath(f"./{self.prefix}/{SKY}"))
+        dome.CreateTextureFileAttr(Sdf.AssetPath(f"./{self.prefix}/{self.sky}"))
         dome.CreateTextureFormatAttr("latlong")
         dome.CreateIntensityAttr(1.0)
         _place(dome, _SKY_POSE)

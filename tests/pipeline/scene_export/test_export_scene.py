@@ -220,6 +220,36 @@ def test_usd_is_in_metres_with_labels_and_lights(home: Scene, tmp_path: Path) ->
         assert file is None or (path.parent / file.path).is_file()
 
 
+def test_light_is_a_variant_of_the_root(home: Scene, tmp_path: Path) -> None:
+    usd = pytest.importorskip("pxr.Usd")
+    for name in ("home", "home-v1"):
+        shutil.copytree(home.folder, tmp_path / name)
+    night = tmp_path / "home-v1"
+    record = json.loads((night / "scene.json").read_text())
+    (night / "scene.json").write_text(json.dumps({**record, "lighting": "night"}))
+    lamp = next(thing for thing in home.objects if thing.category == "lamp")
+    tree = ElementTree.parse(night / "scene.xml")
+    for element in list(tree.getroot()):
+        if element.get("type") == "sunsky":
+            tree.getroot().remove(element)
+        elif element.get("id") == lamp.shapes[0]:
+            ElementTree.SubElement(element, "emitter", type="area")
+    tree.write(night / "scene.xml")
+    export_scene(tmp_path / "home", "usd", tmp_path / "home.usdc")
+    stage = usd.Stage.Open(str(tmp_path / "home.usdc"))
+    variants = stage.GetDefaultPrim().GetVariantSets().GetVariantSet("light")
+    assert variants.GetVariantNames() == ["day", "night"]
+    assert variants.GetVariantSelection() == "day"
+    shining = {}
+    for name in ("night", "day"):
+        variants.SetVariantSelection(name)
+        shining[name] = [prim for prim in stage.Traverse() if prim.GetAttribute(
+            "inputs:emissiveColor").HasAuthoredValue()]  # fmt: skip
+        assert stage.GetPrimAtPath("/World/Lights/sun").IsValid() == (name == "day")
+        assert len(stage.GetPrimAtPath("/World/Objects").GetChildren()) >= len(home.objects)
+    assert (len(shining["day"]), len(shining["night"])) == (0, 1)
+
+
 def test_an_archive_comes_back_byte_by_byte(home: Scene, tmp_path: Path) -> None:
     for name in ("one", "two"):
         export_scene(home.folder, "mitsuba", tmp_path / f"{name}.zip")

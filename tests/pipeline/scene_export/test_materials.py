@@ -110,5 +110,5 @@ def test_materials_reflect_as_before_through_usd(tmp_path: Path) -> None:
 
     path = tmp_path / "materials.usdz"
     (tmp_path / "work").mkdir()
-    write_usdz(_content(), None, path, tmp_path / "work")
+    write_usdz((_content(), None), path, tmp_path / "work")
     _assert_reflect_as_before(_read(reader, path))
