@@ -15,6 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from pbrnet.scenes.contract import Point2
+from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.regions import (
     buffered,
     largest_part,
@@ -26,6 +27,7 @@ from pbrnet.scenes.geometry.regions import (
 MAX_GAP = 0.5  # metres between ends of walls that are closed
 _GAPS = (0.02, 0.06, 0.12, 0.2, 0.32, MAX_GAP)
 _ENOUGH = 0.97  # of the area that the widest gap encloses
+_MOST_WALLS = 600
 _NARROWEST = 0.6  # metres; what is narrower is the inside of a wall
 _SPIKE = 0.25  # metres
 _STRAIGHT = 0.02  # metres that a corner may move
@@ -38,8 +40,13 @@ def enclosed_rooms(walls: Sequence[Segment]) -> tuple[list[Polygon], float]:
     """Return the rooms between walls, counter-clockwise, and the gap between walls closed for it.
 
     Walls are lines, metres. Rooms are sorted by place; a room around another one keeps no hole.
-    Of the gaps tried, up to `MAX_GAP`, the smallest that encloses nearly all area is taken.
+    Of the gaps tried, up to `MAX_GAP`, the smallest that encloses nearly all area is taken. Raises
+    `InputError` for more than 600 walls, whose crossings would take minutes.
     """
+    if len(walls) > _MOST_WALLS:
+        raise InputError(
+            f"{len(walls):,} walls and edges of floors; at most {_MOST_WALLS} are read"
+        )
     lines = [LineString(wall) for wall in walls if wall[0] != wall[1]]
     tried = [(_rooms(lines, 0.5 * gap), gap) for gap in _GAPS] if lines else []
     most = max((sum(room.area for room in rooms) for rooms, _ in tried), default=0.0)

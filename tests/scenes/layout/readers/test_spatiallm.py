@@ -74,6 +74,7 @@ def test_lines_that_are_no_entity_are_refused(line: str, told: str) -> None:
     [
         ("wall_0=Wall(0,0,0,4,0,0,2.5,0)\nwall_1=Wall(4,0,0,4,4,0,2.5,0)", "enclose no room"),
         ("bbox_0=Bbox(sofa,2,2.5,1.9,0,2,0.9,0.8)", "no line of a wall"),
+        ("\n".join(f"wall_{n}=Wall(0.5,{n},0,9,0,0,2.5,0)" for n in range(601)), "at most 600"),
         ("wall_0=Wall(2,2,2,132,2,2,136,0)", "bins of the model's own output"),
     ],
 )
