@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -41,7 +42,9 @@ def finish_of(surface: Surface, changes: Changes) -> SurfaceFinish | None:
     metallic = _named(element, "metallic")
     is_metal = "conductor" in element.get("type", "")
     is_metal |= metallic is not None and _float(metallic) > 0.5
-    kind = "metal" if is_metal else "gloss" if roughness < _GLOSSY else "matt"
+    kind: Literal["matt", "gloss", "metal"] = "gloss" if roughness < _GLOSSY else "matt"
+    if is_metal:
+        kind = "metal"
     return SurfaceFinish(kind, color, image, round(roughness, 4))
 
 

@@ -19,7 +19,7 @@ from pbrnet.scenes.checked import shown
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.regions import union, valid
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.layout.layout import Layout, LayoutOpening, LayoutRoom
+from pbrnet.scenes.layout.layout import Layout, LayoutOpening, LayoutRoom, OpeningKind
 from pbrnet.scenes.layout.readers.enclosed import outline, rooms_beside, tidied
 from pbrnet.scenes.layout.readers.labels import labelled_room, plain_label
 from pbrnet.scenes.layout.readers.node import Node
@@ -233,14 +233,16 @@ def _opening(
     outside = len(rooms_beside(plans, start, end)) < 2
     if kind == "window" and not outside:
         changes.note("windows between rooms became openings: {}", name)
-    told = {
+    told: dict[str, OpeningKind] = {
         "window": "window" if outside else "opening",
         "glazed": "window" if outside else "door",
         "door": "entrance" if outside else "door",
         "opening": "opening",
-    }[kind]
+    }
     bottom = max(low - space.floor, 0.0)
-    return LayoutOpening(name, told, start, end, bottom, max(high - space.floor, bottom + 0.1))
+    return LayoutOpening(
+        name, told[kind], start, end, bottom, max(high - space.floor, bottom + 0.1)
+    )
 
 
 def _ends(points: Float64Array) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -25,7 +25,13 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import data_beside, read_json
 from pbrnet.scenes.importing.categories import category_of
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.layout.layout import Layout, LayoutObject, LayoutOpening, LayoutRoom
+from pbrnet.scenes.layout.layout import (
+    Layout,
+    LayoutObject,
+    LayoutOpening,
+    LayoutRoom,
+    OpeningKind,
+)
 from pbrnet.scenes.layout.readers.enclosed import outline
 from pbrnet.scenes.layout.readers.labels import labelled_room, plain_label
 from pbrnet.scenes.layout.readers.node import Node
@@ -178,12 +184,10 @@ def _opening(node: Node, kind: str, name: str, wall: _Wall, rooms: set[str]) -> 
     up = [corner["y"].number() for corner in hole]
     start, end = (wall.start + place * wall.along for place in (min(across), max(across)))
     beside = {_room_id(node[key]) for key in ("room0", "room1") if node[key]} & rooms
-    if kind == "windows":
-        told = "window"
-    elif len(beside) < 2:
-        told = "entrance"
-    else:
-        told = "archway" if node["assetId"].text("").startswith("Doorframe") else "door"
+    told: OpeningKind = "window"
+    if kind == "doors":
+        bare = node["assetId"].text("").startswith("Doorframe")
+        told = "entrance" if len(beside) < 2 else "archway" if bare else "door"
     return LayoutOpening(
         name,
         told,

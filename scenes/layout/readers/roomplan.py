@@ -21,7 +21,13 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Point2
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.layout.layout import Layout, LayoutObject, LayoutOpening, LayoutRoom
+from pbrnet.scenes.layout.layout import (
+    Layout,
+    LayoutObject,
+    LayoutOpening,
+    LayoutRoom,
+    OpeningKind,
+)
 from pbrnet.scenes.layout.readers.enclosed import (
     MAX_GAP,
     Segment,
@@ -179,11 +185,9 @@ def _openings(
             outside = len(rooms_beside(polygons, start, end)) < 2
             bottom = max(one.low - floor_z, 0.0)
             top = max(one.low + float(one.sides[1]) - floor_z, bottom + 0.1)
-            told = {
-                "doors": "entrance" if outside else "door",
-                "windows": "window",
-                "openings": "opening",
-            }[kind]
+            told: OpeningKind = "window" if kind == "windows" else "opening"
+            if kind == "doors":
+                told = "entrance" if outside else "door"
             if kind != "windows" and bottom < _THRESHOLD:
                 bottom = 0.0
             degrees = _opened(one.node["category"]) if kind == "doors" else None

@@ -20,7 +20,13 @@ from pbrnet.scenes.checked import shown
 from pbrnet.scenes.contract import Point2
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.changes import Changes
-from pbrnet.scenes.layout.layout import Layout, LayoutObject, LayoutOpening, LayoutRoom
+from pbrnet.scenes.layout.layout import (
+    Layout,
+    LayoutObject,
+    LayoutOpening,
+    LayoutRoom,
+    OpeningKind,
+)
 from pbrnet.scenes.layout.readers.enclosed import (
     MAX_GAP,
     enclosed_rooms,
@@ -183,7 +189,9 @@ def _openings(
             changes.note("openings of no size were left out: {}", _name(one))
             continue
         outside = len(rooms_beside(rooms, *ends)) < 2
-        kind = "window" if one.kind == "window" else "entrance" if outside else "door"
+        kind: OpeningKind = "entrance" if outside else "door"
+        if one.kind == "window":
+            kind = "window"
         made.append(LayoutOpening(_name(one), kind, *ends, bottom, top))
     return made
 
