@@ -6,7 +6,8 @@ README.md and docs/results.md comes from
 (`pbrnet study all --docs docs`), those of the time budgets from `docs/data/budgets.json`, which
 `make bench ONLY=budgets` writes, those in docs/benchmark.md and docs/cluster.md from
 `docs/data/benchmark.json` and `docs/data/plan.json`, which `make records` writes, that in
-docs/scenes.md from `docs/data/realism.json`, figures that `pbrnet inspect --realism` printed. With
+docs/scenes.md from `docs/data/realism.json`, figures that `pbrnet inspect --realism` printed, that
+in docs/photographs.md from `metrics/photographs.json`. With
 `--check` nothing is written, and the exit code is 1 if a file is not up to date.
 
 After a quick start, `--quick-start SECONDS` records its figures: the seconds that `make repro`
@@ -22,7 +23,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from study_tables import clay_budget_table, clay_budget_words, study_tables
+from study_tables import clay_budget_table, clay_budget_words, photographs_table, study_tables
 
 from pbrnet.model.benchmark.pictures import Task
 from pbrnet.model.benchmark.score import METRICS as METRICS_OF_TASK
@@ -145,6 +146,15 @@ def realism_table(found: dict[str, Any]) -> str:
     return f"{about}\n\n{_table(rows)}\n\nPixels by NYU40 class: {classes}."
 
 
+def photographs_part(found: dict[str, Any]) -> str:
+    """Sentence and table of the study of photographs."""
+    return (
+        f"{found['pictures']} photographs of {found['runs']} runs, true normals in "
+        f"{found['normal_coverage']:.0%} of their pixels; {found['steps']} steps of "
+        f"{found['batch']} crops, seed {found['seed']}:\n\n{_table(photographs_table(found))}"
+    )
+
+
 def plan_table(found: dict[str, Any]) -> str:
     """Table of the forecast of a large release, by stage."""
     rows = [["stage", "core-hours", "core-seconds per view"]]
@@ -247,6 +257,9 @@ def main() -> int:
     page = ROOT / "docs" / "scenes.md"
     realism = realism_table(json.loads(REALISM.read_text()))
     wanted[page] = filled(page, {"realism": realism}).encode()
+    page = ROOT / "docs" / "photographs.md"
+    photographs = json.loads((ROOT / "metrics" / "photographs.json").read_text())
+    wanted[page] = filled(page, {"photographs": photographs_part(photographs)}).encode()
     stale = [
         path for path, data in wanted.items() if not path.is_file() or path.read_bytes() != data
     ]

@@ -12,6 +12,7 @@ from typing import Any
 
 from pbrnet.model.figures.estimates import with_interval
 from pbrnet.model.studies.illumination.results import CHANGES
+from pbrnet.model.studies.photographs.results import HEADINGS, digits
 from pbrnet.model.studies.time.results import PARTS, RENDERERS
 from pbrnet.model.studies.trials.words import COMPARISONS
 from pbrnet.model.titles import METHOD_TITLES
@@ -46,6 +47,21 @@ def study_tables(folder: Path) -> dict[str, Rows]:
     if moves:
         tables["study-flicker"] = flicker_table(moves)
     return tables
+
+
+def photographs_table(found: dict[str, Any]) -> Rows:
+    """Rows of the study of photographs, with intervals over runs of photographs."""
+    rows = [["trained on", "pictures", "trainings", *HEADINGS.values()]]
+    for name in found["order"]:
+        row = found["rows"][name]
+        cells = [
+            "–"
+            if (one := row[measure]) is None
+            else with_interval(one["mean"], one["low"], one["high"], digits(measure))
+            for measure in HEADINGS
+        ]
+        rows.append([name, str(row["views"]), str(row["seeds"]), *cells])
+    return rows
 
 
 def trials_table(found: dict[str, Any]) -> Rows:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbrnet.model.studies.photographs.samples import Sample
-from pbrnet.scenes.arrays import AnyArray, Float32Array, Float64Array, UInt8Array
+from pbrnet.scenes.arrays import AnyArray, Float32Array, Float64Array, FloatingArray, UInt8Array
 
 DEPTHS = ("absrel", "delta1")
 ALIGNED = ("", "_scaled", "_affine")
@@ -31,7 +31,7 @@ class Prediction:
     """Predictions for a picture: z-depth in metres (H, W), unit normals (H, W, 3), classes."""
 
     depth: Float32Array
-    normal: Float32Array
+    normal: FloatingArray
     label40: UInt8Array
     label13: UInt8Array
 
@@ -56,7 +56,7 @@ def measured(sample: Sample, found: Prediction) -> dict[str, float]:
         values |= {name: (angles < most).mean() for name, most in _ANGLES.items()}
     floor = there & (sample.label13 == _FLOOR)
     if floor.sum() >= _FLOOR_PIXELS:
-        up = [normal[floor].mean(0)[None] for normal in (sample.normal, found.normal)]
+        up = [normal[floor].astype(float).mean(0)[None] for normal in (sample.normal, found.normal)]
         values["floor_angle"] = angle(*up)[0]
     return {name: float(value) for name, value in values.items()}
 
@@ -86,6 +86,7 @@ def affine(truth: Float64Array, depth: Float64Array) -> Float64Array:
 
 def angle(one: AnyArray, other: AnyArray) -> Float64Array:
     """Angles between vectors (N, 3), degrees."""
+    one, other = one.astype(np.float64), other.astype(np.float64)
     lengths = np.linalg.norm(one, axis=-1) * np.linalg.norm(other, axis=-1)
     cosine = (one * other).sum(-1) / np.maximum(lengths, 1e-12)
-    return np.degrees(np.arccos(np.clip(cosine, -1, 1))).astype(np.float64)
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1)))

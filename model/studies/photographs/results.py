@@ -94,6 +94,11 @@ class PhotographsResult:
     order: tuple[str, ...]  # names of the rows as asked for
     rows: dict[str, RowResult]
 
+    def verify(self, where: str) -> None:
+        """Check the order of the rows; raises ValueError."""
+        if not self.order or sorted(self.order) != sorted(self.rows):
+            raise ValueError(f"{where}: order does not list the rows")
+
 
 def lines(result: PhotographsResult) -> list[str]:
     """Return the table of the results, a line each."""
@@ -189,7 +194,7 @@ def report_section(records: Records) -> Section | None:
         "Photographs",
         result=result,
         headings=list(HEADINGS.values()),
-        rows=[_shown(name, result.rows[name]) for name in result.order if name in result.rows],
+        rows=[_shown(name, result.rows[name]) for name in result.order],
         charts=[inline_svg(figure) for figure in figures(result)],
     )
 

@@ -15,6 +15,7 @@ from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import digest_bytes, read_text
 
 _MOST = 1000  # rows
+_USUAL = ("data", "dataset")  # names of folders that say nothing
 _SET = re.compile(r"(?P<path>.*?)(@(?P<views>[1-9]\d{0,8}))?")
 
 
@@ -24,6 +25,13 @@ class Source:
 
     path: Path
     views: int | None
+
+    @property
+    def name(self) -> str:
+        """Name for results: the last parts of the path that tell it from other data folders."""
+        parts = self.path.parts
+        names = next((n for n, part in enumerate(parts[::-1]) if part not in _USUAL), 0)
+        return "/".join(parts[-1 - names :])
 
 
 @dataclass(frozen=True)

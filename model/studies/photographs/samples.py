@@ -18,10 +18,18 @@ from pbrnet.model.studies.photographs.sets.contract import (
     Key,
     Photograph,
     PhotographSet,
+    rays_of,
 )
 from pbrnet.pipeline.photograph import varied_photograph
 from pbrnet.pipeline.progress import Progress
-from pbrnet.scenes.arrays import AnyArray, BoolArray, Float32Array, Float64Array, UInt8Array
+from pbrnet.scenes.arrays import (
+    AnyArray,
+    BoolArray,
+    Float32Array,
+    Float64Array,
+    FloatingArray,
+    UInt8Array,
+)
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.seeds import Draw, derive
 
@@ -37,13 +45,14 @@ _SIDES = (32, 1024)  # pixels after resampling
 class Sample:
     """A picture at the common focal length: fields as of `Photograph`, `rays` (H, W, 2).
 
+    Normals are half floats, which thousands of pictures fit into memory with.
     Of labels, `label40` is None or known; `label13` always is an image, 0 where unknown.
     """
 
     key: Key
     image: AnyArray
     depth: Float32Array
-    normal: Float32Array
+    normal: FloatingArray
     label13: UInt8Array
     label40: UInt8Array
     rays: Float32Array
@@ -86,10 +95,10 @@ def resampled(photo: Photograph) -> Sample:
         key=photo.key,
         image=_averaged(photo.image, w, h),
         depth=photo.depth[nearest],
-        normal=normal[nearest],
+        normal=normal[nearest].astype(np.float16),
         label13=none if labels is None else labels[nearest],
         label40=none if photo.label40 is None else photo.label40[nearest],
-        rays=own.rays(w, h),
+        rays=rays_of(own, w, h),
     )
 
 
@@ -100,7 +109,7 @@ def plane_normals(photo: Photograph) -> Float32Array:
     depth and one known label (where the set has labels), and lies within `RESIDUAL` of the plane.
     """
     depth, camera = photo.depth, photo.intrinsics
-    rays = camera.rays(*depth.shape[::-1]).astype(np.float64)
+    rays = rays_of(camera, *depth.shape[::-1]).astype(np.float64)
     side = max(3, 2 * round(WINDOW * camera.fx / 2) + 1)
     there = depth > 0
     inverse = np.where(there, 1 / np.where(there, depth, 1), 0).astype(np.float64)
@@ -126,7 +135,7 @@ def plane_normals(photo: Photograph) -> Float32Array:
 
 def mirrored(sample: Sample) -> Sample:
     """Return a sample mirrored left to right."""
-    turn = np.array([-1, 1, 1], np.float32)
+    turn = np.array([-1, 1, 1], np.float16)
     return Sample(
         key=sample.key,
         image=sample.image[:, ::-1],
@@ -134,7 +143,7 @@ def mirrored(sample: Sample) -> Sample:
         normal=sample.normal[:, ::-1] * turn,
         label13=sample.label13[:, ::-1],
         label40=sample.label40[:, ::-1],
-        rays=sample.rays[:, ::-1] * turn[:2],
+        rays=sample.rays[:, ::-1] * turn[:2].astype(np.float32),
     )
 
 

@@ -22,15 +22,19 @@ _SIDES = ("truth", "prediction")
 
 
 def sheet(samples: Sequence[Sample], predictions: Sequence[Prediction]) -> bytes:
-    """Draw depth, normals and classes of pictures as PNG, a picture a row."""
+    """Draw depth, normals and classes of pictures as PNG, a picture a row.
+
+    Predicted depth is multiplied by the ratio of medians, so that its shape shows.
+    """
     pictures: list[Picture] = []
     labels: list[str] = []
     for sample, found in zip(samples, predictions, strict=True):
         known = sample.depth > 0
         depths = sample.depth[known] if known.any() else np.array([1.0, 8.0])
         limits = np.log(np.quantile(depths, [0.01, 0.99])).tolist()
+        scaled = found.depth * (np.median(depths) / np.median(found.depth))
         pictures.append(display(sample))
-        pictures += [_depth(depth, limits) for depth in (sample.depth, found.depth)]
+        pictures += [_depth(depth, limits) for depth in (sample.depth, scaled)]
         pictures += [normal_picture(normal) for normal in (sample.normal, found.normal)]
         pictures += [label_picture(one.label13.astype(np.int32)) for one in (sample, found)]
         labels.append(sample.key.name)

@@ -98,7 +98,7 @@ def summary(
     for one in tested:
         other = references[0] if references and references[0] is not one else None
         rows[one.row.name] = RowResult(
-            stages=tuple(tuple(source.path.name for source in stage) for stage in one.row.stages),
+            stages=tuple(tuple(source.name for source in stage) for stage in one.row.stages),
             views=one.pictures,
             seeds=len(one.scores),
             varied=one.row.varied,

@@ -105,7 +105,7 @@ def _loss(
 
     image = stacked("image").permute(0, 3, 1, 2).contiguous(memory_format=torch.channels_last)
     output: Output = network(image / 255, stacked("rays").permute(0, 3, 1, 2))
-    depth, normal = stacked("depth", 2), stacked("normal", 2).permute(0, 3, 1, 2)
+    depth, normal = stacked("depth", 2), stacked("normal", 2).permute(0, 3, 1, 2).float()
     away = (output.log_depth - torch.log(depth.clamp(min=1e-3))).abs()
     cosine = (output.normal * normal).sum(1)
     return (

@@ -32,7 +32,13 @@ from pbrnet.model.studies.photographs.samples import (
     plane_normals,
     resampled,
 )
-from pbrnet.model.studies.photographs.sets.contract import THIRTEEN, Intrinsics, Key, Photograph
+from pbrnet.model.studies.photographs.sets.contract import (
+    THIRTEEN,
+    Intrinsics,
+    Key,
+    Photograph,
+    rays_of,
+)
 from pbrnet.model.studies.photographs.sets.layouts import open_set
 from pbrnet.model.studies.photographs.study import chosen
 from pbrnet.model.studies.photographs.summary import Scores, resampled_runs
@@ -51,7 +57,7 @@ COMMAND = ("study", "photographs")
 def plane(normal: list[float], away: float, labels: bool = True, size: int = 60) -> Photograph:
     """A plane n . p = -away, seen at a focal length of 100 pixels."""
     camera = Intrinsics(100, 100, size / 2, size / 2)
-    rays = np.concatenate([camera.rays(size, size), np.ones((size, size, 1))], -1)
+    rays = np.concatenate([rays_of(camera, size, size), np.ones((size, size, 1))], -1)
     depth = -away / (rays @ (np.array(normal) / np.linalg.norm(normal)))
     image = np.zeros((size, size, 3), np.uint8)
     label = np.ones((size, size), np.uint8) if labels else None
@@ -281,6 +287,8 @@ def test_rows_name_sets_stages_and_numbers(tmp_path: Path) -> None:
     row = parse_row("ours, then real=data@50,more:photos")
     sources = [[(str(s.path), s.views) for s in stage] for stage in row.stages]
     assert sources == [[("data", 50), ("more", None)], [("photos", None)]]
+    shown = {"a/plain/data/dataset": "plain/data/dataset", "a/photos": "photos", "data": "data"}
+    assert {parse_row(f"x={path}").stages[0][0].name for path in shown} == set(shown.values())
     file = tmp_path / "rows.yaml"
     file.write_text("- {name: a, train: [[x@5]], varied: false}\n")
     (read,) = read_rows(file)

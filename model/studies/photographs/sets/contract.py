@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -33,11 +34,13 @@ class Intrinsics:
     cx: float
     cy: float
 
-    def rays(self, width: int, height: int) -> Float32Array:
-        """Return x and y of the rays with z = 1 through all pixels, float32 (height, width, 2)."""
-        x = (np.arange(width) + 0.5 - self.cx) / self.fx
-        y = (np.arange(height) + 0.5 - self.cy) / self.fy
-        return np.stack(np.meshgrid(x, y), -1).astype(np.float32)
+
+@lru_cache(maxsize=64)  # thousands of views have one camera
+def rays_of(camera: Intrinsics, width: int, height: int) -> Float32Array:
+    """Return x and y of the rays with z = 1 through all pixels, float32 (height, width, 2)."""
+    x = (np.arange(width) + 0.5 - camera.cx) / camera.fx
+    y = (np.arange(height) + 0.5 - camera.cy) / camera.fy
+    return np.stack(np.meshgrid(x, y), -1).astype(np.float32)
 
 
 @dataclass(frozen=True)
