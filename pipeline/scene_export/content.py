@@ -186,6 +186,8 @@ class _Reader:
             mesh = mesh.flipped()
         if _is_true(self._looks.find(element, "face_normals")):
             mesh = Mesh(mesh.vertices, mesh.faces, None, mesh.uvs)
+        if len(mesh.faces) and len(np.unique(mesh.faces)) < len(mesh.vertices):
+            mesh = mesh.subset(np.ones(len(mesh.faces), bool))  # without stray vertices
         return mesh
 
     def _ball(self, element: Element) -> Float64Array:

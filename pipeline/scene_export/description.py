@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from pbrnet.pipeline.scene_export.content import Content
 from pbrnet.pipeline.scene_export.outdoors import Outdoors
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import Portal, SceneObject
 from pbrnet.scenes.importing.semantics import NYU40_OF_CATEGORY, category_number
@@ -20,12 +21,22 @@ SUN = "sun"  # name of the light that stands for the sun
 def description(content: Content, outdoors: Outdoors | None) -> dict[str, Any]:
     """Return the description from which `scenes/models/restored.py` restores the scene."""
     stated = {} if outdoors is None else {"sky": outdoors.stated}
+    objects = tuple(_bounded(thing, content) for thing in content.scene.objects)
     return {
         "version": VERSION,
-        "scene": plain(content.scene),
+        "scene": plain(replace(content.scene, objects=objects)),
         "max_depth": content.max_depth,
         **stated,
     }
+
+
+def _bounded(thing: SceneObject, content: Content) -> SceneObject:
+    """The object with the bounds of its triangles: without vertices that none uses."""
+    bounds = np.array([content.pieces[name].mesh.bounds for name in thing.shapes])
+    if not len(bounds):
+        return thing
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    return replace(thing, bbox_min=as_triple(low), bbox_max=as_triple(high))
 
 
 def labels_of(thing: SceneObject) -> dict[str, Any]:

@@ -10,12 +10,14 @@ from PIL import Image
 
 from pbrnet.pipeline.scene_export.looks import Look, Picture
 from pbrnet.scenes.arrays import UInt8Array
-from pbrnet.scenes.color import encode_srgb
+from pbrnet.scenes.color import decode_srgb, encode_srgb
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_bytes
 from pbrnet.scenes.image_files import UnreadableImage, open_image
 from pbrnet.scenes.importing.materials.textures import read_radiance, read_rgb
 
+_LEAST_LIFT = 1.005
+_JPEG_QUALITY = 95
 _CUT = 8  # of 255: values this near to 0 or 1 make an opacity a cut-out
 
 
@@ -26,6 +28,24 @@ def color_bytes(folder: Path, picture: Picture) -> bytes:
     if data.startswith((b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")):
         return data
     return png(_rgb(path))
+
+
+def lifted_bytes(folder: Path, picture: Picture, lift: float) -> tuple[bytes, float]:
+    """Return a colour image times `lift`, or less if it would be clipped, and that factor.
+
+    It stays PNG or JPEG. Divided by the factor, a PNG has its old values again.
+    """
+    linear = decode_srgb(_rgb(folder / picture.file).astype(np.float32) / 255)
+    lift = min(lift, 1 / max(float(linear.max(initial=0.0)), 1e-3))
+    data = color_bytes(folder, picture)
+    if lift < _LEAST_LIFT:
+        return data, 1.0
+    pixels = np.rint(255 * encode_srgb(np.clip(linear * np.float32(lift), 0, 1))).astype(np.uint8)
+    if data.startswith(b"\x89PNG"):
+        return png(pixels), lift
+    target = io.BytesIO()
+    Image.fromarray(pixels).save(target, "JPEG", quality=_JPEG_QUALITY, subsampling=0)
+    return target.getvalue(), lift
 
 
 def roughness_bytes(folder: Path, look: Look) -> bytes:

@@ -33,7 +33,7 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.camera import Camera, default_camera, sensor_of, view_of
 from pbrnet.scenes.importing.changes import NO_ROOM, Changes
 from pbrnet.scenes.importing.light.ceiling_lamps import HungLamp, free_ceiling_lamps, hung_lamp
-from pbrnet.scenes.importing.light.daylight import daylight, ground
+from pbrnet.scenes.importing.light.daylight import GROUND_ID, daylight, ground
 from pbrnet.scenes.importing.light.in_rooms import (
     RoomLighting,
     lighting_of,
@@ -116,7 +116,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
             emitters, has_ground = [*emitters, daylight()], True
             note_sky(plan, changes)
     bounding_room = _bounding_room(shapes)
-    if has_ground:
+    if has_ground and all(shape.id.lower() != GROUND_ID for shape in shapes):
         ground_shape, ground_object = ground(*bounds_of(shapes))
         shapes, objects = [*shapes, ground_shape], (*objects, ground_object)
     lights = lights_of(shapes, area, emitters, rooms, room_ids)

@@ -44,6 +44,7 @@ class Statement:
     k: tuple[float, ...] = param((), "", within(0, 100), OPTIONAL)
     transmitted: float = param(0.0, "", within(0, 2), OPTIONAL)  # `diff_trans`
     sheen: float = param(0.0, "", within(0, 1), OPTIONAL)
+    lift: float = param(1.0, "", within(1, 2), OPTIONAL)  # base colour in the file over that here
 
     def verify(self, where: str) -> None:
         """Check the numbers of bands; raises ValueError."""

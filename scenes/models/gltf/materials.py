@@ -76,6 +76,9 @@ class GltfMaterials:
             self.changes.note(f"material extension {extension} was left out: {{}}", name)
         if "occlusionTexture" in material:
             self.changes.note("baked ambient occlusion was left out")
+        stated = self._statement(material, f"{self.asset.path}: {where}")
+        if stated is not None:
+            tint = as_triple(np.array(tint) / stated.lift)
         parameters = self._pbr_parameters(material, more, tint, where)
         emission, emission_image = self._emission(material, more, where)
         surface = self._surface(material, more, parameters, where)
