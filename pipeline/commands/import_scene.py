@@ -21,6 +21,7 @@ from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError
 from pbrnet.scenes.files import sweep
 from pbrnet.scenes.importing.changes import NO_ROOM, UNSURE_UP
+from pbrnet.scenes.importing.options import FILE
 from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.registry import SOURCES, import_scene, option_names
 from pbrnet.scenes.seeds import derive
@@ -59,7 +60,7 @@ def _import_options(command: Callable[..., None]) -> Callable[..., None]:
             name,
             metavar=one.metadata["metavar"],
             help=_help(one.metadata),
-            **_click_type(hint, one.default),
+            **_click_type(hint, one.default, one.metadata["metavar"] == FILE),
         )(command)
     return command
 
@@ -70,8 +71,11 @@ def _help(metadata: Mapping[str, Any]) -> str:
     return f"{text}  [{metadata['allowed']}]" if "check" in metadata else text
 
 
-def _click_type(hint: Any, default: Any) -> dict[str, Any]:
-    """Arguments of `click.option` for a field with a type and a default."""
+def _click_type(hint: Any, default: Any, is_file: bool) -> dict[str, Any]:
+    """Arguments of `click.option` for a field with a type and a default.
+
+    A path is that of a file if `is_file`, else of a folder.
+    """
     if hint is bool:
         return {"is_flag": True}
     if get_origin(hint) in (tuple, dict):
@@ -79,7 +83,7 @@ def _click_type(hint: Any, default: Any) -> dict[str, Any]:
     if get_origin(hint) is Literal:
         return {"type": click.Choice(get_args(hint)), "default": default}
     if Path in get_args(hint):
-        kind = click.Path(path_type=Path, file_okay=False, exists=True)
+        kind = click.Path(path_type=Path, file_okay=is_file, dir_okay=not is_file, exists=True)
         return {"type": kind, "default": default}
     if hint is float or float in get_args(hint):
         return {"type": click.FLOAT, "default": default}

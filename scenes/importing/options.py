@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Literal
 
 from pbrnet.scenes.checked import within
 
+FILE = "FILE"  # metavar of options that are paths of files, not of folders
 _SWITCHED = "Sweet Home 3D homes"  # files whose lamps can be all on or all off
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from pbrnet.scenes.importing.options import SourceOptions, described
+from pbrnet.scenes.importing.options import FILE, SourceOptions, described
 from pbrnet.scenes.looks import LightSetting, StyleName
 
 
@@ -39,7 +39,7 @@ class LayoutOptions(SourceOptions):
     assets: Path | None = field(
         default=None,
         metadata=described(
-            "AI2-THOR's asset-database.json, for the sizes of objects in houses of ProcTHOR."
+            "AI2-THOR's asset-database.json, for the sizes of objects in houses of ProcTHOR.", FILE
         ),
     )
     storey: str = field(

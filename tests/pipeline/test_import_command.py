@@ -61,7 +61,7 @@ def test_options_of_other_kinds_are_refused(tmp_path: Path, name: str, options: 
 def test_numbers_among_the_options_of_a_source_are_read_as_numbers(
     hint: Any, kind: click.ParamType
 ) -> None:
-    assert import_scene._click_type(hint, None)["type"] is kind
+    assert import_scene._click_type(hint, None, False)["type"] is kind
 
 
 @pytest.mark.parametrize("value", ["nan", "inf", "0", "-1"])

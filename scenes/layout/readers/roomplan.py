@@ -227,7 +227,7 @@ def _objects(captures: Sequence[Node], floor_z: float, changes: Changes) -> Iter
 
 
 def _stands_on(box: _Box, boxes: Sequence[_Box], parent: str) -> bool:
-    """Whether a box lies at the top of its parent: RoomPlan also makes chairs parts of tables."""
+    """Test whether a box lies on its parent: RoomPlan also makes chairs parts of tables."""
     carrier = next(one for one in boxes if one.name == parent)
     return box.centre[2] > carrier.low + 0.5 * carrier.sides[1]
 
