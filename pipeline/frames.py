@@ -60,6 +60,7 @@ Channels = dict[str, AnyArray]
 Result = tuple[Channels, dict[str, Any]]  # channels, and further entries of the attribute
 
 MAX_PIXELS = 2**28  # of a frame
+EXPOSURE_TIME = "exposure_time"  # entry of the attribute where the camera moves in the exposure
 
 
 @dataclass(frozen=True)
@@ -98,15 +99,16 @@ def frame_path(data: Path, kind: Kind, view: View) -> Path:
     return Path(data) / kind / view.scene_id / f"{view.view_id}.exr"
 
 
-def camera_of(view: View, kind: Kind) -> View:
+def camera_of(view: View, kind: Kind, moves: bool = False) -> View:
     """Return the part of a view that determines pixels: without its score and object counts.
 
-    The neighbours in a trajectory determine frames of `video` alone.
+    The neighbours in a trajectory determine frames of `video`, and those that `moves` says are
+    exposed while the camera moves.
     """
     camera = replace(
         view, score=0.0, seen={}, stereo_partner="", stereo_offset=0.0, view_set="", set_overlap=0.0
     )
-    if kind == "video":
+    if kind == "video" or moves:
         return camera
     return replace(camera, trajectory="", frame=-1, pose_before=(), pose_after=())
 
@@ -137,7 +139,7 @@ def write_frame(path: Path, kind: Kind, channels: Channels, view: View, **meta: 
             limit = HALF_MAX * (scale if name in halves else 1)
             clamped += int((np.abs(values, dtype=np.float64) > limit).sum())
     pixels = as_stored(kind, channels, scale, lights)
-    camera = camera_of(view, kind)
+    camera = camera_of(view, kind, EXPOSURE_TIME in meta)
     write_pixels(path, pixels, camera, {"kind": kind, "clamped": clamped, **meta})
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         IlluminationParams,
         LightParams,
         NoisyParams,
+        OpticsParams,
         ShadingParams,
     )
     from pbrnet.pipeline.tonemap import ToneParams
@@ -67,6 +68,9 @@ class Params:
     )
     groundtruth: GroundTruthParams = section(
         f"{_PASSES}:GroundTruthParams", "path-traced shading and colour"
+    )
+    optics: OpticsParams = section(
+        f"{_PASSES}:OpticsParams", "lens and shutter of colour, see docs/cameras.md"
     )
     light: LightParams = section(f"{_PASSES}:LightParams", "channel set light")
     transport: TransportParams = section(
@@ -116,10 +120,22 @@ class Params:
             raise ValueError("channels: light needs color, or paper")
         if self.cameras.half_fov_x:
             check_lens(replace(self.image, half_fov_x=self.cameras.half_fov_x[1]), "cameras")
+        if self.optics.active:
+            self._verify_optics()
         if self.image.is_panorama and self.cameras.framing != "paper":
             raise ValueError("cameras.framing: photograph is not for equirectangular images")
         if not self.image.is_pinhole:
             self._verify_lens()
+
+    def _verify_optics(self) -> None:
+        """Raise ValueError for what needs colour of a pinhole that stands still."""
+        if "light" in self.kinds:
+            raise ValueError(
+                "channels: light holds parts of sharp colour; set optics.f_number, "
+                "optics.exposure and optics.readout to 0"
+            )
+        if self.optics.f_number and self.image.projection == "orthographic":
+            raise ValueError("optics.f_number: orthographic views have no focal length")
 
     def _verify_lens(self) -> None:
         """Raise ValueError for what views have only through a pinhole."""

@@ -28,7 +28,7 @@ from pbrnet.pipeline.dataset.agreement import (
 )
 from pbrnet.pipeline.dataset.light import light_fault
 from pbrnet.pipeline.dataset.settings import CheckParams
-from pbrnet.pipeline.frames import Channels, Frame, frame_path, read_frame
+from pbrnet.pipeline.frames import EXPOSURE_TIME, Channels, Frame, frame_path, read_frame
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.checked import plain, shown
@@ -287,7 +287,8 @@ def _stale(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
         for key in ("scene_id", "view_id"):
             if made_for.get(key) != getattr(view, key):
                 return Rejection("stale", f"{kind}: its {key} is {shown(made_for.get(key))}")
-        neighbours = ("pose_before", "pose_after") if kind == "video" else ()
+        moves = kind == "video" or EXPOSURE_TIME in frame.meta
+        neighbours = ("pose_before", "pose_after") if moves else ()
         for key in ("camera_to_world", "K", *neighbours):
             rendered_with = made_for.get(key, ())
             if plain(rendered_with) != plain(getattr(view, key)):

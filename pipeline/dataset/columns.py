@@ -169,6 +169,8 @@ def dataset_columns(
     environment: tuple[int, int] = (256, 128),
     lights: int = 0,
     projection: Projection = "perspective",
+    aperture: bool = False,
+    shutter: bool = False,
 ) -> tuple[Column, ...]:
     """Return all columns, in order, for images and panoramas of these (width, height).
 
@@ -176,6 +178,7 @@ def dataset_columns(
     of further sets or of parts of `paper`, and `links` those that say which rows belong together.
     `environment` is the size of that set's panoramas, `lights` the number of light groups. Images
     of an equirectangular `projection` have a column that says so, and distances as depth.
+    `aperture` and `shutter` add the columns of color that is not that of a pinhole standing still.
     """
     paper, kinds = SETS["paper"], kinds_of_sets(channels)
     kept = paper_columns(channels)
@@ -188,6 +191,8 @@ def dataset_columns(
         "lights": lights,
         "links": links,
         "equirectangular": projection != "perspective",
+        "aperture": aperture and "color" in kinds,
+        "shutter": shutter and "color" in kinds,
     }
     sizes: dict[str | int, int] = {"n": lights, "w": size[0], "h": size[1]}
 

@@ -150,6 +150,8 @@ class _Packer:
             environment=environment,
             lights=params.light.images if "light" in kinds else 0,
             projection=params.image.projection,
+            aperture=bool(params.optics.f_number),
+            shutter=params.optics.moves,
         )
 
     def origin(self) -> str:
@@ -158,6 +160,7 @@ class _Packer:
         sections: tuple[str, ...] = (
             *("seed", "channels", "image", "illumination", "groundtruth", "light", "noisy"),
             *("environment", "shading", "transport", "dataset", "tone"),
+            *(["optics"] if params.optics.active else []),
         )
         patterns = ["scenes/*/scene.json", "cameras/*.json", "failures/*.json"]
         patterns += [f"{kind}/*/*.exr" for kind in params.kinds]

@@ -38,7 +38,9 @@ from pbrnet.scenes.files import parse_json, regular_file
 MAX_BYTES = 2**34  # of a file; row groups are read one at a time
 MAX_PIXELS = 2**28  # values of an image
 _LONGEST_HEADER = 4096  # bytes
-_COLUMNS = dataset_columns((8, 8), (16, 8), channels=("all",), links=True)
+_COLUMNS = dataset_columns(
+    (8, 8), (16, 8), channels=("all",), links=True, aperture=True, shutter=True
+)
 _TYPES = {one.name: one.type for one in _COLUMNS if not one.is_image}
 _DTYPES = ("float16", "float32", "float64", "uint8", "int32")
 _NAMES = {

@@ -3,8 +3,8 @@
 Samples are taken in blocks. Each block is an independent stratified estimate (multi-jittered, box
 filter) with random numbers of its own; blocks are averaged in float64. This bounds memory, makes
 the image independent of the number of threads, and provides the noise estimate by which a view may
-stop early (`groundtruth.noise`). Not supported: participating media, depth of field, motion blur,
-and spectral rendering.
+stop early (`groundtruth.noise`). Not supported: participating media, moving objects, and spectral
+rendering.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from pbrnet.pipeline.pathtrace.light_parts import LightGroups, LightParts, NoPar
 from pbrnet.pipeline.pathtrace.light_plan import EVERYWHERE, plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.pathtrace.noise import BlockStatistics
+from pbrnet.pipeline.pathtrace.optics import Optics
 from pbrnet.pipeline.pathtrace.panes import panes_of, with_panes
 from pbrnet.pipeline.render.drjit_arrays import partner_table
 from pbrnet.pipeline.render.material_sets import MaterialSets
@@ -153,31 +154,47 @@ def render_color(
     `planned_lights` returns for this view, if it is known already. Requires
     `integrator.available()`. Raises `InputError` as `render_truth` does.
     """
+    blocks = color_blocks(render_scene, view, params, seed, planned)
+    image = blocks.image()
+    half = blocks.half_image()
+    return image, image if half is None else half
+
+
+def color_blocks(
+    render_scene: RenderScene,
+    view: View,
+    params: GroundTruthParams,
+    seed: int,
+    planned: PlannedLights | None = None,
+    optics: Optics | None = None,
+) -> BlockStatistics:
+    """Path-trace colour alone, with the lens and shutter of `optics`; as `render_color`."""
     table = _own(render_scene.materials)
     lights = _view_lights(render_scene, view, params, seed, planned)
     panes = panes_of(render_scene.scene.portals)
     path = JointPath(table, params.max_depth, params.rr_depth, lights, panes=panes, alone=True)
-    launch = _joint_launch(render_scene, view, path)
+    launch = _joint_launch(render_scene, view, path, optics)
 
     def launch_color(copies: int, spp: int, seed: int) -> Any:
         images = np.asarray(launch(copies, spp, seed)).reshape(view.height, copies * view.width, -1)
         return images[..., :3]  # without the padding
 
     (blocks,) = trace_blocks(launch_color, view, params, seed, 1)
-    image = blocks.image()
-    half = blocks.half_image()
-    return image, image if half is None else half
+    return blocks
 
 
-def _joint_launch(render_scene: RenderScene, view: View, path: JointPath) -> Launch:
-    """Return launches of the joint path tracer for a view."""
+def _joint_launch(
+    render_scene: RenderScene, view: View, path: JointPath, optics: Optics | None = None
+) -> Launch:
+    """Return launches of the joint path tracer for a view; with `optics`, of colour alone."""
     scene, version = render_scene.neutral(None).mitsuba, render_scene.materials.version
     count = len(path.image_names) + len(path.parts.names)
 
     def launch(copies: int, spp: int, seed: int) -> Any:
-        if not view.lens.is_pinhole:
+        if optics or not view.lens.is_pinhole:
             rays = render_scene.materials.kept(RayTracer)
-            return rays.launch(scene, version, view.pose, view.lens, copies, path, spp, seed, count)
+            camera = (view.pose, view.lens, optics)
+            return rays.launch(scene, version, camera, copies, path, spp, seed, count)
         tracer = tracer_of(render_scene)
         return tracer.launch(scene, version, view, copies, path, spp, seed)
 
@@ -212,9 +229,8 @@ def lens_launch(
         _own(materials), params.max_depth, params.rr_depth, lights, panes=panes, alone=True
     )
     tracer, version = materials.kept(RayTracer), materials.version
-    return lambda copies, spp, seed: tracer.launch(
-        scene, version, view.pose, lens, copies, joint, spp, seed
-    )
+    camera = (view.pose, lens, None)
+    return lambda copies, spp, seed: tracer.launch(scene, version, camera, copies, joint, spp, seed)
 
 
 def planned_lights(

@@ -54,7 +54,8 @@ class Trace(Generic[S]):
     `keys` names for each kind the keys (`keys.yaml`) of the code that makes it. `settings` returns
     by kind all that `render` may read of the parameters; `render` makes the kinds whose settings it
     is given, each with the same bits alone and with others. `seed` names the trace's random
-    numbers, "" if it uses none. Kinds for which `together` is False are rendered one by one.
+    numbers, "" if it uses none. Kinds for which `together` is False are rendered one by one; those
+    for which `moves` is True depend on the neighbours in a trajectory.
     """
 
     keys: dict[Kind, tuple[str, ...]]
@@ -62,6 +63,7 @@ class Trace(Generic[S]):
     render: Callable[[RenderScene, View, Mapping[Kind, S], int], dict[Kind, Result]]
     seed: str = ""
     together: Callable[[S], bool] = lambda settings: True
+    moves: Callable[[S], bool] = lambda settings: False
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
@@ -100,17 +102,23 @@ TRACES: tuple[Trace[Any], ...] = (
     ),
     Trace(
         {"shading": _TRUTH, "color": _TRUTH, "light": ("light", *_TRUTH)},
-        lambda params: truth.truth_settings(params.groundtruth, params.shading, params.light),
+        lambda params: truth.truth_settings(
+            params.groundtruth, params.shading, params.light, params.optics
+        ),
         truth.render_truths,
         seed="truth",
-        together=lambda settings: settings.trace.joint,
+        together=lambda settings: settings.trace.joint and not settings.optics,
+        moves=lambda settings: settings.moves,
     ),
     # Of other samples: a network that sees the ground truth's own would learn its noise.
     Trace(
         {"noisy": (*_TRUTH, "guides")},
-        lambda params: truth.noisy_settings(params.groundtruth, params.shading, params.noisy),
+        lambda params: truth.noisy_settings(
+            params.groundtruth, params.shading, params.noisy, params.optics
+        ),
         truth.render_noisy,
         seed="noisy",
+        moves=lambda settings: settings.moves,
     ),
     Trace(
         {"environment": ("environment", *_TRUTH)},
@@ -175,7 +183,7 @@ def frame_fingerprint(
         kind=kind,
         keys=keys(*trace.keys[kind]),
         settings=settings,
-        view=camera_of(view, kind),
+        view=camera_of(view, kind, trace.moves(settings)),
         scene=scene_digest,
         renderer=renderer,
         seed=trace_seed(kind, view, root_seed) if trace.seed else None,

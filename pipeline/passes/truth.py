@@ -6,7 +6,8 @@ Also `noisy` frames, whose few samples are independent of the ground truth's.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from pbrnet.pipeline.channels import DENOISED, DENOISED_SHADING, HALF, NOISY_SHADING, RGB, Kind
 from pbrnet.pipeline.frames import Channels, Result
@@ -19,30 +20,48 @@ from pbrnet.pipeline.passes.denoise import (
     guides,
 )
 from pbrnet.pipeline.passes.groundtruth import (
+    color_blocks,
     planned_lights,
     render_both,
     render_color,
     render_truth,
+    truth_of,
 )
 from pbrnet.pipeline.passes.light import light_of
+from pbrnet.pipeline.passes.optics import facts_of, optics_of
 from pbrnet.pipeline.passes.settings import (
     GroundTruthParams,
     LightParams,
     NoisyParams,
+    OpticsParams,
     ShadingParams,
 )
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.light_parts import group_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
-from pbrnet.pipeline.pathtrace.noise import residual_noise
+from pbrnet.pipeline.pathtrace.noise import BlockStatistics, residual_noise
+from pbrnet.pipeline.pathtrace.optics import Optics
 from pbrnet.pipeline.render.scene import RenderScene
-from pbrnet.pipeline.transport.guides import fast_guides
+from pbrnet.pipeline.transport.guides import fast_guides, optics_guides
 from pbrnet.pipeline.views import View
+from pbrnet.scenes.checked import OPTIONAL
 from pbrnet.scenes.errors import InputError
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Through:
+    """Lens and shutter of a trace of colour; None for a pinhole that stands still."""
+
+    optics: OpticsParams | None = field(default=None, metadata=OPTIONAL)
+
+    @property
+    def moves(self) -> bool:
+        """True if the camera moves while colour is exposed."""
+        return self.optics is not None and self.optics.moves
+
+
 @dataclass(frozen=True)
-class TruthSettings:
+class TruthSettings(_Through):
     """Settings of a trace of shading, colour or their light.
 
     `albedo` is the grey of shading, None for colour that is traced alone; `denoiser` is the
@@ -58,11 +77,11 @@ class TruthSettings:
     @property
     def joint(self) -> bool:
         """True if colour and shading come from one trace: requested, and supported here."""
-        return self.trace.joint and integrator.available()
+        return self.trace.joint and not self.optics and integrator.available()
 
 
 @dataclass(frozen=True)
-class NoisySettings:
+class NoisySettings(_Through):
     """Settings of a trace of a `noisy` frame."""
 
     trace: GroundTruthParams
@@ -102,16 +121,23 @@ def sample_guides(scene: RenderScene, view: View) -> Guides:
 
 
 def truth_settings(
-    trace: GroundTruthParams, shading: ShadingParams, light: LightParams
+    trace: GroundTruthParams,
+    shading: ShadingParams,
+    light: LightParams,
+    optics: OpticsParams | None = None,
 ) -> dict[Kind, TruthSettings]:
     """Return the settings of shading, colour and light.
 
     Those of colour in a joint trace hold the grey of shading: Russian roulette depends on the twin.
+    With lens or shutter colour has a trace of its own.
     """
     denoiser = None if trace.denoise == "none" else denoiser_version()
     grey = TruthSettings(trace, shading.albedo, denoiser)
     color = grey if trace.joint else replace(grey, albedo=None)
-    return {"shading": grey, "color": color, "light": replace(color, groups=light.groups)}
+    light_settings = replace(color, groups=light.groups)
+    if optics and optics.active:
+        color = replace(grey, albedo=None, optics=optics)
+    return {"shading": grey, "color": color, "light": light_settings}
 
 
 def noisy_trace(params: GroundTruthParams, spp: int) -> GroundTruthParams:
@@ -128,11 +154,14 @@ def noisy_trace(params: GroundTruthParams, spp: int) -> GroundTruthParams:
 
 
 def noisy_settings(
-    truth: GroundTruthParams, shading: ShadingParams, noisy: NoisyParams
+    truth: GroundTruthParams,
+    shading: ShadingParams,
+    noisy: NoisyParams,
+    optics: OpticsParams | None = None,
 ) -> dict[Kind, NoisySettings]:
     """Return the settings of a `noisy` frame."""
-    trace = noisy_trace(truth, noisy.spp)
-    return {"noisy": NoisySettings(trace, shading.albedo, denoiser_version())}
+    trace, through = noisy_trace(truth, noisy.spp), optics if optics and optics.active else None
+    return {"noisy": NoisySettings(trace, shading.albedo, denoiser_version(), optics=through)}
 
 
 def render_truths(
@@ -144,6 +173,12 @@ def render_truths(
     neutral twin, unless only colour is asked for; and for light, where colour and shading are not
     traced together.
     """
+    optics = {kind: own for kind, own in settings.items() if own.optics}
+    if optics:
+        rest = {kind: own for kind, own in settings.items() if kind not in optics}
+        sharp = render_truths(scene, view, rest, seed) if rest else {}
+        through = {kind: _render_through(scene, view, own, seed) for kind, own in optics.items()}
+        return {kind: {**sharp, **through}[kind] for kind in settings}
     first = next(iter(settings.values()))
     if not first.joint or (set(settings) == {"color"} and not _has_twin(scene, first)):
         if "light" in settings:
@@ -169,6 +204,31 @@ def render_truths(
     if light:
         made["light"] = light_of(truths, made["color"][0], guided, groups, view.is_panorama)
     return {kind: made[kind] for kind in settings}
+
+
+def _render_through(scene: RenderScene, view: View, settings: TruthSettings, seed: int) -> Result:
+    """Render colour through a lens and a shutter, in a trace of its own."""
+    blocks, optics, facts = _trace_through(scene, view, settings, seed)
+    truth = truth_of(blocks, settings.trace)
+    guided = optics_guides(scene, view, optics, seed) if settings.denoiser else None
+    channels, stats = _denoised("color", truth, guided, view, 0.0, blocks.half_image())
+    return channels, stats | facts
+
+
+def _trace_through(
+    scene: RenderScene, view: View, settings: TruthSettings | NoisySettings, seed: int
+) -> tuple[BlockStatistics, Optics, dict[str, Any]]:
+    """Path-trace colour through the lens and the shutter of the settings.
+
+    Returns its blocks, the optics of this view, and entries of its frame's attribute.
+    """
+    if settings.optics is None or not integrator.available():
+        raise InputError(
+            "optics: needs a variant other than scalar_rgb, or f_number, exposure and readout 0"
+        )
+    optics = optics_of(scene, view, settings.optics)
+    blocks = color_blocks(scene, view, settings.trace, seed, optics=optics)
+    return blocks, optics, facts_of(optics, settings.optics)
 
 
 def _render_alone(
@@ -211,6 +271,8 @@ def render_noisy(
     Raises `InputError` for a material without neutral twin.
     """
     own = settings["noisy"]
+    reflectance, normal = sample_guides(scene, view)
+    seen, facts = (reflectance, normal), {}
     if own.joint:
         truths = render_both(scene, view, own.trace, own.albedo, seed)
         color, shading = truths.color, truths.shading
@@ -220,8 +282,12 @@ def render_noisy(
             render_truth(scene.neutral(grey), view, own.trace, seed) for grey in (None, own.albedo)
         )
         half = color[0]  # of all samples
-    reflectance, normal = sample_guides(scene, view)
-    clean = denoise(color[0], reflectance, normal, around=view.is_panorama)
+    if own.optics:
+        blocks, optics, facts = _trace_through(scene, view, own, seed)
+        color = truth_of(blocks, own.trace)
+        half = blocks.half_image() or color[0]
+        seen = optics_guides(scene, view, optics, seed)
+    clean = denoise(color[0], *seen, around=view.is_panorama)
     image, stats = shading
     grey = denoise(image, grey_guide(normal, own.albedo), normal, around=view.is_panorama)
     channels = {
@@ -230,7 +296,7 @@ def render_noisy(
         **_named(DENOISED_SHADING, grey),
     }
     lost = max(color[1]["lost_pixels"], stats["lost_pixels"])
-    stats = {**color[1], "lost_pixels": lost, "denoiser": denoiser_version()}
+    stats = {**color[1], "lost_pixels": lost, "denoiser": denoiser_version(), **facts}
     return {"noisy": (channels, stats)}
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
-from typing import Any
+from typing import Any, NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -32,6 +32,13 @@ from pbrnet.pipeline.pathtrace.camera_rays import (
     lens_arrays,
 )
 from pbrnet.pipeline.pathtrace.integrator import JointPath
+from pbrnet.pipeline.pathtrace.optics import (
+    Optics,
+    OpticsKind,
+    expose,
+    optics_kind,
+    optics_values,
+)
 from pbrnet.pipeline.render.drjit_arrays import column
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float64Array
@@ -39,6 +46,7 @@ from pbrnet.scenes.errors import InputError
 
 _MAX_RECORDINGS = 32  # per kernel and size: sample counts and kinds of light plans
 _FAR = 1e5  # metres
+RayArrays = tuple[Any, ...]  # of `ray_arrays`, mi.Float each
 _NEAR_CLIP, _FAR_CLIP = 1e-3, 1e5  # metres
 
 
@@ -137,8 +145,7 @@ class RayTracer:
         self,
         scene: mi.Scene,
         version: int,
-        pose: Float64Array,
-        lens: Lens,
+        camera: tuple[Float64Array, Lens, Optics | None],
         copies: int,
         path: JointPath,
         spp: int,
@@ -147,20 +154,17 @@ class RayTracer:
     ) -> Float64Array:
         """Return radiance, (H, copies, W, 3 images), of independent images through a lens.
 
-        `pose` is `camera_to_world`. `images` is the number of images of `path` that are wanted,
-        linear RGB each. Pixels without a ray are 0. `spp` is a power of two. `version` is that of
-        the scene's `MaterialSets`.
+        `camera` is `camera_to_world`, projection, and aperture and shutter. `images` is the number
+        of images of `path` that are wanted, linear RGB each. Pixels without a ray are 0. `spp` is a
+        power of two. `version` is that of the scene's `MaterialSets`.
         """
         self._recordings.renew(version)
-        kind = kind_of(lens)
+        lens, kind = camera[1], ray_kind(*camera[1:], copies, spp)
         # Without emitters of its own, calls to those of other open scenes could not be recorded.
-        key = (kind, copies, spp, images, *path.parts.names)
+        key = (kind, images, *path.parts.names)
         trace = self._recordings.of(_ray_launch, key) if scene.emitters() else _ray_launch
-        eye, axes = (column(mi.Float, part.ravel()) for part in (pose[:3, 3], pose[:3, :3]))
-        arrays, seeds = lens_arrays(lens), dr.opaque(mi.UInt32, seed)
-        found = trace(
-            scene, self._sampler, path, eye, axes, *arrays, kind, copies, spp, images, seeds
-        )
+        arrays, seeds = ray_arrays(*camera), dr.opaque(mi.UInt32, seed)
+        found = trace(scene, self._sampler, path, arrays, kind, images, seeds)
         bands = []
         for image in found:
             samples = np.array(image).reshape(3, copies, lens.height, lens.width, spp)
@@ -212,35 +216,69 @@ def _ray_launch(
     scene: mi.Scene,
     sampler: mi.Sampler,
     path: JointPath,
-    eye: mi.Float,
-    axes: mi.Float,
-    numbers: mi.Float,
-    ideal: mi.Float,
-    valid: mi.Float,
-    kind: LensKind,
-    copies: int,
-    spp: int,
+    arrays: RayArrays,
+    kind: RayKind,
     images: int,
     seed: mi.UInt32,
 ) -> list[mi.Color3f]:
-    """Return the radiance of each sample in the first images of `path`, `mi.Color3f` each.
+    """Return the radiance of each sample in the first images of `path`, `mi.Color3f` each."""
+    sampler = sampler.clone()
+    ray, active = sample_rays(sampler, arrays, kind, seed)
+    return path.trace(scene, sampler, ray, active)[:images]
+
+
+class RayKind(NamedTuple):
+    """Everything about the rays of a view that is compiled into a kernel."""
+
+    lens: LensKind
+    optics: OpticsKind | None
+    copies: int  # independent images
+    spp: int  # a power of two
+
+    @property
+    def count(self) -> int:
+        """Number of rays."""
+        return self.copies * self.lens.height * self.lens.width * self.spp
+
+
+def ray_kind(lens: Lens, optics: Optics | None, copies: int, spp: int) -> RayKind:
+    """Return the kind of the rays of a view."""
+    return RayKind(kind_of(lens), optics_kind(optics, lens), copies, spp)
+
+
+def ray_arrays(pose: Float64Array, lens: Lens, optics: Optics | None) -> RayArrays:
+    """Return everything about the rays of a view that is not compiled into a kernel.
+
+    Its position and axes, the arrays of its projection, and those of its aperture and shutter.
+    """
+    eye, axes = (column(mi.Float, part.ravel()) for part in (pose[:3, 3], pose[:3, :3]))
+    return (eye, axes, *lens_arrays(lens), optics_values(optics))
+
+
+def sample_rays(
+    sampler: mi.Sampler, arrays: RayArrays, kind: RayKind, seed: mi.UInt32
+) -> tuple[mi.Ray3f, mi.Bool]:
+    """Return the ray of each sample, world, and whether there is one; seed the sampler for them.
 
     Samples are in the order copy, row, column, sample.
     """
-    count = copies * kind.height * kind.width * spp
-    sampler = sampler.clone()
-    sampler.set_sample_count(spp)
-    sampler.set_samples_per_wavefront(spp)
-    sampler.seed(seed, count)
-    pixel = dr.arange(mi.UInt32, count) >> (spp.bit_length() - 1)
-    arrays = LensArrays(numbers, ideal, valid)
-    start, local, active = camera_rays(kind, arrays, pixel, sampler.next_2d())
+    eye, axes, numbers, ideal, valid, values = arrays
+    sampler.set_sample_count(kind.spp)
+    sampler.set_samples_per_wavefront(kind.spp)
+    sampler.seed(seed, kind.count)
+    pixel = dr.arange(mi.UInt32, kind.count) >> (kind.spp.bit_length() - 1)
+    places = LensArrays(numbers, ideal, valid)
+    start, local, active = camera_rays(kind.lens, places, pixel, sampler.next_2d())
     origin = mi.Point3f(*(entry(eye, i) for i in range(3)))
-    if kind.projection == "orthographic":
+    if kind.optics:
+        row = mi.Float((pixel // kind.lens.width) % kind.lens.height)
+        time = (row + 0.5) / kind.lens.height - 0.5  # of the row in a readout
+        start, local, shift = expose(sampler, kind.optics, values, time, start, local)
+        origin += shift
+    if kind.optics or kind.lens.projection == "orthographic":
         origin += _turned(axes, start)
     direction = dr.normalize(_turned(axes, local))
-    ray = mi.Ray3f(origin, direction, _FAR, 0.0, mi.Color0f())
-    return path.trace(scene, sampler, ray, active)[:images]
+    return mi.Ray3f(origin, direction, _FAR, 0.0, mi.Color0f()), active
 
 
 def _turned(axes: mi.Float, local: mi.Vector3f) -> mi.Vector3f:

@@ -7,19 +7,33 @@ shapes lie in one plane, another of them may be seen; else both differ by roundi
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from pbrnet.pipeline.pathtrace.launches import Recordings
+from pbrnet.pipeline.pathtrace.launches import (
+    RayArrays,
+    RayKind,
+    Recordings,
+    ray_arrays,
+    ray_kind,
+    sample_rays,
+)
+from pbrnet.pipeline.pathtrace.optics import Optics
 from pbrnet.pipeline.render.drjit_arrays import column, to_numpy
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.transport.radiosity import camera_ray
 from pbrnet.pipeline.transport.rays import ShapeTables, facing_normal, first_surface
 from pbrnet.pipeline.views import View
-from pbrnet.scenes.arrays import Float32Array
+from pbrnet.scenes.arrays import AnyArray, Float32Array
+from pbrnet.scenes.seeds import derive32
 
 SUBPIXELS = 3  # per axis
+# Rays per pixel through a lens and a shutter: as many, in launches of the most that fit.
+_LENS_RAYS = (1, 4, 16, 64)
+_LAUNCH_RAYS = 1 << 22  # most rays through a lens of one launch
 
 
 def fast_guides(render_scene: RenderScene, view: View) -> tuple[Float32Array, Float32Array]:
@@ -31,6 +45,18 @@ def fast_guides(render_scene: RenderScene, view: View) -> tuple[Float32Array, Fl
     return materials.kept(_GuideTracer, render_scene, version=materials.version).guides(view)
 
 
+def optics_guides(
+    render_scene: RenderScene, view: View, optics: Optics, seed: int
+) -> tuple[Float32Array, Float32Array]:
+    """Return guides seen through a lens and a shutter, like those of `fast_guides`.
+
+    Rays are those of `seed`, as many that the guides have little noise.
+    """
+    materials = render_scene.materials
+    tracer = materials.kept(_GuideTracer, render_scene, version=materials.version)
+    return tracer.guides_through(view, optics, seed)
+
+
 class _GuideTracer:
     """Recorded launches of an open scene, kept between its views."""
 
@@ -38,6 +64,7 @@ class _GuideTracer:
         self._tables = ShapeTables(render_scene.geometry)
         self._scene = render_scene.geometry.scene
         self._recorded = Recordings().of
+        self._sampler: mi.Sampler = mi.load_dict({"type": "multijitter"})
 
     def guides(self, view: View) -> tuple[Float32Array, Float32Array]:
         """Return the guides of a view."""
@@ -49,8 +76,42 @@ class _GuideTracer:
         bands = to_numpy(
             *self._recorded(_trace, size)(self._scene, self._tables, (eye, pixels), axes, size)
         )
-        image = np.stack(bands, axis=-1).reshape(view.height, view.width, 6)
-        return np.ascontiguousarray(image[..., :3]), np.ascontiguousarray(image[..., 3:])
+        return _images(bands, view)
+
+    def guides_through(
+        self, view: View, optics: Optics, seed: int
+    ) -> tuple[Float32Array, Float32Array]:
+        """Return the guides of a view through its lens and shutter."""
+        most = max(1, _LAUNCH_RAYS // (view.width * view.height))
+        rays = max(number for number in _LENS_RAYS if number <= most)
+        kind = ray_kind(view.lens, optics, 1, rays)
+        arrays = ray_arrays(view.pose, view.lens, optics)
+        trace = self._recorded(_trace_through, kind)
+        launches = []
+        for number in range(max(_LENS_RAYS) // rays):
+            seeds = dr.opaque(mi.UInt32, derive32(seed, "guides", number))
+            bands = trace(self._scene, self._tables, self._sampler, arrays, kind, seeds)
+            launches.append(to_numpy(*bands))
+        return _images(np.mean(launches, axis=0, dtype=np.float64).astype(np.float32), view)
+
+
+def _images(bands: Iterable[AnyArray], view: View) -> tuple[Float32Array, Float32Array]:
+    """Return albedo and normal, (H, W, 3) each, from six bands (H * W,)."""
+    image = np.stack(list(bands), axis=-1).reshape(view.height, view.width, 6)
+    return np.ascontiguousarray(image[..., :3]), np.ascontiguousarray(image[..., 3:])
+
+
+def _trace_through(
+    scene: mi.Scene,
+    tables: ShapeTables,
+    sampler: mi.Sampler,
+    arrays: RayArrays,
+    kind: RayKind,
+    seed: mi.UInt32,
+) -> list[mi.Float]:
+    """Return what `_trace` does, for rays through a lens and a shutter."""
+    ray, active = sample_rays(sampler.clone(), arrays, kind, seed)
+    return _means(scene, tables, ray, active, arrays[1], kind.spp)
 
 
 def _trace(
@@ -67,8 +128,19 @@ def _trace(
     pixel, part = lane // rays, lane % rays
     x = mi.Float(pixel % width) + (mi.Float(part % SUBPIXELS) + 0.5) / SUBPIXELS
     y = mi.Float(pixel // width) + (mi.Float(part // SUBPIXELS) + 0.5) / SUBPIXELS
-    ray = camera_ray(camera, x, y)
-    si, _ = first_surface(scene, tables, ray, mi.Bool(True), coherent=True)
+    return _means(scene, tables, camera_ray(camera, x, y), mi.Bool(True), axes, rays)
+
+
+def _means(
+    scene: mi.Scene,
+    tables: ShapeTables,
+    ray: mi.Ray3f,
+    active: mi.Bool,
+    axes: mi.Float,
+    rays: int,
+) -> list[mi.Float]:
+    """Return the bands of the guides, means over `rays` successive rays of each pixel."""
+    si, _ = first_surface(scene, tables, ray, active, coherent=True)
     seen = si.is_valid()
     normal = facing_normal(si, ray.d)
     turn = [dr.gather(mi.Float, axes, mi.UInt32(place)) for place in range(9)]

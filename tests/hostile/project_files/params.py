@@ -46,6 +46,17 @@ PARAMS_MADE = (
     _yaml("seed: " + "9" * 400),
     _yaml("image: {half_fov_x: " + "9" * 400 + "}\n"),
     _yaml("image: {width: 1" + "0" * 399 + "}\n"),
+    *(
+        _yaml(f"optics: {{{value}}}\n")
+        for value in (
+            *("f_number: -1", "f_number: .nan", "f_number: .inf", "f_number: 0.01"),
+            *("focus_distance: -2", "focus_distance: 1.0e-9", "focus_distance: .nan"),
+            *("blades: 1", "blades: 2.5", "sensor_width: 0", "frame_rate: 0"),
+            *("exposure: -0.5", "exposure: 1.5", "exposure: .nan", "readout: 2", "readout: [0]"),
+        )
+    ),
+    _yaml("{channels: [paper, light], optics: {f_number: 2}}\n"),
+    _yaml("{image: {projection: orthographic}, optics: {f_number: 2}}\n"),
     _yaml("seed: &a [*a]\n"),
     _yaml("a: &a {b: *a}\n"),
     _yaml("!!python/object/apply:os.system ['true']\n"),
