@@ -11,7 +11,7 @@ import torch
 from PIL import Image
 
 from pbrnet.model.report.page import Places, write_report
-from pbrnet.model.studies.photographs import study
+from pbrnet.model.studies.photographs import study, training
 from pbrnet.model.studies.photographs.measures import (
     Prediction,
     affine,
@@ -314,6 +314,7 @@ def words(place: Path, *more: str) -> list[str]:
 
 
 def test_study_from_end_to_end_and_again(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "BATCH", 2)
     data, photos = place / "data", place / "photos"
     rows = ("--row", f"ours={data}", "--row", f"ours, then real={data}@2:{photos}")
     survey = printed(*words(place, *rows, "--dry-run"))
