@@ -14,7 +14,7 @@ STYLES: tuple[StyleName, ...] = get_args(StyleName)
 
 
 class LookParams(Protocol):
-    """What the generator reads of `SceneParams` beside the size of the plan."""
+    """Parameters of looks that the generator reads, fields of `SceneParams`."""
 
     @property
     def vary(self) -> tuple[Aspect, ...]:
@@ -42,7 +42,7 @@ class LookParams(Protocol):
 
 
 class HomeParams(LookParams, Protocol):
-    """What the generator reads of `SceneParams`."""
+    """All parameters that the generator reads, fields of `SceneParams`."""
 
     @property
     def rooms_min(self) -> int:

@@ -110,7 +110,7 @@ def _directions(ring: Float64Array) -> tuple[Float64Array, Float64Array, Float64
 def _steps(
     ring: Float64Array, others: Sequence[Float64Array], wall: float, outer: float
 ) -> Float64Array:
-    """How far each side of a ring steps back, (N,)."""
+    """Metres by which each side of a ring steps back, (N,)."""
     along, inward, length = _directions(ring)
     steps = np.full(len(ring), outer)
     if not others:
@@ -151,7 +151,7 @@ def _stepped_back(ring: Float64Array, steps: Float64Array) -> Polygon | None:
 def _corner(
     corner: Float64Array, along: Float64Array, inward: Float64Array, steps: Float64Array
 ) -> list[Float64Array]:
-    """Where two sides, moved inwards, meet: one point, or two on nearly straight walls."""
+    """The corner of two sides that are moved inwards: one point, two on nearly straight walls."""
     moved = corner + steps[:, None] * inward
     cross = float(along[0, 0] * along[1, 1] - along[0, 1] * along[1, 0])
     if abs(cross) > 0.05:

@@ -126,7 +126,7 @@ _NOT_RAISED = frozenset({"ceiling", "corner", "centre"})
 
 
 def anchor_of(kind: str) -> Anchor:
-    """Where pieces of a kind stand, hang or lie."""
+    """The place where pieces of a kind stand, hang or lie."""
     return THINGS[kind].anchor if kind in THINGS else FURNITURE_KINDS[kind].anchor()
 
 

@@ -99,7 +99,7 @@ def furnish_layout(
 
 
 def _record(pieces: Sequence[_Piece]) -> dict[str, Any]:
-    """How well the pieces fill their boxes."""
+    """Counts of objects and plain boxes, and how well pieces fill their boxes."""
     fitted = [each.fit.iou for each in pieces if each.fit.kind]
     return {
         "objects": len(pieces),
@@ -119,7 +119,7 @@ def _room_of(stated: LayoutObject, plan: Plan, by_id: dict[str, PlanRoom]) -> Pl
 
 
 def _place(stated: LayoutObject, plan: Plan, room: PlanRoom) -> Place:
-    """Where the box of an object stands, hangs or lies."""
+    """The place where the box of an object stands, hangs or lies."""
     bottom, top = (stated.center[2] + half * stated.size[2] for half in (-0.5, 0.5))
     if bottom < _NEAR and stated.on is None:
         return "floor"

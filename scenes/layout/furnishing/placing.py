@@ -45,7 +45,7 @@ class Standing:
 
     @property
     def solids(self) -> list[tuple[Polygon, float, float]]:
-        """What it fills: areas seen from above, each with its lower and upper height."""
+        """The space that it fills: areas seen from above, each with its lower and upper height."""
         bodies = self.piece.bodies if self.category in _OPEN else self.piece.bounds[None]
         return [
             (
@@ -58,7 +58,7 @@ class Standing:
 
     @property
     def on_floor(self) -> bool:
-        """Whether it stands on the floor, is no rug and does not hang at a wall."""
+        """Tell whether it stands on the floor, is no rug and does not hang at a wall."""
         low, high = self.piece.bounds[:, 2] + self.pose.z
         hangs = self.on or self.piece.anchor == "on_wall"
         return not hangs and low < _ON_FLOOR and high - low > _FLAT

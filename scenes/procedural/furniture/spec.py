@@ -165,7 +165,7 @@ class Spec:
 
     @classmethod
     def anchor(cls) -> Anchor:
-        """Where the piece stands, hangs or lies."""
+        """The place where the piece stands, hangs or lies."""
         return cls._piece[2]
 
     @classmethod
