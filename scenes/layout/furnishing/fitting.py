@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -185,7 +185,7 @@ def _sized(rng: Draw, style: Style, kind: str, wanted: Float64Array) -> Iterable
     yield piece
     for _ in range(_STEPS if options else 0):
         made = np.array(piece.size)
-        better = {
+        better: dict[str, Any] = {
             name: _clamped(
                 getattr(spec, name) + _extent(wanted, how[0]) - _extent(made, how[0]), how
             )

@@ -83,8 +83,8 @@ def furnish_layout(
         fit = _fitted(rng, stated, plan, room, style, sampler, changes)
         piece = replace(fit.piece, category=_category(stated, fit.piece))
         pose = _pose(piece, stated, _place(stated, plan, room), fit.kind)
-        standing = Standing(piece, pose, room, piece.category, stated.on is not None)
-        pieces.append(_Piece(stated, fit, standing))
+        one = Standing(piece, pose, room, piece.category, stated.on is not None)
+        pieces.append(_Piece(stated, fit, one))
     standing = _placed_clear(pieces, plan, changes)
     _note_blocked(pieces, standing, plan, changes)
     placed = [

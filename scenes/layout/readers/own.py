@@ -196,7 +196,9 @@ def _line(
     """The line of an opening, stated in one of three ways."""
     if stated.start is not None and stated.end is not None:
         return stated.start, stated.end
-    named = stated.between or ((stated.room,) if stated.room and stated.wall else ())
+    named: tuple[str, ...] = stated.between or (
+        (stated.room,) if stated.room and stated.wall else ()
+    )
     if not named:
         raise InputError(f"{where}: give it start and end, or room and wall, or between two rooms")
     for name in named:
