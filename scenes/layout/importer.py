@@ -16,6 +16,7 @@ from pbrnet.scenes.layout.building.swings import with_swings
 from pbrnet.scenes.layout.checks import check_layout
 from pbrnet.scenes.layout.formats import FORMATS, LayoutFormat
 from pbrnet.scenes.layout.furnishing.furnish import furnish_layout
+from pbrnet.scenes.layout.furnishing.things import left_things
 from pbrnet.scenes.layout.layout import Layout
 from pbrnet.scenes.layout.options import LayoutOptions
 from pbrnet.scenes.looks import STYLES, Aspect, StyleName
@@ -114,7 +115,10 @@ def _write(
     stated = replace(credit, part="plan and boxes of furniture",
                      source=layout.source or credit.source)  # fmt: skip
     origin = Origin(source, f"layout-{_plan_name(text)}", (stated,), changes.sentences())
-    design = Design(plan, style, furnished.placed)
+    placed = furnished.placed
+    if options.things:
+        placed += left_things(generator(seeds.seed, "things"), plan, style, placed)
+    design = Design(plan, style, placed)
     return write_home(out, scene_id, design, origin, looks, seeds, options.lighting)
 
 

@@ -32,6 +32,13 @@ class LayoutOptions(SourceOptions):
         default=None,
         metadata=described("Seed of all that the file leaves open.  [default: the file's, else 0]"),
     )
+    things: bool = field(
+        default=False,
+        metadata=described(
+            "Leave small things, switches and sockets that the file does not state, as in "
+            "procedural homes."
+        ),
+    )
     catalogue: Path | None = field(
         default=None,
         metadata=described("Folder of converted catalogues whose pieces are taken where they fit."),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -27,7 +28,7 @@ from pbrnet.scenes.layout.furnishing.placing import TOLERANCE, Standing, apart, 
 from pbrnet.scenes.layout.layout import Layout, LayoutObject
 from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
 from pbrnet.scenes.procedural.furnishing.placement import CEILING_LAMPS, PlacedInRoom
-from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
+from pbrnet.scenes.procedural.furnishing.space import PlacedPiece, collision_boxes
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, Style
 from pbrnet.scenes.procedural.piece import FurniturePiece
 from pbrnet.scenes.procedural.plan import Plan, PlanRoom
@@ -87,10 +88,8 @@ def furnish_layout(
         pieces.append(_Piece(stated, fit, one))
     standing = _placed_clear(pieces, plan, changes)
     _note_blocked(pieces, standing, plan, changes)
-    placed = [
-        _as_placed(number, each.fit.kind, one)
-        for number, (each, one) in enumerate(zip(pieces, standing, strict=True))
-    ]
+    kinds = [each.fit.kind for each in pieces]
+    placed = [_as_placed(*each) for each in zip(count(), kinds, standing, strict=False)]
     lamps = _added_lamps(rng, plan, style, standing, len(placed))
     if lamps:
         changes.note("a ceiling lamp was added to each room without a lamp: {}",
@@ -209,9 +208,8 @@ def _note_blocked(
 
 def _as_placed(number: int, kind: str, one: Standing) -> PlacedInRoom:
     name = kind or re.sub(r"[^a-z0-9]+", "_", one.category.lower())[:30]
-    low, high = one.piece.bounds
-    corners = one.pose.apply(np.array([low, high]))
-    placed = PlacedPiece(f"{one.room.id}-{name}-{number}", name, one.piece, one.pose, corners[None])
+    solid = collision_boxes(one.piece, one.pose)
+    placed = PlacedPiece(f"{one.room.id}-{name}-{number}", name, one.piece, one.pose, solid)
     return PlacedInRoom(one.room.id, placed)
 
 

@@ -94,6 +94,11 @@ def _furnish_room(furnisher: Furnisher) -> None:
         furnish_windows(furnisher)
     _FURNISH_ROOM[furnisher.room.type](furnisher)
     _hang_ceiling_lamp(furnisher)
+    leave_small_objects(furnisher)
+
+
+def leave_small_objects(furnisher: Furnisher) -> None:
+    """Leave cloth, small objects, switches and sockets in a furnished room."""
     drape_cloth(furnisher)
     fill_sills(furnisher)
     _place_small_objects(furnisher)

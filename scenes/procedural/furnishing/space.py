@@ -200,6 +200,10 @@ class RoomSpace:
         self._commit(item, front)
         return item
 
+    def add(self, item: PlacedPiece) -> None:
+        """Keep a piece at its pose without a test, and without a clear zone."""
+        self._commit(item, None)
+
     def fits(self, piece: FurniturePiece, pose: Pose, allow: Collection[str] = ()) -> bool:
         """Return True if a pose is free of collisions and clear zones; ignores walkability."""
         return self._is_clear(

@@ -1,5 +1,7 @@
 """Pieces for boxes: sizes, places and moves."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from pbrnet.scenes.layout.furnishing.fitting import (
 from pbrnet.scenes.layout.furnishing.furnish import Furnished, furnish_layout
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
 from pbrnet.scenes.procedural.furniture.things.kinds import THINGS
+from pbrnet.scenes.procedural.piece import FurniturePiece
 from pbrnet.scenes.seeds import generator
 from tests.fixtures.layouts import FLAT, changed, checked
 
@@ -130,3 +133,21 @@ def test_what_fits_no_piece_is_named_and_a_plain_box() -> None:
     assert any("harp" in text for text in changes.sentences())
     bowl = result.placed[1].placed
     assert bowl.pose.z == pytest.approx(0.74, abs=0.01)
+
+
+class _Catalogue:
+    """A sampler with one piece."""
+
+    def __init__(self, piece: FurniturePiece) -> None:
+        self.piece = piece
+
+    def substitute(self, kind: str, options: dict[str, float]) -> FurniturePiece | None:
+        return self.piece if kind == "sofa" else None
+
+
+def test_a_catalogue_piece_is_taken_where_it_fills_the_box() -> None:
+    piece = plain_box(STYLE, "sofa", (2.0, 0.9, 0.8))
+    for size, taken in (((2.1, 0.95, 0.8), True), ((3.4, 0.9, 0.8), False)):
+        sampler: Any = _Catalogue(piece)
+        fit = fit_piece(generator(0), STYLE, "sofa", size, sampler=sampler)
+        assert fit is not None and (fit.piece.name == "sofa" and len(fit.piece.parts) == 1) == taken

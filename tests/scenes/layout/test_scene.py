@@ -64,6 +64,15 @@ def test_equal_files_give_equal_bytes_and_seeds_others(flat: Scene, tmp_path: Pa
     assert again.plan == flat.plan
 
 
+def test_things_are_added_only_where_they_are_asked_for(flat: Scene, tmp_path: Path) -> None:
+    path = write_layout(tmp_path / "flat.json", FLAT)
+    more = import_scene(path, tmp_path / "more", lighting="evening", outdoors="none", things=True)
+    stated = {item.id for item in flat.objects if item.room is not None}
+    added = [item for item in more.objects if item.room is not None and item.id not in stated]
+    assert stated <= {item.id for item in more.objects}
+    assert {"switch"} <= {item.category for item in added} and len(added) > 5
+
+
 @pytest.fixture(scope="module")
 def home() -> Design:
     return design_home(SceneParams(rooms_min=3, rooms_max=3), HomeSeeds(8), None)
