@@ -23,7 +23,7 @@ from pbrnet.scenes.files import exists
 from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.formats.scene_xml import check_scene_xml
 from pbrnet.scenes.geometry import primitives
-from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.geometry.mesh import FARTHEST, Mesh
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.photometry import LUMEN
 
@@ -186,6 +186,10 @@ class _Reader:
             mesh = mesh.flipped()
         if _is_true(self._looks.find(element, "face_normals")):
             mesh = Mesh(mesh.vertices, mesh.faces, None, mesh.uvs)
+        if not (np.abs(mesh.vertices) <= FARTHEST).all():  # nor NaN
+            raise InputError(
+                f"{self._content.scene.xml}: shape {name!r:.100}: vertices lie at no finite place"
+            )
         if len(mesh.faces) and len(np.unique(mesh.faces)) < len(mesh.vertices):
             mesh = mesh.subset(np.ones(len(mesh.faces), bool))  # without stray vertices
         return mesh

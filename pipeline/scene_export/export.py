@@ -14,8 +14,15 @@ from pbrnet.pipeline.scene_export.light_variants import light_variants
 from pbrnet.pipeline.scene_export.outdoors import SKY, Lit, Outdoors, outdoors_of, save_sky
 from pbrnet.pipeline.scene_export.panes import add_panes
 from pbrnet.scenes.contract import load_scene
-from pbrnet.scenes.errors import ParameterError
-from pbrnet.scenes.files import atomic_directory, atomic_file, temporary_folder, write_json
+from pbrnet.scenes.errors import MachineError, ParameterError
+from pbrnet.scenes.files import (
+    atomic_directory,
+    atomic_file,
+    exists,
+    read_json,
+    temporary_folder,
+    write_json,
+)
 from pbrnet.scenes.installation import optional
 
 _ALWAYS = ("drawers and the doors of furniture have no joints: scenes do not say how they open",)
@@ -60,7 +67,7 @@ def export_scene(
     `OUT-sky.exr` for a scene with a sky, and `OUT.json`, which lists what the format does not
     hold. All are written by rename. Raises `InputError` for a scene that cannot be used,
     `ParameterError` for a suffix of another format, `MachineError` if `out` is something else than
-    a regular file.
+    a regular file, or what would be replaced beside it is of no export.
     """
     target = TARGETS[name]
     if out.suffix.lower() not in target.suffixes:
@@ -72,6 +79,8 @@ def export_scene(
         return Exported((out,), len(scene.objects), ())
     if name != "glb":
         optional("pxr", "usd")
+    notes = out.with_name(f"{out.stem}.json")
+    _check_replaced(notes, out.with_name(f"{out.stem}-textures") if name == "usd" else None)
     content = read_content(folder, cameras)
     variants = [] if name == "glb" else light_variants(content)
     add_joints(content)
@@ -91,20 +100,34 @@ def export_scene(
         write = _write_usd if name == "usd" else _write_usdz
         files = write((content, outdoors), out, lit)
     lost = (*_ALWAYS, *content.lost.sentences())
-    notes = out.with_name(f"{out.stem}.json")
     write_json(notes, {"scene": content.scene.scene_id, "format": name, "not held": list(lost)})
     return Exported((*files, notes), len(content.scene.objects), lost)
 
 
+def _check_replaced(notes: Path, textures: Path | None) -> None:
+    """Refuse to replace a JSON file or a folder of images that no export wrote."""
+    if exists(notes):
+        record = read_json(notes)
+        if not isinstance(record, dict) or "not held" not in record:
+            raise MachineError(
+                f"{notes}: not replaced, because it is no report of an export; choose another --out"
+            )
+    elif textures is not None and exists(textures):
+        raise MachineError(
+            f"{textures}: not replaced, because {notes.name} of its export is missing; choose "
+            "another --out"
+        )
+
+
 def _write_glb(content: Content, outdoors: Outdoors | None, out: Path) -> tuple[Path, ...]:
     data = glb_bytes(content, outdoors)
+    sky = out.with_name(f"{out.stem}-sky.exr")
     with atomic_file(out) as partial:
         partial.write_bytes(data)
-    if outdoors is None:
-        return (out,)
-    sky = out.with_name(f"{out.stem}-sky.exr")
-    with atomic_file(sky) as partial:
-        save_sky(partial, outdoors.sky)
+        if outdoors is None:
+            return (out,)
+        with atomic_file(sky) as image:
+            save_sky(image, outdoors.sky)
     content.lost.note(
         f"glTF has no sky: it is in {sky.name}, equirectangular in cd/m^2, its middle towards +Y "
         "of the scene (-Z of the GLB); the sun is a directional light"
@@ -119,7 +142,7 @@ def _write_usd(lit: Lit, out: Path, variants: Sequence[Lit]) -> tuple[Path, ...]
         stage = work / "stage.usdc"
         with atomic_directory(textures) as folder:
             usd.write_usd(lit, stage, folder, textures.name, variants)
-        partial.write_bytes(stage.read_bytes())
+            partial.write_bytes(stage.read_bytes())
     return (out, textures)
 
 

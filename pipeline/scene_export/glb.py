@@ -30,6 +30,7 @@ from pbrnet.pipeline.scene_export.outdoors import Outdoors
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import SceneObject
+from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.models.stated import Statement
 
 _ROOT = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # Z up to Y up
@@ -94,7 +95,12 @@ class _Writer:
             document["extensionsUsed"] = sorted(self._extensions)
         if self._binary:
             document["buffers"] = [{"byteLength": len(self._binary)}]
-        text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+        try:
+            text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
+        except ValueError:
+            raise InputError(
+                f"{self._content.scene.xml}: a light, camera or material has a value out of range"
+            ) from None
         text += b" " * (-len(text) % 4)
         chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
         if self._binary:

@@ -24,17 +24,18 @@ _GLASS = Look(
 
 def add_panes(content: Content) -> None:
     """Add a sheet of glass to `content` for each portal with panes."""
-    portals = {PANE_PREFIX + one.id: one for one in content.scene.portals if one.panes > 0}
-    if not portals:
-        return
     number = len(content.materials)
-    content.materials.append(("window_pane", _GLASS, None))
-    for name, portal in portals.items():
-        mesh = _sheet(np.array(portal.polygon), np.array(portal.normal))
+    for portal in content.scene.portals:
+        mesh = _sheet(np.array(portal.polygon), np.array(portal.normal)) if portal.panes else None
+        if mesh is None or not len(mesh.faces):
+            continue
+        name = PANE_PREFIX + portal.id
         content.pieces[name] = Piece(name, mesh, number)
-    if any(portal.panes > 1 for portal in portals.values()):
+        content.panes[name] = portal
+    if content.panes:
+        content.materials.append(("window_pane", _GLASS, None))
+    if any(portal.panes > 1 for portal in content.panes.values()):
         content.lost.note("windows of several panes have one sheet of glass")
-    content.panes.update(portals)
 
 
 def _sheet(polygon: Float64Array, normal: Float64Array) -> Mesh:

@@ -7,6 +7,7 @@ from tests.hostile.project_files import (
     catalogues,
     command_lines,
     dataset,
+    exported_scenes,
     folders,
     frames,
     networks,
@@ -45,6 +46,7 @@ FAMILIES: tuple[Family, ...] = (
     *networks.FAMILIES,
     *photographs.FAMILIES,
     *folders.FAMILIES,
+    *exported_scenes.FAMILIES,
     *catalogues.FAMILIES,
     *command_lines.FAMILIES,
 )

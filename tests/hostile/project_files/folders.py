@@ -1,7 +1,9 @@
 """Hostile scene folders."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
+from pbrnet.scenes.contract import Portal
 from tests.hostile.family import Arguments, Family, Made, Victim
 from tests.hostile.made import with_link
 from tests.hostile.mutations import damaged_json, damaged_text
@@ -15,9 +17,16 @@ RENDER = (
 
 
 def _folder(folder: Path) -> None:
+    """A scene folder and networks."""
+    from tests.fixtures.predictor import untrained_models
+
+    write_room(folder)
+    untrained_models(folder / "models", width=2, levels=2)
+
+
+def write_room(folder: Path, portals: Sequence[Portal] = ()) -> None:
     """A scene folder with a mesh, a texture and a lamp, as `pbrnet import` leaves them."""
     from tests.fixtures.model_file import POINTS, TRIANGLES
-    from tests.fixtures.predictor import untrained_models
     from tests.fixtures.render import ball, diffuse, glow, write_scene
 
     small_params(folder)
@@ -42,9 +51,9 @@ def _folder(folder: Path) -> None:
         folder / "scenes" / "room",
         body,
         {"box": ("box",), "sofa": ("sofa",)},
+        portals,
         files={"meshes/box.ply": ply.encode(), "textures/t.png": picture},
     )
-    untrained_models(folder / "models", width=2, levels=2)
 
 
 LOOK, COPY = "inspect scenes/room --plan-only --out p.png", "import scenes/room --out out"
@@ -65,7 +74,7 @@ def _linked(name: str, target: str, command: str) -> Made:
     return with_link(f"scenes/room/{name}", target, command)
 
 
-_PARTS = {
+PARTS = {
     "include": ("<shape", "<include filename='/etc/passwd'/><shape"),
     "own": ("<shape", "<include filename='scene.xml'/><shape"),
     "include out": ("<shape", "<include filename='../../a.obj'/><shape"),
@@ -83,7 +92,7 @@ _PARTS = {
 }
 
 FOLDERS_MADE = (
-    *(_scene(*part, command) for part in _PARTS.values() for command in (RENDER, LOOK, COPY)),
+    *(_scene(*part, command) for part in PARTS.values() for command in (RENDER, LOOK, COPY)),
     *(
         _linked(name, target, command)
         for name, target in (

@@ -321,6 +321,12 @@ def test_wrong_places_and_scenes_are_refused(home: Scene, tmp_path: Path) -> Non
     (tmp_path / "pipe.zip").symlink_to("/dev/null")
     with pytest.raises(MachineError, match="not replaced"):
         export_scene(home.folder, "mitsuba", tmp_path / "pipe.zip")
+    (tmp_path / "home.json").write_text("{}")
+    with pytest.raises(MachineError, match=r"home\.json: not replaced"):
+        export_scene(home.folder, "glb", tmp_path / "home.glb")
+    (tmp_path / "own-textures").mkdir()
+    with pytest.raises(MachineError, match="own-textures: not replaced"):
+        export_scene(home.folder, "usd", tmp_path / "own.usdc")
     broken = tmp_path / "broken"
     broken.mkdir()
     (broken / "scene.json").write_bytes((home.folder / "scene.json").read_bytes())
