@@ -32,6 +32,7 @@ _ENOUGH = 0.95  # no better piece is looked for
 _DRAWS = 3  # of each kind
 _MOST_KINDS = 8  # that are tried for one box
 _ROW = 1.7  # of the width of one piece, from which several stand side by side
+_LONGEST_ROW = 12  # pieces side by side
 _STEPS = 1  # correction of the options of one draw
 _THIN = (0.3, 3.0)  # scale of what is thin
 _AXES = {"x": 0, "y": 1, "z": 2}
@@ -148,10 +149,8 @@ def _candidates(
     rng: Draw, style: Style, kind: str, wanted: Float64Array
 ) -> Iterable[FurniturePiece]:
     """Yield pieces of a kind, with options that make them about as large as wanted."""
-    width = float(wanted[0])
-    count = max(1, round(width / _TABLES.rows.get(kind, width)))
-    if width < _ROW * _TABLES.rows.get(kind, width):
-        count = 1
+    ones = float(wanted[0]) / _TABLES.rows.get(kind, float(wanted[0]))
+    count = min(round(ones), _LONGEST_ROW) if ones > _ROW else 1
     for _ in range(_DRAWS):
         if kind in THINGS:
             yield THINGS[kind].make(rng, style)
