@@ -31,7 +31,10 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file
 
 _CAMERA = ("scene_id", "view_id", "split", "camera_to_world", "exposure_color", "white_color")
-_OPTIONAL = ("radiance_scale", "room_type", "trajectory", "frame", "projection")
+_OPTIONAL = (
+    *("radiance_scale", "room_type", "trajectory", "frame", "projection"),
+    *("f_number", "focus_distance", "exposure_time", "readout_time"),
+)
 _RADIANCES = RADIANCES | {"lights"}
 
 

@@ -44,10 +44,9 @@ def _autofocus(scene: RenderScene, view: View, params: OpticsParams) -> float:
     columns, rows = np.meshgrid(steps * view.width, steps * view.height)
     rays = view.lens.rays(np.stack([columns.ravel(), rows.ravel()], axis=-1))
     directions = turned(rays.directions[rays.valid], view.pose[:3, :3])
-    _, metres = raycast.nearest(scene.geometry, view.eye, directions)
-    if not view.lens.depth_is_distance:
-        metres = metres * rays.directions[rays.valid][:, 2]
-    return min(float(np.median(metres)), _INFINITY)
+    _, distances = raycast.nearest(scene.geometry, view.eye, directions)
+    along = 1.0 if view.lens.depth_is_distance else rays.directions[rays.valid][:, 2]
+    return min(float(np.median(distances * along)), _INFINITY)
 
 
 def facts_of(optics: Optics, params: OpticsParams) -> dict[str, Any]:

@@ -272,7 +272,8 @@ def render_noisy(
     """
     own = settings["noisy"]
     reflectance, normal = sample_guides(scene, view)
-    seen, facts = (reflectance, normal), {}
+    seen = reflectance, normal
+    facts: dict[str, Any] = {}
     if own.joint:
         truths = render_both(scene, view, own.trace, own.albedo, seed)
         color, shading = truths.color, truths.shading

@@ -6,10 +6,10 @@ of a furnished scene through every material. In a small view that is more than i
 call meets another instance than at recording, so no instance is created between views: the sensor
 is moved instead.
 
-Mitsuba has no sensor for lenses other than pinholes, so their rays are made by `camera_rays` and
-given to the joint path tracer, or in scalar variants to Mitsuba's `path`. A pixel is the mean
-radiance over its area on the image, in panoramas over its solid angle: places in it are stratified
-(multi-jittered) and uniform.
+Mitsuba has no sensor for lenses other than pinholes, nor for cameras that move, so their rays are
+made by `camera_rays` and `optics` and given to the joint path tracer, or in scalar variants to
+Mitsuba's `path`. A pixel is the mean radiance over its area on the image, in panoramas over its
+solid angle: places in it are stratified (multi-jittered) and uniform.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def _launch(
 
 
 class RayTracer:
-    """Sampler and recorded launches of one open scene for lenses that are no pinholes."""
+    """Sampler and recorded launches of one open scene for cameras that are no pinholes at rest."""
 
     def __init__(self) -> None:
         self._recordings = Recordings()
@@ -236,7 +236,7 @@ class RayKind(NamedTuple):
     spp: int  # a power of two
 
     @property
-    def count(self) -> int:
+    def rays(self) -> int:
         """Number of rays."""
         return self.copies * self.lens.height * self.lens.width * self.spp
 
@@ -265,8 +265,8 @@ def sample_rays(
     eye, axes, numbers, ideal, valid, values = arrays
     sampler.set_sample_count(kind.spp)
     sampler.set_samples_per_wavefront(kind.spp)
-    sampler.seed(seed, kind.count)
-    pixel = dr.arange(mi.UInt32, kind.count) >> (kind.spp.bit_length() - 1)
+    sampler.seed(seed, kind.rays)
+    pixel = dr.arange(mi.UInt32, kind.rays) >> (kind.spp.bit_length() - 1)
     places = LensArrays(numbers, ideal, valid)
     start, local, active = camera_rays(kind.lens, places, pixel, sampler.next_2d())
     origin = mi.Point3f(*(entry(eye, i) for i in range(3)))

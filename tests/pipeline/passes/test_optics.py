@@ -12,6 +12,7 @@ from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.dataset.checks import check_light, load_frames
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.settings import CheckParams
+from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.pipeline.frames import frame_path, read_frame, write_frame
 from pbrnet.pipeline.params import Params, build_params
 from pbrnet.pipeline.passes.optics import optics_of
@@ -61,9 +62,11 @@ def test_without_options_settings_and_fingerprints_are_those_of_before() -> None
 
 @pytest.mark.parametrize("params", [LENS, MOVING])
 def test_colour_alone_depends_on_lens_and_shutter(params: Params) -> None:
-    for kind in ("inputs", "labels", "shading", "environment"):
+    sharp: tuple[Kind, ...] = ("inputs", "labels", "shading", "environment")
+    for kind in sharp:
         assert fingerprints(kind, params, VIEW) == fingerprints(kind, SHARP, VIEW)
-    for kind in ("color", "noisy"):
+    of_lens: tuple[Kind, ...] = ("color", "noisy")
+    for kind in of_lens:
         assert fingerprints(kind, params, VIEW) != fingerprints(kind, SHARP, VIEW)
         assert fingerprints(kind, SHARP, OTHER) == fingerprints(kind, SHARP, VIEW)
         moves = fingerprints(kind, params, OTHER) != fingerprints(kind, params, VIEW)
@@ -167,6 +170,7 @@ def test_rows_say_how_colour_was_exposed(tmp_path: Path) -> None:
     table = pq.read_table(next((data / "dataset").glob("train-*.parquet")))
     for name, value in facts.items():
         assert table[name].to_pylist() == [np.float32(value)] * len(table)
+    assert facts.keys() <= DatasetRows(data / "dataset").rows[0].values.keys()
     assert pack_dataset(make_data(tmp_path / "plain", small_params()), small_params()).total
     plain_table = pq.read_schema(next((tmp_path / "plain/dataset").glob("train-*.parquet")))
     assert not set(facts) & set(plain_table.names)
