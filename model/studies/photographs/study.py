@@ -169,8 +169,16 @@ class PhotographStudy:
         return record
 
     def _set(self, path: Path) -> PhotographSet:
+        """Return a training set; raises `InputError` if it shares pictures with the test."""
         if path not in self._sets:
-            self._sets[path] = open_set(path, "train")
+            found = open_set(path, "train")
+            shared = {key.name for key in found.keys} & {key.name for key in self.photographs.keys}
+            if shared and found.path.resolve() == self.photographs.path.resolve():
+                raise InputError(
+                    f"{path}: {len(shared)} pictures to train on are also those of the test; list "
+                    "others in train.txt and test.csv, or name another set"
+                )
+            self._sets[path] = found
         return self._sets[path]
 
     def _stages(self, row: Row) -> list[list[Pool]]:

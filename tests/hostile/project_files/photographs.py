@@ -10,9 +10,11 @@ from tests.hostile.family import Arguments, Family, Made, Victim
 from tests.hostile.made import with_file, with_link, with_value
 from tests.hostile.mutations import damaged_bytes, damaged_json, damaged_text
 
-_READ = "study photographs {0} --row a={0} --dry-run"
 NYU_FILE = "nyu/set.mat"
-FOLDER, NYU, HYPERSIM = (_READ.format(one) for one in ("set", NYU_FILE, "hyper"))
+FOLDER, NYU, HYPERSIM = (
+    f"study photographs {test} --row a={train} --dry-run"
+    for test, train in (("set", "set"), (NYU_FILE, "set"), ("hyper", "set"))
+)
 ROWS = "study photographs set --rows rows.yaml --dry-run"
 _DEPTH = "hyper/ai_001_001/images/scene_cam_00_geometry_hdf5/frame.0000.depth_meters.hdf5"
 _CAMERAS = "hyper/metadata_camera_parameters.csv"
@@ -24,7 +26,7 @@ def _sets(folder: Path) -> None:
     folder_set(folder / "set", 2)
     nyu_file(folder / "nyu").rename(folder / NYU_FILE)
     hypersim_set(folder / "hyper", 1)
-    (folder / "rows.yaml").write_text("- {name: a, train: [[set@1], [set]], varied: false}\n")
+    (folder / "rows.yaml").write_text("- {name: a, train: [[set@1], [hyper]], varied: false}\n")
 
 
 def _hdf5(name: str, make: Callable[[Any], Any], path: str = NYU_FILE, command: str = NYU) -> Made:

@@ -325,7 +325,7 @@ def test_study_from_end_to_end_and_again(place: Path, monkeypatch: pytest.Monkey
     content = path.read_text()
     result = build(PhotographsResult, json.loads(content))
     row = result.rows["ours, then real"]
-    assert (result.pictures, result.runs, row.views) == (4, 2, 6)
+    assert (result.pictures, result.runs, row.views) == (4, 2, 3)
     assert row.absrel is not None and row.absrel.gain is not None and row.absrel.low is not None
     assert row.miou13 is not None and result.rows["ours"].absrel is not None
     assert {f.name for f in (place / "metrics").iterdir()} == {
@@ -397,6 +397,13 @@ def test_damaged_hdf5_files_are_refused_in_a_line(tmp_path: Path) -> None:
     assert "M_cam_from_uv" in refused(*COMMAND, folder, "--row", f"a={folder}", "--dry-run")
     shutil.rmtree(folder / "ai_001_001")
     assert exit_code(*COMMAND, folder, "--row", f"a={folder}", "--dry-run") == 3
+
+
+def test_training_on_pictures_of_the_test_is_refused(tmp_path: Path) -> None:
+    folder = folder_set(tmp_path / "set", 2)
+    (folder / "train.txt").unlink()
+    rows = ("--row", f"a={folder / '..' / 'set'}")
+    assert "2 pictures" in refused(*COMMAND, folder, *rows, "--dry-run")
 
 
 def test_wrong_rows_and_sets_are_refused(place: Path, tmp_path: Path) -> None:
