@@ -155,9 +155,9 @@ class Params:
             raise ValueError(
                 "groundtruth.joint: false needs image.projection: perspective without distortion"
             )
-        for name in ("half_fov_x", "stereo_baseline", "overlap_views"):
-            if self.image.is_panorama and getattr(self.cameras, name):
-                raise ValueError(f"cameras.{name}: not with image.projection: equirectangular")
+        for option in ("half_fov_x", "stereo_baseline", "overlap_views"):
+            if self.image.is_panorama and getattr(self.cameras, option):
+                raise ValueError(f"cameras.{option}: not with image.projection: equirectangular")
         if projection == "orthographic" and self.cameras.half_fov_x:
             raise ValueError("cameras.half_fov_x: orthographic views have none; see image.lens")
 

@@ -52,6 +52,13 @@ class ImageParams:
         plain = not any(options.distortion) and len(options.focal) < 2
         return self.projection == "perspective" and plain
 
+    @property
+    def coefficients(self) -> int:
+        """Number of coefficients of distortion in the rows of a dataset; 0: none."""
+        if self.projection == "fisheye":
+            return 4
+        return len(self.lens.distortion) if any(self.lens.distortion) else 0
+
     def verify(self, where: str) -> None:
         """Raise ValueError for an equirectangular image that is not twice as wide as high.
 

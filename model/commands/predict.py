@@ -487,6 +487,11 @@ def _scene_views(request: PictureRequest, scene: Path, name: str | None) -> list
         image = request.renderers.params.image
         if size:
             image = replace(image, width=size[0], height=size[1])
+        if not image.is_pinhole:
+            raise InputError(
+                f"--eye: image.projection is {image.projection}; pictures by networks need "
+                "perspective without distortion"
+            )
         place = _triple(eye, "--eye"), _triple(towards, "--towards")
         scene_id = load_scene(scene).scene_id
         return [prediction.placed_view(scene_id, *place, intrinsics_of(image))]

@@ -18,6 +18,7 @@ from pbrnet.model.serving.gallery import SURFACES, TITLES, Gallery, cameras_of
 from pbrnet.model.serving.server import ADDRESS, PageServer
 from pbrnet.model.serving.worker import NewestFirst
 from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options
+from pbrnet.pipeline.lenses.settings import STEEPEST
 from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.errors import InputError, MachineError
@@ -64,7 +65,7 @@ def serve(
         "cameras": cameras_of(opened.scene, views, opened.bbox),
         "methods": [(name, TITLES[name]) for name in gallery.methods],
         "draft": SURFACES,
-        "fov": 2 * request.params.image.half_fov_x,
+        "fov": 2 * min(request.params.image.half_fov_x, STEEPEST),
     }
     queue = NewestFirst(gallery.draw)
     try:

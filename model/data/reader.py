@@ -365,8 +365,8 @@ def _group_sizes(path: Path, columns: Iterable[str]) -> list[int]:
             )
         if "projection" in names:
             raise InputError(
-                f"{path}: equirectangular views; the networks take perspective ones, "
-                "image.projection: perspective"
+                f"{path}: views through another lens than a pinhole; the networks take perspective "
+                "ones without distortion, image.projection: perspective"
             )
         check_types(path, file.schema_arrow, (*SCALARS, *columns, *_scale_columns(file)))
         return [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]

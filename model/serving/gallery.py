@@ -22,6 +22,7 @@ from pbrnet.model.evaluation.previews import PREVIEWS, RADIOSITY, Preview
 from pbrnet.model.release.pretrained import find_models
 from pbrnet.model.titles import METHOD_TITLES
 from pbrnet.pipeline.images import NOTHING, Picture, png_bytes, reflectance_picture
+from pbrnet.pipeline.lenses.settings import STEEPEST
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.views import ImageParams, View, intrinsics_of
@@ -82,7 +83,8 @@ class Gallery:
         if shot.method not in self.methods:
             known = ", ".join(self.methods)
             raise InputError(f"method: {shown(shot.method)} is not one of {known}")
-        image = ImageParams(shot.width, shot.height, self.renderer.params.image.half_fov_x)
+        half_fov_x = min(self.renderer.params.image.half_fov_x, STEEPEST)
+        image = ImageParams(shot.width, shot.height, half_fov_x)
         eye, towards = np.array(shot.eye), np.array(shot.towards)
         scene = self.renderer.scene.scene.scene_id
         view = placed_view(scene, eye, towards, intrinsics_of(image))

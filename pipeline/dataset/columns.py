@@ -171,13 +171,15 @@ def dataset_columns(
     projection: Projection = "perspective",
     aperture: bool = False,
     shutter: bool = False,
+    distortion: int = 0,
 ) -> tuple[Column, ...]:
     """Return all columns, in order, for images and panoramas of these (width, height).
 
     `shadows` adds the column of visibility frames, `noisy` those of noisy frames, `channels` those
     of further sets or of parts of `paper`, and `links` those that say which rows belong together.
     `environment` is the size of that set's panoramas, `lights` the number of light groups. Images
-    of an equirectangular `projection` have a column that says so, and distances as depth.
+    of another `projection` than perspective, and those with so many coefficients of `distortion`,
+    have columns that say so, and other meanings of `depth` and `K`.
     `aperture` and `shutter` add the columns of color that is not that of a pinhole standing still.
     """
     paper, kinds = SETS["paper"], kinds_of_sets(channels)
@@ -190,11 +192,13 @@ def dataset_columns(
         "labels": "labels" in further,
         "lights": lights,
         "links": links,
-        "equirectangular": projection != "perspective",
+        "equirectangular": projection == "equirectangular",
+        "lens": projection in ("fisheye", "orthographic") or distortion,
+        "distortion": distortion,
         "aperture": aperture and "color" in kinds,
         "shutter": shutter and "color" in kinds,
     }
-    sizes: dict[str | int, int] = {"n": lights, "w": size[0], "h": size[1]}
+    sizes: dict[str | int, int] = {"n": lights, "w": size[0], "h": size[1], "k": distortion}
 
     def facts(group: str) -> Iterator[Column]:
         return (_fact(name, entry, sizes) for name, entry in _TABLE[group].items())
@@ -209,8 +213,8 @@ def dataset_columns(
         *_image_columns(further, size, environment),
         *(column for group, there in groups.items() if there for column in facts(group)),
     ]
-    if projection != "perspective":
-        other = _TABLE["equirectangular_descriptions"]
+    if projection != "perspective" or distortion:
+        other = _TABLE[f"{projection}_descriptions"]
         columns = [
             replace(one, description=other.get(one.name, one.description)) for one in columns
         ]

@@ -152,6 +152,7 @@ class _Packer:
             projection=params.image.projection,
             aperture=bool(params.optics.f_number),
             shutter=params.optics.moves,
+            distortion=params.image.coefficients,
         )
 
     def origin(self) -> str:

@@ -28,6 +28,7 @@ import pyarrow.parquet as pq
 
 from pbrnet import reader
 from pbrnet.pipeline.dataset.columns import FORMAT, dataset_columns
+from pbrnet.pipeline.lenses.model import COEFFICIENTS, Lens
 from pbrnet.pipeline.splits import SPLITS
 from pbrnet.pipeline.views import check_intrinsics, check_pose
 from pbrnet.scenes.arrays import AnyArray, UInt8Array
@@ -48,6 +49,7 @@ _NAMES = {
     "view_id": "a view's id",
     "trajectory": "a trajectory's name",
 }
+_LENS = ("K", "projection", "distortion")
 _EXPOSURES = ("exposure_shading", "white_shading", "exposure_color", "white_color")
 _REMEDY = "pack it again with: pbrnet dataset"
 
@@ -108,13 +110,13 @@ def check_rows(path: Path, file: pq.ParquetFile) -> None:
     """
     if not file.metadata.num_rows:
         raise InputError(f"{path}: no rows; {_REMEDY}")
-    columns = (*_NAMES, "K", "camera_to_world", *_EXPOSURES)
+    columns = (*_NAMES, *_LENS, "camera_to_world", *_EXPOSURES)
     names = [name for name in columns if name in file.schema_arrow.names]
     check_types(path, file.schema_arrow, names)
     with reading(path):
         table = file.read(columns=names)
-    flat = "projection" not in file.schema_arrow.names  # other views have no K
-    check_filled(path, table, {*names} - {"trajectory"} - ({"K"} if not flat else set()))
+    optional = {"trajectory", "K"} if "projection" in names else {"trajectory"}
+    check_filled(path, table, {*names} - optional)
     for row in table.to_pylist():
         check_row(path, row)
 
@@ -129,8 +131,7 @@ def check_row(path: Path, row: Mapping[str, Any]) -> None:
         if name in row and (row[name] or name != "trajectory"):
             check_name(row[name] or "", what, str(path), InputError)
     try:
-        if row.get("K") is not None:
-            check_intrinsics(row["K"], "K")
+        _check_lens(row)
         if row.get("camera_to_world") is not None:
             check_pose(row["camera_to_world"], "camera_to_world")
         for name in _EXPOSURES:
@@ -141,6 +142,18 @@ def check_row(path: Path, row: Mapping[str, Any]) -> None:
     except (TypeError, ValueError) as error:
         name = f"{row.get('scene_id')}/{row.get('view_id')}"
         raise InputError(f"{path}: the row {name}: {error}; {_REMEDY}") from None
+
+
+def _check_lens(row: Mapping[str, Any]) -> None:
+    """Raise ValueError for a projection, `K` or coefficients that no view has."""
+    projection = row.get("projection") or "perspective"
+    if projection not in COEFFICIENTS:
+        raise ValueError(f"projection: {shown(projection)} is not one of {', '.join(COEFFICIENTS)}")
+    if row.get("K") is not None:
+        check_intrinsics(row["K"], "K")
+    elif "K" in row and projection != "equirectangular":
+        raise ValueError("K: null, and the view is not equirectangular")
+    Lens(projection, 1, 1, (), tuple(row.get("distortion") or ())).verify("distortion")
 
 
 def check_types(path: Path, schema: pa.Schema, names: Iterable[str]) -> None:

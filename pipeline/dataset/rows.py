@@ -65,6 +65,11 @@ class RowSource:
         return None if self.view.is_panorama else np.array(self.view.K)
 
     @property
+    def distortion(self) -> Float64Array:
+        """Coefficients of the lens, (k,); those of a fisheye without are 0."""
+        return np.array(self.view.distortion or (0.0,) * 4)
+
+    @property
     def objects(self) -> int:
         """Number of objects, without structure, that each cover over 1 % of the view."""
         numbers = self.frames["inputs"].channels["object"].astype(np.int64)

@@ -20,7 +20,7 @@ import numpy as np
 from pbrnet.pipeline.dataset.columns import CLASSES
 from pbrnet.pipeline.export.images import exposures, write_picture
 from pbrnet.pipeline.export.parts import Advance, Format, Job, Part, library
-from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.pipeline.export.rows import ANY_LENS, ViewRow
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.scenes.arrays import AnyArray, BoolArray
 from pbrnet.scenes.files import atomic_file, read_json, write_json
@@ -218,7 +218,7 @@ def _format(kind: str, name: str, title: str) -> Format:
         partial(_finish, kind),
         check=lambda job: _masks() if kind == "instances" else None,
         uses=("exposure", "classes"),
-        panoramas=True,
+        lenses=ANY_LENS,
     )
 
 

@@ -2,7 +2,8 @@
 
 COLMAP's cameras have our axes (x right, y down, z forward) and our pixel centres (+0.5); poses are
 world to camera. `images/` are tone-mapped PNG with one exposure a scene. Points are on surfaces and
-exact, so their reprojection error is 0.
+exact, so their reprojection error is 0. Lenses with distortion are `OPENCV`, `FULL_OPENCV` or
+`OPENCV_FISHEYE`, and in files for OpenCV.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from pbrnet.pipeline.export.images import Points, exposures, scene_points, write
 from pbrnet.pipeline.export.parts import Advance, Format, Job, scene_parts
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.images import tone_picture
-from pbrnet.scenes.arrays import Int64Array
+from pbrnet.pipeline.lenses.calibration import opencv_text
+from pbrnet.scenes.arrays import AnyArray, Int64Array
+from pbrnet.scenes.files import write_text
 
 
 def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) -> None:
@@ -36,17 +39,35 @@ def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) ->
     points = scene_points(rows, depths, pictures, job.options.points)
     cameras = _cameras(rows, [depth.shape for depth in depths])
     (model / "cameras.txt").write_text(
-        "".join(f"{number} PINHOLE {text}\n" for text, number in cameras.items())
+        "".join(f"{number} {text}\n" for text, number in cameras.items())
     )
+    _write_opencv(folder, rows, depths, cameras)
     numbers = [cameras[_camera(row, depth.shape)] for row, depth in zip(rows, depths, strict=True)]
     places = _write_images(model / "images.txt", rows, numbers, points)
     _write_points(model / "points3D.txt", points, places)
 
 
 def _camera(row: ViewRow, shape: tuple[int, ...]) -> str:
-    """Return width, height, focal lengths and principal point as COLMAP writes them."""
-    k = row.intrinsics
-    return f"{shape[1]} {shape[0]} {k[0, 0]:.12g} {k[1, 1]:.12g} {k[0, 2]:.12g} {k[1, 2]:.12g}"
+    """Return model, width, height and the model's parameters as COLMAP writes them."""
+    k, distortion = row.intrinsics, tuple(row.values.get("distortion") or ())
+    model = {"pinhole": "PINHOLE", "fisheye": "OPENCV_FISHEYE"}.get(row.lens_kind, "OPENCV")
+    if model == "PINHOLE":
+        distortion = ()
+    elif len(distortion) > 4:  # with k3, k4, k5, k6
+        model, distortion = "FULL_OPENCV", (*distortion, 0.0, 0.0, 0.0)[:8]
+    numbers = (k[0, 0], k[1, 1], k[0, 2], k[1, 2], *distortion)
+    return " ".join([model, f"{shape[1]} {shape[0]}", *(f"{value:.12g}" for value in numbers)])
+
+
+def _write_opencv(
+    folder: Path, rows: Sequence[ViewRow], depths: Sequence[AnyArray], cameras: dict[str, int]
+) -> None:
+    """Write each camera with distortion for OpenCV, too: `opencv-1.yaml` is camera 1."""
+    for row, depth in zip(rows, depths, strict=True):
+        if row.lens_kind != "pinhole":
+            number = cameras[_camera(row, depth.shape)]
+            lens = row.lens(depth.shape[1], depth.shape[0])
+            write_text(folder / f"opencv-{number}.yaml", opencv_text(lens))
 
 
 def _cameras(rows: Sequence[ViewRow], shapes: Sequence[tuple[int, ...]]) -> dict[str, int]:
@@ -92,4 +113,5 @@ FORMAT = Format(
     ("color", "depth"),
     partial(scene_parts, _write),
     uses=("exposure", "points"),
+    lenses=("distorted", "fisheye"),
 )

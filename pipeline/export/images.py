@@ -103,8 +103,7 @@ def scene_points(
         grid = np.zeros(depth.shape, dtype=bool)
         grid[step // 2 :: step, step // 2 :: step] = True
         grid &= depth > 0
-        rays = camera_rays(row.intrinsics, width, height)[grid]
-        local = rays * depth[grid].astype(np.float64)[:, None]
+        local = row.lens(width, height).points(depth)[grid]
         positions.append(local @ row.pose[:3, :3].T + row.pose[:3, 3])
         colors.append(picture[grid])
         lines, columns = np.nonzero(grid)
@@ -135,11 +134,11 @@ def _sightings(
 ) -> tuple[BoolArray, Float64Array]:
     """Return which points a view sees, (N,), and where, (N, 2)."""
     height, width = depth.shape
+    lens = row.lens(width, height)
     local = (world - row.pose[:3, 3]) @ row.pose[:3, :3]
-    ahead = local[:, 2] > 1e-6
-    away = np.where(ahead, local[:, 2], 1.0)
-    where = (local @ row.intrinsics.T)[:, :2] / away[:, None]
-    inside = ahead & (where >= 0).all(axis=1) & (where[:, 0] < width) & (where[:, 1] < height)
+    where, ahead = lens.project(local)
+    away = np.sqrt((local**2).sum(axis=-1)) if lens.depth_is_distance else local[:, 2]
+    inside = ahead & lens.contains(where)
     cells = np.where(inside[:, None], where, 0).astype(np.int64)
     found = depth[cells[:, 1], cells[:, 0]].astype(np.float64)
     return inside & (np.abs(found - away) <= _AGREES * away), where

@@ -2,7 +2,8 @@
 
 Camera axes are OpenGL's: x right, y up, z backward. World: metres, Z up, as nerfstudio has it, too.
 Pixel centres at +0.5. `images/` are tone-mapped PNG with one exposure a scene, or linear EXR;
-`depths/` 16-bit PNG in millimetres along the optical axis, 0: no surface, or beyond 65.5 m;
+`depths/` 16-bit PNG in millimetres along the optical axis (of fisheye views along the ray), 0: no
+surface, or beyond 65.5 m;
 `points.ply` starts Gaussian splats.
 """
 
@@ -28,9 +29,11 @@ from pbrnet.pipeline.export.images import (
 from pbrnet.pipeline.export.parts import Advance, Format, Job, scene_parts
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.images import tone_picture
+from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import write_json
 
 _MILLIMETRES = 1000.0
+_OWN = ("file_path", "depth_file_path", "transform_matrix")  # of each frame
 
 
 def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) -> None:
@@ -51,7 +54,8 @@ def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) ->
         pictures.append(tone_picture(color, exposure))
         advance()
     write_ply(folder / "points.ply", scene_points(rows, depths, pictures, job.options.points))
-    write_json(folder / "transforms.json", _transforms(frames))
+    model = "OPENCV_FISHEYE" if rows[0].lens_kind == "fisheye" else "OPENCV"
+    write_json(folder / "transforms.json", _transforms(frames, model))
 
 
 def _frame(row: ViewRow, image: str, shape: tuple[int, ...]) -> dict[str, Any]:
@@ -66,12 +70,25 @@ def _frame(row: ViewRow, image: str, shape: tuple[int, ...]) -> dict[str, Any]:
         "fl_y": row.intrinsics[1, 1],
         "cx": row.intrinsics[0, 2],
         "cy": row.intrinsics[1, 2],
+        **_distortion(row),
     }
 
 
-def _transforms(frames: list[dict[str, Any]]) -> dict[str, Any]:
+def _distortion(row: ViewRow) -> dict[str, float]:
+    """Return the coefficients by nerfstudio's names; raises `InputError` for rational ones."""
+    values = row.values.get("distortion") or (0.0,) * 4
+    if row.lens_kind == "fisheye":
+        return dict(zip(("k1", "k2", "k3", "k4"), values, strict=True))
+    if any(values[5:]):
+        raise InputError(
+            f"{row.name}: nerfstudio has no k4, k5, k6 of OpenCV's rational model; use colmap"
+        )
+    return dict(zip(("k1", "k2", "p1", "p2", "k3"), values[:5], strict=False))
+
+
+def _transforms(frames: list[dict[str, Any]], model: str) -> dict[str, Any]:
     """Return the file's content; intrinsics that all frames share stand at its top."""
-    names = ("w", "h", "fl_x", "fl_y", "cx", "cy")
+    names = [name for name in frames[0] if name not in _OWN]
     shared = {
         name: frames[0][name] for name in names if len({frame[name] for frame in frames}) == 1
     }
@@ -82,12 +99,8 @@ def _transforms(frames: list[dict[str, Any]]) -> dict[str, Any]:
     else:
         shared = {}
     return {
-        "camera_model": "OPENCV",
+        "camera_model": model,
         **shared,
-        "k1": 0.0,
-        "k2": 0.0,
-        "p1": 0.0,
-        "p2": 0.0,
         "depth_unit_scale_factor": 1 / _MILLIMETRES,
         "ply_file_path": "points.ply",
         "frames": frames,
@@ -115,4 +128,5 @@ FORMAT = Format(
     ("color", "depth"),
     partial(scene_parts, _write),
     uses=("images", "exposure", "points"),
+    lenses=("distorted", "fisheye"),
 )

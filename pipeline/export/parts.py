@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from pbrnet.pipeline.export.rows import DatasetRows, ViewRow
+from pbrnet.pipeline.export.rows import DatasetRows, LensKind, ViewRow
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
@@ -79,7 +79,7 @@ class Format:
     finish: Callable[[Job], None] = lambda job: None
     check: Callable[[Job], None] = lambda job: None
     uses: tuple[str, ...] = ()  # names of the options that change its files
-    panoramas: bool = False  # can say equirectangular views
+    lenses: tuple[LensKind, ...] = ()  # that it can say, besides pinholes
 
 
 def scene_parts(
@@ -105,8 +105,7 @@ def run_export(form: Format, job: Job) -> Exported:
     Raises `InputError` if the dataset lacks something, or if the folder holds something else.
     """
     job.rows.require(form.needs, form.name)
-    if not form.panoramas:
-        job.rows.require_perspective(form.name)
+    job.rows.require_lenses(form.name, form.lenses)
     form.check(job)
     record = _record(form, job)
     _claim(job.out)

@@ -6,10 +6,10 @@ as float32 in the renderer's unit; all else about a row as Python values by colu
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -25,16 +25,20 @@ from pbrnet.pipeline.dataset.parquet import (
     reading,
     shards_of,
 )
+from pbrnet.pipeline.lenses.model import Lens, Projection
 from pbrnet.pipeline.tonemap import Exposure
+from pbrnet.pipeline.views import as_matrix
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file
 
 _CAMERA = ("scene_id", "view_id", "split", "camera_to_world", "exposure_color", "white_color")
 _OPTIONAL = (
-    *("radiance_scale", "room_type", "trajectory", "frame", "projection"),
+    *("radiance_scale", "room_type", "trajectory", "frame", "projection", "distortion"),
     *("f_number", "focus_distance", "exposure_time", "readout_time"),
 )
+LensKind = Literal["pinhole", "distorted", "fisheye", "equirectangular", "orthographic"]
+ANY_LENS: tuple[LensKind, ...] = ("distorted", "fisheye", "equirectangular", "orthographic")
 _RADIANCES = RADIANCES | {"lights"}
 
 
@@ -56,6 +60,21 @@ class ViewRow:
     radiance_scale: float
     values: Mapping[str, Any]  # trajectory, frame, room_type, where the dataset has them
     place: tuple[int, int, int]  # shard, row group, row in it
+
+    @property
+    def lens_kind(self) -> LensKind:
+        """Kind of the view's lens."""
+        projection: Projection = self.values.get("projection", "perspective")
+        if projection != "perspective":
+            return projection
+        return "distorted" if any(self.values.get("distortion") or ()) else "pinhole"
+
+    def lens(self, width: int, height: int) -> Lens:
+        """Return the lens of the view's images of this size."""
+        projection: Projection = self.values.get("projection", "perspective")
+        matrix = () if projection == "equirectangular" else as_matrix(self.intrinsics)
+        distortion = tuple(self.values.get("distortion") or ())
+        return Lens(projection, width, height, matrix, distortion)
 
     @property
     def name(self) -> str:
@@ -116,13 +135,15 @@ class DatasetRows:
             if name not in self.columns:
                 raise InputError(f"{self.folder}: {purpose} needs {name!r}; {remedy(name)}")
 
-    def require_perspective(self, purpose: str) -> None:
-        """Raise `InputError` for a dataset of equirectangular views."""
-        if "projection" in self.columns:
-            raise InputError(
-                f"{self.folder}: {purpose} needs perspective views, these are equirectangular; "
-                "set image.projection: perspective"
-            )
+    def require_lenses(self, purpose: str, known: Collection[LensKind]) -> None:
+        """Raise `InputError` for views through other lenses than pinholes and those of `known`."""
+        for row in self.rows:
+            if row.lens_kind not in ("pinhole", *known):
+                further = f", or: {', '.join(known)}" if known else ""
+                raise InputError(
+                    f"{self.folder}: {purpose} needs perspective views, undistorted{further}; "
+                    f"these are {row.lens_kind}; set image.projection and image.lens"
+                )
 
     def read(
         self, rows: Sequence[ViewRow], images: Sequence[str], values: Sequence[str] = ()
@@ -183,7 +204,7 @@ def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:
                 cells["scene_id"],
                 cells["view_id"],
                 cells["split"],
-                _matrix(cells["K"], 3) if flat else np.full((3, 3), np.nan),
+                np.full((3, 3), np.nan) if cells["K"] is None else _matrix(cells["K"], 3),
                 _matrix(cells["camera_to_world"], 4),
                 Exposure(cells["exposure_color"], cells["white_color"]),
                 scale,

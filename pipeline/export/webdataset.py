@@ -20,7 +20,7 @@ import numpy as np
 from pbrnet.pipeline.channels import light_bands
 from pbrnet.pipeline.export.images import rgb_planes, write_exr
 from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
-from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.pipeline.export.rows import ANY_LENS, ViewRow
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import temporary_folder
@@ -103,7 +103,7 @@ def _facts(row: ViewRow, values: dict[str, Any]) -> dict[str, Any]:
         "scene_id": row.scene_id,
         "view_id": row.view_id,
         "split": row.split,
-        "K": None if "projection" in row.values else row.intrinsics.tolist(),
+        "K": None if row.lens_kind == "equirectangular" else row.intrinsics.tolist(),
         "camera_to_world": row.pose.tolist(),
         "exposure_color": row.exposure.scale,
         "white_color": row.exposure.white,
@@ -124,5 +124,5 @@ FORMAT = Format(
     _parts,
     check=_check,
     uses=("tar_views",),
-    panoramas=True,
+    lenses=ANY_LENS,
 )

@@ -17,7 +17,7 @@ import numpy as np
 from defusedxml import DefusedXmlException
 from yaml import SafeLoader
 
-from pbrnet.pipeline.lenses.model import COEFFICIENTS, Projection
+from pbrnet.pipeline.lenses.model import COEFFICIENTS, Lens, Projection
 from pbrnet.scenes.checked import shown
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import exists, parse_json, read_text
@@ -89,6 +89,20 @@ def read_calibration(path: Path, camera: str = "") -> Calibration:
     except InputError as error:
         text = str(error)
         raise ParameterError(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+
+def opencv_text(lens: Lens) -> str:
+    """Return a perspective or fisheye lens as OpenCV's YAML, pixels from the first one's centre."""
+    shifted = np.array(lens.K) - [[0, 0, _HALF], [0, 0, _HALF], [0, 0, 0]]
+    coefficients = np.array([lens.distortion or (0.0,) * 4])
+    lines = ["%YAML:1.0", "---", f"image_width: {lens.width}", f"image_height: {lens.height}"]
+    lines.append(f"fisheye_model: {int(lens.projection == 'fisheye')}")
+    for name, matrix in (("camera_matrix", shifted), ("distortion_coefficients", coefficients)):
+        rows, columns = matrix.shape
+        values = ", ".join(repr(float(value)) for value in matrix.ravel())
+        lines += [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}"]
+        lines += ["   dt: d", f"   data: [ {values} ]"]
+    return "\n".join(lines) + "\n"
 
 
 def _content(path: Path, text: str) -> Any:

@@ -180,8 +180,8 @@ class Lens:
 
     def contains(self, places: Float64Array) -> BoolArray:
         """Test which image points (..., 2) lie within the image."""
-        inside: BoolArray = ((places >= 0) & (places < (self.width, self.height))).all(axis=-1)
-        return inside
+        inside = (places >= 0) & (places < (self.width, self.height))
+        return np.asarray(inside.all(axis=-1))
 
     def ideal(self, pixels: Float64Array) -> tuple[Float64Array, BoolArray]:
         """Return the points (..., 2) of the ideal plane of pixel positions, and where they exist.

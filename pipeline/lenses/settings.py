@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from pbrnet.pipeline.lenses.calibration import Calibration
 from pbrnet.pipeline.lenses.model import COEFFICIENTS, MAX_COEFFICIENT, Lens, Matrix
-from pbrnet.scenes.checked import param, within
+from pbrnet.scenes.checked import build, param, within
 from pbrnet.scenes.errors import ParameterError
 
 if TYPE_CHECKING:
@@ -98,7 +98,8 @@ def lens_of(
 def calibrated(image: ImageParams, found: Calibration) -> LensParams:
     """Return the lens of a calibration file for images of another size of the same aspect.
 
-    Raises `ParameterError` for another projection or aspect than those of the images.
+    Raises `ParameterError` for another projection or aspect than those of the images, and for
+    impossible numbers.
     """
     if found.projection not in (None, image.projection):
         raise ParameterError(
@@ -113,14 +114,12 @@ def calibrated(image: ImageParams, found: Calibration) -> LensParams:
             f"image.width {image.width} and image.height {image.height}"
         )
     focal = (found.focal[0] * across, found.focal[1] * down)
-    return replace(
-        image.lens,
-        distortion=found.distortion,
-        focal=focal[:1] if focal[0] == focal[1] else focal,
-        centre=(found.centre[0] * across, found.centre[1] * down),
-        calibration="",
-        camera="",
-    )
+    numbers = {
+        "distortion": found.distortion,
+        "focal": focal[:1] if focal[0] == focal[1] else focal,
+        "centre": (found.centre[0] * across, found.centre[1] * down),
+    }
+    return build(LensParams, numbers, f"{found.path}: lens")
 
 
 def check_lens(image: ImageParams, where: str) -> None:

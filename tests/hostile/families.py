@@ -4,6 +4,7 @@ from random import Random
 
 from tests.hostile.family import Family
 from tests.hostile.project_files import (
+    calibrations,
     catalogues,
     command_lines,
     dataset,
@@ -40,6 +41,7 @@ FAMILIES: tuple[Family, ...] = (
     *pbrt.FAMILIES,
     *blender.FAMILIES,
     *params.FAMILIES,
+    *calibrations.FAMILIES,
     *frames.FAMILIES,
     *dataset.FAMILIES,
     *submissions.FAMILIES,

@@ -72,7 +72,7 @@ PANORAMIC = ("coco", "coco-panoptic", "webdataset")
 def panoramas(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The packed room as equirectangular views, without K."""
     folder = tmp_path_factory.mktemp("panoramas") / "data" / "dataset"
-    return make_dataset(folder, projection="equirectangular")
+    return make_dataset(folder, lens=("equirectangular", ()))
 
 
 @pytest.mark.parametrize("name", [name for name in FORMATS if name not in PANORAMIC])
