@@ -21,7 +21,7 @@ _ITERATIONS = 4  # from half a pixel away; each squares the error
 
 
 class LensKind(NamedTuple):
-    """What a recorded kernel is compiled for."""
+    """Properties of a lens that a recorded kernel is compiled for."""
 
     projection: Projection
     width: int
@@ -30,7 +30,7 @@ class LensKind(NamedTuple):
 
 
 class LensArrays(NamedTuple):
-    """What a recorded kernel reads of a lens; all differ between lenses of one kind.
+    """Arrays of a lens that a recorded kernel reads; they differ between lenses of one kind.
 
     `numbers` are those of `K`, row by row without its last one, and of the distortion; `ideal` are
     the points of the ideal plane at the pixel centres, x and y in turn; `valid` is 1 where a pixel
