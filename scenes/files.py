@@ -70,16 +70,25 @@ def atomic_directory(path: Path) -> Iterator[Path]:
             yield partial
             _flush_all(file for file in partial.rglob("*") if file.is_file())
             partial.chmod(0o755)
-            if path.exists():
+            while not _took_place(partial, path):
                 retired = Path(tempfile.mkdtemp(prefix=_PARTIAL, dir=path.parent))
-                path.replace(retired / "old")
-                partial.replace(path)
+                with suppress(FileNotFoundError):  # another writer was faster
+                    path.replace(retired / "old")
                 shutil.rmtree(retired, ignore_errors=True)
-            else:
-                partial.replace(path)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
         os.close(lock)
+
+
+def _took_place(partial: Path, path: Path) -> bool:
+    """Rename a folder to `path`, unless there is one with files."""
+    try:
+        partial.replace(path)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise
+        return False
+    return True
 
 
 def _check_replaceable(path: Path, is_kind: Callable[[int], bool]) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from pbrnet.pipeline.scene_export.archive import write_archive
@@ -14,7 +16,7 @@ from pbrnet.pipeline.scene_export.light_variants import light_variants
 from pbrnet.pipeline.scene_export.outdoors import SKY, Lit, Outdoors, outdoors_of, save_sky
 from pbrnet.pipeline.scene_export.panes import add_panes
 from pbrnet.scenes.contract import load_scene
-from pbrnet.scenes.errors import MachineError, ParameterError
+from pbrnet.scenes.errors import InputError, MachineError, ParameterError
 from pbrnet.scenes.files import (
     atomic_directory,
     atomic_file,
@@ -65,17 +67,19 @@ def export_scene(
     `cameras` is a camera file whose views become cameras; by default that of the scene's project,
     if it is there. Without `panes`, windows stay openings without glass. Beside `out` appear
     `OUT-sky.exr` for a scene with a sky, and `OUT.json`, which lists what the format does not
-    hold. All are written by rename. Raises `InputError` for a scene that cannot be used,
-    `ParameterError` for a suffix of another format, `MachineError` if `out` is something else than
-    a regular file, or what would be replaced beside it is of no export.
+    hold. All are written by rename. Raises `InputError` for a scene that cannot be used or changes
+    meanwhile, `ParameterError` for a suffix of another format, `MachineError` if `out` is something
+    else than a regular file, or what would be replaced beside it is of no export.
     """
     target = TARGETS[name]
     if out.suffix.lower() not in target.suffixes:
         raise ParameterError(f"{out}: --to {name} writes {' or '.join(target.suffixes)} files")
+    unchanged = partial(_check_unchanged, folder, _states(folder))
     if name == "mitsuba":
         scene = load_scene(folder)
-        with atomic_file(out) as partial:
-            write_archive(folder, partial)
+        with atomic_file(out) as archive:
+            write_archive(folder, archive)
+            unchanged()
         return Exported((out,), len(scene.objects), ())
     if name != "glb":
         optional("pxr", "usd")
@@ -94,11 +98,11 @@ def export_scene(
         beside = {"glb": sky.name, "usd": f"{out.stem}-textures/{SKY}", "usdz": f"textures/{SKY}"}
         outdoors.stated["file"] = beside[name]
     if name == "glb":
-        files = _write_glb(content, outdoors, out)
+        files = _write_glb(content, outdoors, out, unchanged)
     else:
         lit = [(one, outdoors_of(one)) for one in variants]
         write = _write_usd if name == "usd" else _write_usdz
-        files = write((content, outdoors), out, lit)
+        files = write((content, outdoors), out, lit, unchanged)
     lost = (*_ALWAYS, *content.lost.sentences())
     write_json(notes, {"scene": content.scene.scene_id, "format": name, "not held": list(lost)})
     return Exported((*files, notes), len(content.scene.objects), lost)
@@ -119,15 +123,18 @@ def _check_replaced(notes: Path, textures: Path | None) -> None:
         )
 
 
-def _write_glb(content: Content, outdoors: Outdoors | None, out: Path) -> tuple[Path, ...]:
+def _write_glb(
+    content: Content, outdoors: Outdoors | None, out: Path, unchanged: Callable[[], None]
+) -> tuple[Path, ...]:
     data = glb_bytes(content, outdoors)
     sky = out.with_name(f"{out.stem}-sky.exr")
-    with atomic_file(out) as partial:
-        partial.write_bytes(data)
-        if outdoors is None:
-            return (out,)
-        with atomic_file(sky) as image:
-            save_sky(image, outdoors.sky)
+    with ExitStack() as files:
+        files.enter_context(atomic_file(out)).write_bytes(data)
+        if outdoors is not None:
+            save_sky(files.enter_context(atomic_file(sky)), outdoors.sky)
+        unchanged()
+    if outdoors is None:
+        return (out,)
     content.lost.note(
         f"glTF has no sky: it is in {sky.name}, equirectangular in cd/m^2, its middle towards +Y "
         "of the scene (-Z of the GLB); the sun is a directional light"
@@ -135,19 +142,44 @@ def _write_glb(content: Content, outdoors: Outdoors | None, out: Path) -> tuple[
     return (out, sky)
 
 
-def _write_usd(lit: Lit, out: Path, variants: Sequence[Lit]) -> tuple[Path, ...]:
+def _write_usd(
+    lit: Lit, out: Path, variants: Sequence[Lit], unchanged: Callable[[], None]
+) -> tuple[Path, ...]:
     usd = optional("pbrnet.pipeline.scene_export.usd", "usd")
     textures = out.with_name(f"{out.stem}-textures")
-    with temporary_folder() as work, atomic_file(out) as partial:
+    with temporary_folder() as work, atomic_file(out) as file, atomic_directory(textures) as images:
         stage = work / "stage.usdc"
-        with atomic_directory(textures) as folder:
-            usd.write_usd(lit, stage, folder, textures.name, variants)
-            partial.write_bytes(stage.read_bytes())
+        usd.write_usd(lit, stage, images, textures.name, variants)
+        file.write_bytes(stage.read_bytes())
+        unchanged()
     return (out, textures)
 
 
-def _write_usdz(lit: Lit, out: Path, variants: Sequence[Lit]) -> tuple[Path, ...]:
+def _write_usdz(
+    lit: Lit, out: Path, variants: Sequence[Lit], unchanged: Callable[[], None]
+) -> tuple[Path, ...]:
     usd = optional("pbrnet.pipeline.scene_export.usd", "usd")
-    with temporary_folder() as work, atomic_file(out) as partial:
-        usd.write_usdz(lit, partial, work, variants)
+    with temporary_folder() as work, atomic_file(out) as file:
+        usd.write_usdz(lit, file, work, variants)
+        unchanged()
     return (out,)
+
+
+def _states(folder: Path) -> dict[Path, tuple[int, int]]:
+    """Size and time of each file of a scene folder; {} for another folder."""
+    if not (folder / "scene.json").is_file():
+        return {}
+    found = {}
+    for path in folder.rglob("*"):
+        with suppress(OSError):
+            state = path.stat()
+            found[path] = (state.st_size, state.st_mtime_ns)
+    return found
+
+
+def _check_unchanged(folder: Path, before: dict[Path, tuple[int, int]]) -> None:
+    """Raise `InputError` if a file of the scene folder is not as it was."""
+    after = _states(folder)
+    changed = sorted(path for path in {*before, *after} if before.get(path) != after.get(path))
+    if changed:
+        raise InputError(f"{changed[0]}: changed during the export; run the same command again")

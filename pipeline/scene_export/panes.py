@@ -12,11 +12,13 @@ from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.models.restored import PANE_PREFIX
 from pbrnet.scenes.models.stated import Statement
 
+# A mirror that covers 8 %, what a sheet reflects head-on, and nothing of the rest: renderers sample
+# sun and sky through it, which they do not through KHR_materials_transmission.
 _GLASS = Look(
     base=(1.0, 1.0, 1.0),
     roughness=0.0,
-    transmission=1.0,
-    ior=1.5,
+    metallic=1.0,
+    opacity=0.08,
     two_sided=True,
     stated=Statement("thindielectric"),
 )
