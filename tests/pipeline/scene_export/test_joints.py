@@ -11,6 +11,7 @@ from pbrnet.pipeline.scene_export.panes import add_panes
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Credit, Portal, Scene, SceneObject
 from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.models.stated import Statement
 from pbrnet.scenes.procedural.finishes import make_finishes
 from pbrnet.scenes.procedural.furniture.style import make_style
 from pbrnet.scenes.procedural.plan import Opening
@@ -103,4 +104,4 @@ def test_a_pane_fills_its_portal_and_faces_outdoors() -> None:
     assert 0.5 * np.linalg.norm(normals, axis=1).sum() == pytest.approx(2.0)
     assert (normals[:, 1] > 0).all()
     _, look, _ = content.materials[content.pieces["pane-p"].material]
-    assert look.transmission == 1 and not look.solid
+    assert look.opacity == 0.08 and look.stated == Statement("thindielectric")
