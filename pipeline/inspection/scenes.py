@@ -224,20 +224,27 @@ def _triangles(pieces: tuple[IndexEntry, ...]) -> dict[str, int]:
 
 
 def draw_index(index: AssetIndex) -> Picture:
-    """Draw pieces of every category, the largest first, at most two rows each."""
+    """Draw pieces of every category, the largest first, at most two rows each.
+
+    Categories of few pieces share a row.
+    """
     by_category: dict[str, list[IndexEntry]] = {}
     for piece in index.pieces:
         by_category.setdefault(piece.category, []).append(piece)
-    strips = []
+    rows: list[list[tuple[Picture, str]]] = [[]]
     for category, pieces in sorted(by_category.items(), key=lambda item: (-len(item[1]), item[0])):
         step = max(1, len(pieces) // (_COLUMNS * _ROWS))
         shown = pieces[::step][: _COLUMNS * _ROWS]
+        labels = [f"{category} ({len(pieces)})", *(piece.name for piece in shown[1:])]
         pictures = [_preview(index.folder / piece.key) for piece in shown]
-        labels = [
-            f"{category} ({len(pieces)})" if number == 0 else piece.name
-            for number, piece in enumerate(shown)
-        ]
-        strips.append(contact_sheet(pictures, _COLUMNS, labels))
+        if len(rows[-1]) + len(shown) > _COLUMNS:  # small categories share a row
+            rows.append([])
+        rows[-1] += zip(pictures, labels, strict=True)
+    strips = [
+        contact_sheet([one for one, _ in row], _COLUMNS, [label for _, label in row])
+        for row in rows
+        if row
+    ]
     if not strips:
         return contact_sheet([], 1)
     width = max(strip.shape[1] for strip in strips)
