@@ -27,7 +27,7 @@ from pbrnet.pipeline.scene_export.description import (
 )
 from pbrnet.pipeline.scene_export.looks import Glow, Look, Picture
 from pbrnet.pipeline.scene_export.outdoors import Outdoors
-from pbrnet.scenes.arrays import AnyArray, Float64Array
+from pbrnet.scenes.arrays import AnyArray, Float64Array, as_triple
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.errors import InputError
@@ -234,8 +234,9 @@ class _Writer:
             metal["baseColorTexture"], lift = self._lifted(base, _lift(look))
         else:
             lift = max(min(_lift(look), 1 / max(*base, 1e-3)), 1.0)
-        plain_ = isinstance(base, Picture) or isinstance(look.opacity, Picture)
-        color = (1.0, 1.0, 1.0) if plain_ else tuple(lift * value for value in base)
+        color = (1.0, 1.0, 1.0)
+        if not isinstance(base, Picture) and not isinstance(look.opacity, Picture):
+            color = as_triple(lift * np.array(base))
         metal["baseColorFactor"] = [*_clipped(color), min(max(alpha, 0.0), 1.0)]
         if alpha < 1:
             made["alphaMode"] = "BLEND"
