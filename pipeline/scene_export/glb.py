@@ -207,7 +207,7 @@ class _Writer:
         lift = self._base(look, metal, made)
         self._roughness(look, metal)
         if look.normal is not None:
-            made["normalTexture"] = self._image(look.normal)
+            made["normalTexture"] = self._normals(look.normal)
         if glow is not None:
             self._emission(glow, made)
         stated = look.stated
@@ -310,6 +310,12 @@ class _Writer:
                 color["diffuseTransmissionColorTexture"] = metal["baseColorTexture"]
             made["KHR_materials_diffuse_transmission"] = {**passed, **color}
         return made
+
+    def _normals(self, picture: Picture) -> dict[str, Any]:
+        data = None
+        if (("stored",), picture) not in self._textures:
+            data = pictures.stored_bytes(self._folder, picture)
+        return self._texture(picture, data, ("stored",))
 
     def _image(self, picture: Picture) -> dict[str, Any]:
         data = None

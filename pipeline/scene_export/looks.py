@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 from xml.etree.ElementTree import Element
 
@@ -38,6 +38,7 @@ class Picture:
     nearest: bool = False
     wrap: str = "repeat"  # or "clamp", "mirror"
     to_uv: tuple[tuple[float, float, float], ...] = ()  # two rows of an affine map, () for none
+    raw: bool = False  # its values are linear, not sRGB
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,27 @@ class Look:
     solid: bool = False  # glass that refracts, not a thin pane
     two_sided: bool = False
     stated: Statement | None = None  # what the values above do not say
+
+    @property
+    def is_plain(self) -> bool:
+        """True of an opaque material without images."""
+        images = (self.base, self.roughness, self.metallic, self.normal, self.opacity)
+        passing = self.transmission > 0 or self.diffuse_transmission > 0 or self.opacity != 1
+        return not passing and not any(isinstance(one, Picture) for one in images)
+
+
+def _mean(first: Look, second: Look, weight: float) -> Look:
+    """A plain look between two; of equal kinds it keeps the kind."""
+    mixed = {
+        one.name: (1 - weight) * np.array(getattr(first, one.name))
+        + weight * np.array(getattr(second, one.name))
+        for one in fields(Look)
+        if one.type in ("float", "float | Picture", "Color | Picture")
+    }
+    values = {name: float(value) for name, value in mixed.items() if name != "base"}
+    stated = first.stated if first.stated == second.stated else None
+    made: Look = replace(first, base=as_triple(mixed["base"]), stated=stated, **values)  # type: ignore[arg-type]
+    return made
 
 
 _MATT = Look(roughness=1.0, specular=0.0, stated=Statement("diffuse"))
@@ -141,7 +163,7 @@ class LookReader:
             return default
         words = {
             name: found.get("value", "")
-            for name in ("filter_type", "wrap_mode")
+            for name in ("filter_type", "wrap_mode", "raw")
             if (found := self.find(texture, name)) is not None
         }
         return Picture(
@@ -149,6 +171,7 @@ class LookReader:
             words.get("filter_type") == "nearest",
             words.get("wrap_mode", "repeat"),
             _to_uv(self.find(texture, "to_uv")),
+            words.get("raw") == "true",
         )
 
     def two_sided(self, bsdf: Element) -> Look:
@@ -178,12 +201,17 @@ class LookReader:
         return replace(self.look(inner[0] if inner else None), opacity=opacity, two_sided=True)
 
     def blend(self, bsdf: Element) -> Look:
-        """Look of `blendbsdf`: that of the material with the greater share."""
-        inner = self.nested(bsdf, "bsdf")
-        self._lost.note("blends of two materials became the one with the greater share")
+        """Look of `blendbsdf`: the mean of two plain materials, else that of the greater share."""
+        first, second = ([self.look(one) for one in self.nested(bsdf, "bsdf")] + [_MATT] * 2)[:2]
+        self._lost.note("blends of two materials became one")
         weight = self.scalar(bsdf, "weight", 0.5)
-        second = not isinstance(weight, Picture) and weight > 0.5
-        return self.look(inner[min(int(second), len(inner) - 1)] if inner else None)
+        if isinstance(weight, Picture):
+            return first
+        if first.two_sided or second.two_sided:
+            first, second = (replace(one, two_sided=True) for one in (first, second))
+        if first.is_plain and second.is_plain:
+            return _mean(first, second, min(max(weight, 0.0), 1.0))
+        return second if weight > 0.5 else first
 
     def principled(self, bsdf: Element) -> Look:
         """Look of `principled`."""

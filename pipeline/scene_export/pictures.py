@@ -22,7 +22,12 @@ _CUT = 8  # of 255: values this near to 0 or 1 make an opacity a cut-out
 
 
 def color_bytes(folder: Path, picture: Picture) -> bytes:
-    """Return a colour image or a normal map as PNG or JPEG, unchanged if it is one."""
+    """Return a colour image in sRGB as PNG or JPEG, unchanged if it is one."""
+    return png(_srgb(folder, picture)) if picture.raw else stored_bytes(folder, picture)
+
+
+def stored_bytes(folder: Path, picture: Picture) -> bytes:
+    """Return the values of an image, such as a normal map, as PNG or JPEG."""
     path = folder / picture.file
     data = read_bytes(path)
     if data.startswith((b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")):
@@ -35,7 +40,7 @@ def lifted_bytes(folder: Path, picture: Picture, lift: float) -> tuple[bytes, fl
 
     It stays PNG or JPEG. Divided by the factor, a PNG has its old values again.
     """
-    linear = decode_srgb(_rgb(folder / picture.file).astype(np.float32) / 255)
+    linear = decode_srgb(_srgb(folder, picture).astype(np.float32) / 255)
     lift = min(lift, 1 / max(float(linear.max(initial=0.0)), 1e-3))
     data = color_bytes(folder, picture)
     if lift < _LEAST_LIFT:
@@ -67,7 +72,7 @@ def opacity_bytes(folder: Path, look: Look) -> tuple[bytes, bool]:
     assert alpha is not None
     size = (alpha.shape[1], alpha.shape[0])
     if isinstance(look.base, Picture):
-        color = Image.fromarray(_rgb(folder / look.base.file))
+        color = Image.fromarray(_srgb(folder, look.base))
         size = (max(size[0], color.width), max(size[1], color.height))
         color = color.resize(size, Image.Resampling.BILINEAR)
     else:
@@ -111,9 +116,20 @@ def _band(folder: Path, value: float | Picture) -> UInt8Array | None:
     if not isinstance(value, Picture):
         return None
     try:
-        return np.asarray(open_image(folder / value.file).convert("L"))
+        band = np.asarray(open_image(folder / value.file).convert("L"))
     except UnreadableImage as error:
         raise InputError(f"{folder / value.file}: {error}") from None
+    if value.raw:
+        return band
+    return np.rint(255 * decode_srgb(band.astype(np.float32) / 255)).astype(np.uint8)
+
+
+def _srgb(folder: Path, picture: Picture) -> UInt8Array:
+    """A colour image (H, W, 3), its values encoded if they are linear."""
+    pixels = _rgb(folder / picture.file)
+    if not picture.raw:
+        return pixels
+    return np.rint(255 * encode_srgb(pixels.astype(np.float32) / 255)).astype(np.uint8)
 
 
 def _rgb(path: Path) -> UInt8Array:

@@ -223,7 +223,7 @@ class _Writer:
             self._number(shader, key, value, path)
         if look.normal is not None:
             texture = self._texture(
-                path, "normal", look.normal, pictures.color_bytes(folder, look.normal), "raw"
+                path, "normal", look.normal, pictures.stored_bytes(folder, look.normal), "raw"
             )
             texture.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(2, 2, 2, 1))
             texture.CreateInput("bias", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(-1, -1, -1, 0))

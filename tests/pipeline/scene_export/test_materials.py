@@ -1,5 +1,6 @@
 """Materials of exported scenes: they reflect as before after a way through a file and back."""
 
+import io
 import math
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,13 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 import pytest
+from PIL import Image
 
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.scene_export.content import Content, Piece
 from pbrnet.pipeline.scene_export.glb import glb_bytes
-from pbrnet.pipeline.scene_export.looks import LookReader
+from pbrnet.pipeline.scene_export.looks import LookReader, Picture
+from pbrnet.pipeline.scene_export.pictures import color_bytes, grey, stored_bytes
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Credit, Scene
 from pbrnet.scenes.geometry.mesh import Mesh
@@ -21,6 +24,7 @@ from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.materials.textures import TextureStore
 from pbrnet.scenes.importing.sandbox import Sandbox
 from pbrnet.scenes.models.gltf import reader as gltf
+from pbrnet.scenes.models.stated import Statement
 from pbrnet.scenes.opened_files import OpenedFiles
 
 _GREEN = "<rgb name='{}' value='.2 .6 .3'/>"
@@ -112,3 +116,27 @@ def test_materials_reflect_as_before_through_usd(tmp_path: Path) -> None:
     (tmp_path / "work").mkdir()
     write_usdz((_content(), None), path, tmp_path / "work")
     _assert_reflect_as_before(_read(reader, path))
+
+
+def test_a_blend_of_plain_materials_becomes_their_mean() -> None:
+    text = (
+        "<bsdf type='blendbsdf'><float name='weight' value='.25'/>"
+        "<bsdf type='diffuse'><rgb name='reflectance' value='.2 .4 .6'/></bsdf>"
+        "<bsdf type='diffuse'><rgb name='reflectance' value='1 .8 .2'/></bsdf></bsdf>"
+    )
+    look = LookReader({}, Changes()).look(ElementTree.fromstring(text))
+    assert look.base == pytest.approx((0.4, 0.5, 0.5))
+    assert look.stated == Statement("diffuse") and look.roughness == 1
+
+
+def test_images_of_linear_values_become_srgb(tmp_path: Path) -> None:
+    Image.new("RGB", (2, 2), (55, 128, 255)).save(tmp_path / "a.png")
+    for raw, expected in ((False, (55, 128, 255)), (True, (128, 188, 255))):
+        picture = Picture("a.png", raw=raw)
+        pixels = np.asarray(Image.open(io.BytesIO(color_bytes(tmp_path, picture))))
+        assert tuple(pixels[0, 0]) == expected
+        stored = np.asarray(Image.open(io.BytesIO(stored_bytes(tmp_path, picture))))
+        assert tuple(stored[0, 0]) == (55, 128, 255)
+    Image.new("L", (2, 2), 128).save(tmp_path / "b.png")
+    assert grey(tmp_path, Picture("b.png", raw=True))[0, 0] == 128
+    assert grey(tmp_path, Picture("b.png"))[0, 0] == 55
