@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pbrnet.scenes.contract import Scene
+from pbrnet.scenes.assets.index import load_index
+from pbrnet.scenes.contract import Credit, Scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, parse_json, read_text
 from pbrnet.scenes.importing.changes import Changes
@@ -56,7 +57,7 @@ def import_layout(
     kind, content = recognised(path, text)
     try:
         layout = check_layout(kind.read(content, path, options))
-        return _write(layout, path, out, scene_id, options, opened, text)
+        return _write(layout, path, out, scene_id, options, opened)
     except InputError as error:
         if kind.line is None or path.name in str(error):
             raise
@@ -85,22 +86,26 @@ def _write(
     scene_id: str,
     options: LayoutOptions,
     opened: OpenedFiles,
-    text: str,
 ) -> Scene:
+    """Build, furnish and write a checked layout."""
     changes = Changes()
     for change in layout.changes:
         changes.note(change)
     seeds = HomeSeeds(next(s for s in (options.seed, layout.seed, 0) if s is not None))
-    named = next((one for one in STYLES if one == (options.style or layout.style)), None)
-    share = 0.0 if options.catalogue is None else 1.0
-    looks = _Looks((named,) if named else STYLES, options.outdoors, share)
+    looks = _looks(layout, options)
     plan, openings = plan_of(layout, generator(seeds.seed, "ground").pick(_GROUNDS), changes)
     style = draw_style(looks, seeds)
     sampler = catalogue_sampler(looks, seeds, options.catalogue)
     rng = seeds.draw("furniture", "furniture")
-    furnished = furnish_layout(rng, layout, plan, style, sampler, changes)
+    furnished = furnish_layout(
+        rng, layout, plan, style, sampler, changes, add_lamps=options.lamps != "home"
+    )
     solid = [one.footprint for one in furnished.standing if one.on_floor]
     plan = with_swings(generator(seeds.seed, "swings"), plan, openings, solid)
+    placed = furnished.placed
+    if options.things:
+        placed += left_things(generator(seeds.seed, "things"), plan, style, placed)
+    credit = _credit(layout, options, opened, changes)
     source = {
         "kind": "layout",
         "file": path.name,
@@ -108,20 +113,29 @@ def _write(
         "seed": str(seeds.seed),
         "furnishing": furnished.record,
     }
-    credit = find_credit(
-        opened, layout.name, options.licence or layout.licence, options.author or layout.author,
-        changes,
-    )  # fmt: skip
-    stated = replace(credit, part="plan and boxes of furniture",
-                     source=layout.source or credit.source)  # fmt: skip
-    origin = Origin(source, f"layout-{_plan_name(text)}", (stated,), changes.sentences())
-    placed = furnished.placed
-    if options.things:
-        placed += left_things(generator(seeds.seed, "things"), plan, style, placed)
+    origin = Origin(source, _plan_name(layout), (credit,), changes.sentences())
     design = Design(plan, style, placed)
     return write_home(out, scene_id, design, origin, looks, seeds, options.lighting)
 
 
-def _plan_name(text: str) -> str:
-    """A name that files of the same layout share, so that their scenes stay in one split."""
-    return digest_bytes(text.encode())[:16]
+def _looks(layout: Layout, options: LayoutOptions) -> _Looks:
+    """Parameters of the generator; `InputError` if there are no catalogues in their folder."""
+    folder = options.catalogue
+    if folder is not None and not load_index(folder).pieces:
+        raise InputError(f"{folder}: holds no catalogue; convert one with: pbrnet assets")
+    named = next((one for one in STYLES if one == (options.style or layout.style)), None)
+    return _Looks((named,) if named else STYLES, options.outdoors, 0.0 if folder is None else 1.0)
+
+
+def _credit(
+    layout: Layout, options: LayoutOptions, opened: OpenedFiles, changes: Changes
+) -> Credit:
+    licence, author = options.licence or layout.licence, options.author or layout.author
+    found = find_credit(opened, layout.name, licence, author, changes)
+    source = layout.source or found.source
+    return replace(found, part="plan and boxes of furniture", source=source)
+
+
+def _plan_name(layout: Layout) -> str:
+    """A name that layouts of the same rooms share, so that their scenes stay in one split."""
+    return f"layout-{digest_bytes(repr(layout.rooms).encode())[:16]}"

@@ -66,6 +66,7 @@ def furnish_layout(
     style: Style,
     sampler: AssetSampler | None,
     changes: Changes,
+    add_lamps: bool = True,
 ) -> Furnished:
     """Fill every box of a layout with a piece; `plan` is that of the layout.
 
@@ -90,7 +91,7 @@ def furnish_layout(
     _note_blocked(pieces, standing, plan, changes)
     kinds = [each.fit.kind for each in pieces]
     placed = [_as_placed(*each) for each in zip(count(), kinds, standing, strict=False)]
-    lamps = _added_lamps(rng, plan, style, standing, len(placed))
+    lamps = _added_lamps(rng, plan, style, standing, len(placed)) if add_lamps else []
     if lamps:
         changes.note("a ceiling lamp was added to each room without a lamp: {}",
                      ", ".join(each.room for each in lamps))  # fmt: skip

@@ -73,6 +73,18 @@ def test_things_are_added_only_where_they_are_asked_for(flat: Scene, tmp_path: P
     assert {"switch"} <= {item.category for item in added} and len(added) > 5
 
 
+def test_no_lamp_is_added_where_only_those_of_the_file_are_asked_for(tmp_path: Path) -> None:
+    path = write_layout(tmp_path / "flat.json", changed(objects=[]))
+    scene = import_scene(path, tmp_path / "flat", outdoors="none", lamps="home")
+    assert not [item for item in scene.objects if not item.is_structure]
+
+
+def test_a_folder_without_catalogues_is_refused(tmp_path: Path) -> None:
+    path = write_layout(tmp_path / "flat.json", FLAT)
+    with pytest.raises(InputError, match="holds no catalogue; convert one"):
+        import_scene(path, tmp_path / "flat", catalogue=tmp_path)
+
+
 @pytest.fixture(scope="module")
 def home() -> Design:
     return design_home(SceneParams(rooms_min=3, rooms_max=3), HomeSeeds(8), None)
