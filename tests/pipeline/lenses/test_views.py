@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbrnet.pipeline.cameras.camera_files import make_cameras
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras
 from pbrnet.pipeline.channels import NORMAL, RGB, VIDEO_BANDS
 from pbrnet.pipeline.dataset.agreement import flow_fault, label_fault, world_points
 from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import Frame
 from pbrnet.pipeline.lenses.model import Lens
+from pbrnet.pipeline.params import build_params
 from pbrnet.pipeline.passes.groundtruth import render_both, render_color, render_truth
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.registry import render_surfaces
@@ -209,8 +211,6 @@ def test_sampled_views_have_the_lens(tmp_path: Path, wavefront: str) -> None:
     scene = open_scene(load_scene(tmp_path / "living"))
     lens = {"distortion": [[0.0, 0.05], 0.0, 0.0, 0.0]}
     image = {"width": WIDTH, "height": HEIGHT, "projection": "fisheye", "half_fov_x": 1.4}
-    from pbrnet.pipeline.params import build_params
-
     own = build_params({"image": {**image, "lens": lens}}).image
     params = pbrs_params(image=own, cameras=pbrs_cameras(views_per_room=4))
     views = sample_cameras(scene, view_params(params), 0).views
@@ -220,3 +220,21 @@ def test_sampled_views_have_the_lens(tmp_path: Path, wavefront: str) -> None:
     for view in views:
         view.verify("view")
         assert view.projection == "fisheye" and view.half_fov_x == pytest.approx(1.4, abs=1e-6)
+
+
+def test_walks_pairs_and_sets_share_a_lens(tmp_path: Path, wavefront: str) -> None:
+    write_room(tmp_path / "living")
+    scene = open_scene(load_scene(tmp_path / "living"))
+    lens = {"distortion": [[0.0, 0.05], 0.0, 0.0, 0.0]}
+    image = {"width": WIDTH, "height": HEIGHT, "projection": "fisheye", "half_fov_x": 1.2}
+    own = build_params({"image": {**image, "lens": lens}}).image
+    linked = {"walks": 1, "stereo_baseline": 0.05, "overlap_views": 2, "overlap": 0.05}
+    params = pbrs_params(image=own, cameras=pbrs_cameras(**linked, candidates=4, views_per_room=1))
+    views = {view.view_id: view for view in make_cameras(scene, view_params(params), 0).views}
+    pairs = [(views[view.stereo_partner], view) for view in views.values() if view.stereo_partner]
+    walk = [view for view in views.values() if view.trajectory == "walk-00"]
+    sets = [view for view in views.values() if view.view_set]
+    assert len(pairs) > 10 and len(walk) == 24 and len(sets) >= 2
+    assert all(one.lens == other.lens for one, other in pairs)
+    assert len({view.lens for view in walk}) == 1
+    assert len({view.lens for view in sets}) == 1 and sets[0].set_overlap > 0.05
