@@ -19,9 +19,7 @@ class AssetParams:
     """
 
     enabled: bool = param(False, "download and convert furniture catalogues")
-    folder: str = param(
-        "", "folder of .sh3f files, or of models and pieces.csv; empty: the Debian packages below"
-    )
+    folder: str = param("", "folder of .sh3f files or of pieces.csv; empty: the packages below")
     debian: tuple[str, ...] = param(("sweethome3d-furniture",), "packages with .sh3f files")
     max_triangles: int = param(
         200_000, "pieces with more triangles are refused", within(100, 2_000_000)
