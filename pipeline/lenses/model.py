@@ -36,6 +36,7 @@ WIDEST = math.radians(110)  # radians from the axis, of a fisheye
 MIN_DEPTH = 1e-5  # metres before a camera
 _STEEPEST = math.tan(1.55)  # x / z of perspective views with distortion
 MAX_COEFFICIENT = 1e4
+_MOST_KEPT = 1 << 20  # pixels of a lens whose rays are kept between views: 32 MB
 OUTSIDE = (0.0, 0.0, 1e7)  # world metres
 # Numbers of coefficients: k1 k2 p1 p2 [k3 [k4 k5 k6]], and k1 k2 k3 k4.
 COEFFICIENTS: dict[Projection, tuple[int, ...]] = {
@@ -141,9 +142,14 @@ class Lens:
 
     def rays(self, pixels: Float64Array | None = None) -> Rays:
         """Return the rays of pixel positions (..., 2), or of all pixel centres, (H, W)."""
-        if pixels is None:
-            return _centre_rays(self)
-        return self._rays(pixels)
+        if pixels is not None:
+            return self._rays(pixels)
+        if self.is_panorama:
+            return _central(equirectangular_directions(self.width))
+        if self.is_rectilinear:
+            return _central(unit(pixel_directions(np.array(self.K), self.width, self.height)))
+        centre_rays = _kept_centre_rays if self.width * self.height <= _MOST_KEPT else _centre_rays
+        return centre_rays(self)
 
     def scaled_rays(self) -> Float64Array:
         """Return the vectors (H, W, 3) of the pixel centres that times depth lead to the surface.
@@ -206,20 +212,18 @@ class Lens:
         if self.projection == "orthographic":
             return Rays(flat, ahead, valid)
         if self.projection == "perspective":
-            return Rays(
-                np.zeros_like(flat), unit(np.where(valid[..., None], flat, 0) + ahead), valid
-            )
+            return _central(unit(flat + ahead), valid)
         angle = np.sqrt((ideal**2).sum(axis=-1))
         around = ideal * (_sin(angle) / np.where(angle > 0, angle, 1))[..., None]
         directions = np.concatenate([around, _cos(angle)[..., None]], axis=-1)
-        return Rays(np.zeros_like(flat), directions, valid)
+        return _central(directions, valid)
 
     def _panorama_rays(self, pixels: Float64Array) -> Rays:
         pitch = 2 * math.pi / self.width
         azimuth, polar = pixels[..., 0] * pitch - math.pi, pixels[..., 1] * pitch
         flat = _sin(polar)
         directions = np.stack([flat * _sin(azimuth), -_cos(polar), flat * _cos(azimuth)], axis=-1)
-        return Rays(np.zeros_like(directions), directions, np.ones(azimuth.shape, dtype=bool))
+        return _central(directions)
 
     def _project_panorama(self, points: Float64Array) -> tuple[Float64Array, BoolArray]:
         x, y, z = (points[..., axis] for axis in range(3))
@@ -263,19 +267,23 @@ def world_rays(lens: Lens, pose: Float64Array) -> tuple[Float64Array, Float64Arr
     )
 
 
-@lru_cache(maxsize=8)
+def _central(directions: Float64Array, valid: BoolArray | None = None) -> Rays:
+    """Return rays from the camera's position; without `valid` all are."""
+    if valid is None:
+        valid = np.ones(directions.shape[:-1], dtype=bool)
+    return Rays(np.broadcast_to(0.0, directions.shape), directions, valid)
+
+
 def _centre_rays(lens: Lens) -> Rays:
     """Return the rays of the pixel centres, (H, W); read-only."""
     columns, rows = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
     rays = lens._rays(np.stack([columns, rows], axis=-1))
-    if lens.is_panorama:
-        rays = replace(rays, directions=equirectangular_directions(lens.width))
-    elif lens.is_rectilinear:
-        ahead = pixel_directions(np.array(lens.K), lens.width, lens.height)
-        rays = replace(rays, directions=unit(ahead))
     for array in (rays.origins, rays.directions, rays.valid):
         array.setflags(write=False)
     return rays
+
+
+_kept_centre_rays = lru_cache(maxsize=4)(_centre_rays)
 
 
 # Python's functions: those of NumPy depend on the processor.
