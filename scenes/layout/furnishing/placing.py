@@ -39,6 +39,11 @@ class Standing:
     on: bool = False
 
     @property
+    def reach(self) -> float:
+        """Greatest distance of the piece from its origin, seen from above, metres."""
+        return float(np.hypot(*np.abs(self.piece.bounds[:, :2]).max(axis=0)))
+
+    @property
     def footprint(self) -> Polygon:
         """The box of the piece seen from above."""
         return self._rectangle(self.piece.bounds)
@@ -121,14 +126,17 @@ def apart(standing: Sequence[Standing]) -> tuple[list[Standing], set[int]]:
     Of two, the smaller one moves, by at most the tolerance in all.
     """
     made = list(standing)
+    places = np.array([[one.pose.x, one.pose.y, one.reach] for one in made]).reshape(-1, 3)
     order = sorted(range(len(made)), key=lambda k: -made[k].footprint.area)
     done: list[int] = []
     stuck: set[int] = set()
     for k in order:
-        if not made[k].on_floor:
+        one = made[k]
+        if not one.on_floor:
             continue
-        beside = [j for j in done if made[j].room.id == made[k].room.id]
-        moved = _clear(made[k], [made[j] for j in beside])
+        away = np.hypot(*(places[done, :2] - places[k, :2]).T) - places[done, 2] - places[k, 2]
+        near = [made[done[j]] for j in np.flatnonzero(away < 2 * TOLERANCE)]
+        moved = _clear(one, [other for other in near if other.room.id == one.room.id])
         if moved is None:
             stuck.add(k)
         else:
