@@ -92,7 +92,8 @@ class _GuideTracer:
             seeds = dr.opaque(mi.UInt32, derive32(seed, "guides", number))
             bands = trace(self._scene, self._tables, self._sampler, arrays, kind, seeds)
             launches.append(to_numpy(*bands))
-        return _images(np.mean(launches, axis=0, dtype=np.float64).astype(np.float32), view)
+        mean = np.array(launches, dtype=np.float64).mean(axis=0)
+        return _images(mean.astype(np.float32), view)
 
 
 def _images(bands: Iterable[AnyArray], view: View) -> tuple[Float32Array, Float32Array]:

@@ -43,7 +43,8 @@ def rays(view: View, exposure: Exposure, spp: int = 64) -> tuple[np.ndarray, np.
     ray, _ = sample_rays(sampler, arrays, kind, mi.UInt32(7))
     dr.eval(ray)
     size = (3, view.height, view.width, spp)
-    return tuple(np.moveaxis(np.array(part).reshape(size), 0, -1) for part in (ray.o, ray.d))
+    origins, directions = (np.moveaxis(np.array(p).reshape(size), 0, -1) for p in (ray.o, ray.d))
+    return origins, directions
 
 
 def at_depth(view: View, optics: Exposure, depth: float, spp: int = 64) -> np.ndarray:
