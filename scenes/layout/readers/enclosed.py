@@ -23,11 +23,13 @@ from pbrnet.scenes.geometry.regions import (
     simplified,
     thickened,
 )
+from pbrnet.scenes.importing.changes import Changes
 
 MAX_GAP = 0.5  # metres between ends of walls that are closed
 _GAPS = (0.02, 0.06, 0.12, 0.2, 0.32, MAX_GAP)
 _ENOUGH = 0.97  # of the area that the widest gap encloses
 _MOST_WALLS = 600
+_NAMED_GAP = 0.1  # metres
 _NARROWEST = 0.6  # metres; what is narrower is the inside of a wall
 _SPIKE = 0.25  # metres
 _STRAIGHT = 0.02  # metres that a corner may move
@@ -36,12 +38,12 @@ _ENTRANCE = 0.45  # metres from a door at which it has a room
 Segment = tuple[Point2, Point2]
 
 
-def enclosed_rooms(walls: Sequence[Segment]) -> tuple[list[Polygon], float]:
-    """Return the rooms between walls, counter-clockwise, and the gap between walls closed for it.
+def enclosed_rooms(walls: Sequence[Segment], changes: Changes) -> list[Polygon]:
+    """Return the rooms between walls, counter-clockwise, sorted by place.
 
-    Walls are lines, metres. Rooms are sorted by place; a room around another one keeps no hole.
-    Of the gaps tried, up to `MAX_GAP`, the smallest that encloses nearly all area is taken. Raises
-    `InputError` for more than 600 walls, whose crossings would take minutes.
+    Walls are lines, metres. Of the gaps between them, up to `MAX_GAP`, the smallest that encloses
+    nearly all area is closed, and named if it is wide. Rooms inside others are left out and named.
+    Raises `InputError` for more than 600 walls, whose crossings would take minutes.
     """
     if len(walls) > _MOST_WALLS:
         raise InputError(
@@ -52,8 +54,21 @@ def enclosed_rooms(walls: Sequence[Segment]) -> tuple[list[Polygon], float]:
     most = max((sum(room.area for room in rooms) for rooms, _ in tried), default=0.0)
     for rooms, gap in tried:
         if rooms and sum(room.area for room in rooms) >= _ENOUGH * most:
-            return sorted(rooms, key=lambda room: room.bounds), gap
-    return [], MAX_GAP
+            if gap > _NAMED_GAP:
+                changes.note(f"gaps of up to {gap:g} m between walls were closed")
+            return sorted(_outermost(rooms, changes), key=lambda room: room.bounds)
+    return []
+
+
+def _outermost(rooms: Sequence[Polygon], changes: Changes) -> list[Polygon]:
+    """The rooms that do not lie in a hole of another one."""
+    kept: list[Polygon] = []
+    for room in sorted(rooms, key=lambda each: -each.area):
+        if any(other.contains(room.representative_point()) for other in kept):
+            changes.note(f"a room of {room.area:.1f} square metres inside another one was left out")
+        else:
+            kept.append(room)
+    return kept
 
 
 def _rooms(lines: list[LineString], half_width: float) -> list[Polygon]:

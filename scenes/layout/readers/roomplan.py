@@ -103,14 +103,12 @@ def read(content: Any, path: Path) -> Layout:
         raise InputError(f"{path}: no wall was captured; scan the room once more")
     lines = [wall.ends for wall in walls]
     lines += [edge for floor in surfaces["floors"] for edge in _outline(floor)]
-    polygons, gap = enclosed_rooms(lines)
+    polygons = enclosed_rooms(lines, changes)
     if not polygons:
         raise InputError(
             f"{path}: the {len(walls)} walls enclose no room, gaps of {MAX_GAP:g} m closed; "
             "scan the walls that are missing"
         )
-    if gap > 0.1:
-        changes.note(f"gaps of up to {gap:g} m between walls were closed")
     floor_z = min(wall.low for wall in walls)
     objects = tuple(_objects(captures, floor_z, changes))
     return Layout(

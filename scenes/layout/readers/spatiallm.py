@@ -73,14 +73,12 @@ def read(text: str, path: Path) -> Layout:
     _check_metres(entities, path)
     changes = Changes()
     lines = [_ends(wall) for wall in walls.values()]
-    polygons, gap = enclosed_rooms(lines)
+    polygons = enclosed_rooms(lines, changes)
     if not polygons:
         raise InputError(
             f"{path}: the {len(walls)} walls enclose no room, gaps of {MAX_GAP:g} m closed; "
             "add the walls that are missing"
         )
-    if gap > 0.1:
-        changes.note(f"gaps of up to {gap:g} m between walls were closed")
     floor = float(np.median([wall.values[2] for wall in walls.values()]))
     height = float(np.median([wall.values[6] for wall in walls.values()]))
     objects = facing(_objects(entities, floor, changes), lines)

@@ -1,5 +1,6 @@
 """SpatialLM's text: exact rooms, openings and boxes, fronts, and refused lines."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -87,3 +88,13 @@ def test_openings_of_missing_walls_are_named() -> None:
     layout = read(SPATIALLM + "door_7=Door(wall_77,4,1.5,2.5,0.9,2.0)")
     assert len(layout.openings) == 3
     assert any("door_7" in change for change in layout.changes)
+
+
+def test_a_room_inside_another_is_left_out_and_named() -> None:
+    outer = [(0, 0), (8, 0), (8, 8), (0, 8), (0, 0)]
+    inner = [(3, 3), (5, 3), (5, 5), (3, 5), (3, 3)]
+    ends = [pair for ring in (outer, inner) for pair in pairwise(ring)]
+    lines = [f"wall_{n}=Wall({a},{b},0,{c},{d},0,2.5,0)" for n, ((a, b), (c, d)) in enumerate(ends)]
+    layout = read("\n".join(lines))
+    assert [Polygon(room.polygon).area for room in layout.rooms] == [64]
+    assert any("4.0 square metres inside another" in change for change in layout.changes)
