@@ -262,8 +262,14 @@ def drawn_lens(params: ViewParams, rng: np.random.Generator) -> Lens:
 def named_lens(
     params: ViewParams, half_fov_x: float | None, seed: int, scene_id: str, name: str
 ) -> Lens:
-    """Return the lens of a camera from a file, which may state its field of view, radians."""
-    return lens_of(params.image, half_fov_x, generator(seed, "cameras", scene_id, name, "lens"))
+    """Return the lens of a camera from a file.
+
+    The field of view that the file may state, radians, is that of a perspective camera without
+    distortion, and counts for such images alone.
+    """
+    image = params.image
+    stated = half_fov_x if image.is_pinhole else None
+    return lens_of(image, stated, generator(seed, "cameras", scene_id, name, "lens"))
 
 
 def drawn_slope(params: ViewParams, rng: np.random.Generator) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.cameras.camera_files import make_cameras
-from pbrnet.pipeline.cameras.view_sampling import sample_cameras
+from pbrnet.pipeline.cameras.view_sampling import named_lens, sample_cameras
 from pbrnet.pipeline.channels import NORMAL, RGB, VIDEO_BANDS
 from pbrnet.pipeline.dataset.agreement import flow_fault, label_fault, world_points
 from pbrnet.pipeline.dataset.settings import CheckParams
@@ -220,6 +220,13 @@ def test_sampled_views_have_the_lens(tmp_path: Path, wavefront: str) -> None:
     for view in views:
         view.verify("view")
         assert view.projection == "fisheye" and view.half_fov_x == pytest.approx(1.4, abs=1e-6)
+
+
+def test_a_stored_field_of_view_is_that_of_a_pinhole() -> None:
+    for image, half in (({}, 0.4), ({"projection": "fisheye", "half_fov_x": 1.7}, 1.7)):
+        own = build_params({"image": image}).image
+        lens = named_lens(view_params(pbrs_params(image=own)), 0.4, 0, "home", "stored-a")
+        assert through(lens).half_fov_x == pytest.approx(half)
 
 
 def test_walks_pairs_and_sets_share_a_lens(tmp_path: Path, wavefront: str) -> None:
