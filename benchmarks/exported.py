@@ -30,7 +30,8 @@ from pbrnet.scenes.files import temporary_folder
 from pbrnet.scenes.photometry import LUMEN
 
 _PROGRAM = ROOT / "benchmarks" / "blender_export.py"
-_BOUNCES = 15  # Mitsuba counts the segments from the camera to the light: 17 in `scene.xml`
+# Mitsuba counts the segments from the camera to the light, Cycles the bounces between.
+_BOUNCES = GroundTruthParams().max_depth - 2
 
 
 @dataclass(frozen=True)

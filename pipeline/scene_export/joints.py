@@ -116,7 +116,7 @@ def _around(points: Float64Array) -> _Rectangle:
 def _moving(
     corners: Float64Array, label: Int64Array, leaf: _Rectangle
 ) -> tuple[BoolArray, BoolArray]:
-    """Which faces (F,) belong to the leaf, and which of these to its levers."""
+    """Faces (F,) of the leaf, and those of its levers among them, as masks."""
     moves, levers = np.zeros((2, len(corners)), bool)
     for number in range(int(label.max()) + 1):
         chosen = label == number

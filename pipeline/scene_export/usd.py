@@ -153,7 +153,7 @@ class _Writer:
             self._joint(path, self.content.joints[thing.id], pivot)
 
     def _joint(self, path: str, joint: Joint, pivot: Float64Array) -> None:
-        """What turns about a hinge, as a rigid body, and the hinge between it and its frame."""
+        """The part that turns about a hinge, as a rigid body, and its joint with its frame."""
         name = self._path(path, "leaf")
         leaf = UsdGeom.Xform.Define(self.stage, name)
         place = joint.pivot - pivot
@@ -373,7 +373,7 @@ class _Writer:
 
 
 def _statement(look: Look) -> Statement | None:
-    """What UsdPreviewSurface does not say of a material."""
+    """Statement of all that UsdPreviewSurface does not say of a material."""
     if look.diffuse_transmission > 0:
         return Statement("principledthin", transmitted=2 * look.diffuse_transmission)
     faint = not isinstance(look.opacity, Picture) and look.opacity < 1

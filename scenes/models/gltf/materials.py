@@ -142,7 +142,7 @@ class GltfMaterials:
         return self._alpha(material, parameters, wrapped("twosided", bsdf), place)
 
     def _statement(self, material: dict[str, Any], place: str) -> Statement | None:
-        """What `pbrnet export-scene` wrote of the material, where glTF says less."""
+        """Statement that `pbrnet export-scene` wrote of the material, where glTF says less."""
         extras = material.get("extras")
         given = extras.get("pbrnet") if isinstance(extras, dict) else None
         return statement(given, f"{place}.extras.pbrnet")

@@ -198,7 +198,7 @@ class UsdMaterials:
 
 
 def _statement(text: Any, name: str) -> Statement | None:
-    """What `pbrnet export-scene` wrote of a material, where UsdPreviewSurface says less."""
+    """Statement of `pbrnet export-scene` on a material, where UsdPreviewSurface says less."""
     where = f"material {name!r:.100}: pbrnet"
     return statement(parse_json(text, where), where) if isinstance(text, str) else None
 
