@@ -35,6 +35,8 @@ def _sections() -> dict[str, list[str]]:
     takers: dict[str, list[str]] = {}
     for source in _SOURCES:
         for one in fields(source):
+            if one.name == "seed":  # of the variants of all kinds
+                continue
             takers.setdefault(one.name, []).append(source.title)
     shared: dict[str, list[str]] = {}
     single: dict[str, list[str]] = {}

@@ -18,5 +18,9 @@ class IfcOptions(SourceOptions):
 
     storey: tuple[str, ...] = field(
         default=(),
-        metadata=described("Storey to import (repeatable).  [default: all]", "NAME"),
+        metadata=described(
+            "Storey to import (repeatable; of HBJSON one).  [default: all; of HBJSON that of most "
+            "rooms]",
+            "NAME",
+        ),
     )

@@ -47,7 +47,7 @@ FORMATS: tuple[LayoutFormat, ...] = (
         "HBJSON",
         "json",
         hbjson.recognises,
-        lambda content, path, options: hbjson.read(content, path, options.storey),
+        lambda content, path, options: hbjson.read(content, path, "".join(options.storey)),
     ),
     LayoutFormat("SpatialLM", "text", spatiallm.recognises, _plain(spatiallm.read)),
 )

@@ -49,7 +49,17 @@ class LayoutOptions(SourceOptions):
             "AI2-THOR's asset-database.json, for the sizes of objects in houses of ProcTHOR.", FILE
         ),
     )
-    storey: str = field(
-        default="",
-        metadata=described("Storey of an HBJSON model.  [default: the one of most rooms]", "NAME"),
+    storey: tuple[str, ...] = field(
+        default=(),
+        metadata=described(
+            "Storey to import (repeatable; of HBJSON one).  [default: all; of HBJSON that of most "
+            "rooms]",
+            "NAME",
+        ),
     )
+
+    def verify(self, where: str) -> None:
+        """Check that at most one storey is named; raises ValueError."""
+        super().verify(where)
+        if len(self.storey) > 1:
+            raise ValueError(f"{where}.storey: {len(self.storey)} are named; a layout has one")

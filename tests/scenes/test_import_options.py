@@ -3,8 +3,9 @@
 import base64
 import json
 import os
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import pytest
 import yaml
@@ -18,7 +19,7 @@ from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.mitsuba.pbrs import find_release
 from pbrnet.scenes.opened_files import OpenedFiles, unchanged
-from pbrnet.scenes.registry import import_scene
+from pbrnet.scenes.registry import SOURCES, import_scene
 from tests.fixtures import mitsuba_files as mitsuba
 from tests.fixtures import sweethome as draw
 from tests.fixtures.gltf import square
@@ -33,6 +34,16 @@ def params(folder: Path, *imports: Any, **more: Any) -> Params:
     values["farm"]["workers"] = 1
     (folder / "params.yaml").write_text(yaml.safe_dump(values))
     return load_params(folder / "params.yaml")
+
+
+def test_an_option_that_sources_share_has_one_type_default_and_help() -> None:
+    found: dict[str, set[tuple[Any, ...]]] = {}
+    for source in set(SOURCES.values()):
+        hints = get_type_hints(source)
+        for one in fields(source):
+            told = (str(hints[one.name]), one.default, one.metadata["help"])
+            found.setdefault(one.name, set()).add(told)
+    assert {name: told for name, told in found.items() if len(told) > 1} == {}
 
 
 @pytest.fixture
