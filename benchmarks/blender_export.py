@@ -2,10 +2,10 @@
 
     python -P blender_export.py JOB.json
 
-JOB.json: {"glb": path, "sky": path or "", "camera": name, "width", "height", "spp", "bounces",
-"out": path of an EXR}. The program imports nothing of pbrnet and does what a user does in Blender:
-import with the lighting mode "Unitless", sky image as world. It prints a line that begins with
-"@": version, objects, images, those that are missing, lamps and the seconds of rendering.
+JOB.json: {"glb": path, "sky": path or "", "camera": name, "fov_x": radians, "width", "height",
+"spp", "bounces", "out": path of an EXR}. The program imports nothing of pbrnet and does what a user
+does in Blender: import with the lighting mode "Unitless", sky image as world. It prints a line that
+begins with "@": version, objects, images, those that are missing, lamps and seconds of rendering.
 
 With "Unitless", the sun's strength is the file's lux, a lamp's watts are 4 pi candela, and emission
 is in cd/m^2, so that all light has one unit and the picture is in cd/m^2. ("Standard" divides sun
@@ -36,6 +36,10 @@ def main(path: Path) -> None:
         add_sky(scene, job["sky"])
     scene.camera = next(one for one in scene.objects if one.type == "CAMERA"
                         and job["camera"] in (one.name, one.data.name))  # fmt: skip
+    scene.camera.data.sensor_fit = (
+        "HORIZONTAL"  # the file's camera keeps its vertical field of view
+    )
+    scene.camera.data.angle = job["fov_x"]
     settings(scene, job)
     started = time.perf_counter()
     bpy.ops.render.render()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,6 +54,7 @@ def in_blender(bpy: Path, glb: Path, view: View, spp: int, threads: int) -> Open
         "glb": str(glb),
         "sky": str(sky) if sky.exists() else "",
         "camera": view.view_id,
+        "fov_x": 2 * math.atan(0.5 * view.width / view.K[0][0]),
         "width": view.width,
         "height": view.height,
         "spp": spp,
