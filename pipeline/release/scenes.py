@@ -160,6 +160,6 @@ def _section(beside: Beside) -> str:
         licence, credit = plain_markdown(licence_of(scene)), plain_markdown(attribution_of(scene))
         lines.append(f"| {shown} | {licence} | {credit} |")
     if beside.unlicensed:
-        names = ", ".join(f"`{name}`" for name in beside.unlicensed)
-        lines += ["", f"Left out, because their licence or author is unknown: {names}."]
+        left = ", ".join(f"`{name}`" for name in beside.unlicensed)
+        lines += ["", f"Left out, because their licence or author is unknown: {left}."]
     return "\n".join(lines)
