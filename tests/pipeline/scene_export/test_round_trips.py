@@ -60,7 +60,7 @@ def test_scenes_come_back_and_look_the_same(name: str, tmp_path: Path) -> None:
         pytest.skip("the file, or the library that reads it, is not on this machine")
     scene = (HOMES | IMPORTS)[name](tmp_path / "scene")
     line = measured(scene, tmp_path)
-    for found in (line["glb"], line["usdz"]):  # as near as two renderings of one scene
-        assert found["flip"] <= max(LIMIT, 1.2 * found.get("noise", 0.0))
+    for found in (line["glb"], line["usdz"]):  # other noise, since meshes are sampled otherwise
+        assert found["flip"] <= max(LIMIT, 2 * found.get("noise", 0.0))
         assert found["radiance"] == pytest.approx(1, abs=0.02)
     assert load_scene(tmp_path / "scene-glb").plan == scene.plan
