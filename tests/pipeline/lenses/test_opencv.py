@@ -1,5 +1,6 @@
-"""Depth reprojected by OpenCV's own functions; `opencv.json` has its figures where it is absent."""
+"""Depth reprojected by OpenCV's own functions."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -7,8 +8,6 @@ from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from tests.fixtures.light import room
 from tests.pipeline.lenses.test_views import HEIGHT, LENSES, WIDTH, through
-
-cv2 = pytest.importorskip("cv2")
 
 
 @pytest.fixture(scope="module")
