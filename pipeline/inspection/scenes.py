@@ -143,6 +143,9 @@ def inspect_assets(folder: Path) -> Inspection:
     """Describe libraries, categories, licences and refused pieces; draw a sheet of pieces."""
     index = load_index(folder)
     total = len(index.pieces) + len(index.refused)
+    index_by_kind = build_kind_index(index)
+    kinds = {kind: pieces for kind, pieces in index_by_kind.kinds.items() if pieces}
+    unused = set(index_by_kind.own).difference(*kinds.values())
     return Inspection(
         "assets",
         f"Furniture catalogues: {len(index.pieces)} of {total} pieces usable, "
@@ -160,10 +163,10 @@ def inspect_assets(folder: Path) -> Inspection:
             ],
             "Categories": dict(Counter(piece.category for piece in index.pieces).most_common()),
             "Licences": dict(Counter(piece.licence for piece in index.pieces).most_common()),
-            "Can stand in for": {
-                kind: len(pieces)
-                for kind, pieces in build_kind_index(index).kinds.items()
-                if pieces
+            "Can stand in for": {kind: len(pieces) for kind, pieces in kinds.items()},
+            "Own pieces that procedural homes do not take": {
+                one.key: f"{one.category}, " + " x ".join(f"{side:.2f}" for side in one.size) + " m"
+                for one in sorted(unused, key=lambda one: one.key)
             },
             "Triangles": _triangles(index.pieces),
             "Refused": rows_of(index.refused, "piece=key", "name", "reason"),

@@ -22,6 +22,7 @@ from pbrnet.pipeline.records import Trash, data_lock
 from pbrnet.pipeline.stages.runner import opened_farm
 from pbrnet.pipeline.terminal import lines_of
 from pbrnet.scenes.assets.index import (
+    OWN_TABLE,
     AssetIndex,
     IndexEntry,
     RefusedPiece,
@@ -31,7 +32,7 @@ from pbrnet.scenes.assets.index import (
 from pbrnet.scenes.errors import PbrnetError
 from pbrnet.scenes.files import remove_partials
 from pbrnet.scenes.own_assets.convert import convert_any
-from pbrnet.scenes.own_assets.table import TABLE, read_table
+from pbrnet.scenes.own_assets.table import read_table
 from pbrnet.scenes.sweethome.catalogue.packages import DOWNLOADS, find_catalogues, read_catalogues
 from pbrnet.scenes.sweethome.catalogue.pieces import (
     PieceJob,
@@ -96,7 +97,7 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
             save_index(root, AssetIndex())
             return AssetSummary(AssetIndex(), 0, 0, removed, time.monotonic() - started)
         wanted = params.assets
-        files = find_catalogues(wanted.folder, wanted.debian, root, TABLE)
+        files = find_catalogues(wanted.folder, wanted.debian, root, OWN_TABLE)
         catalogues = read_catalogues(files, read_table)
         sizes = wanted.max_triangles, wanted.texture_size
         jobs, refused = piece_jobs(root, catalogues, *sizes, key("assets"))

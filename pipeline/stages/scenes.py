@@ -178,6 +178,8 @@ def import_jobs(
         content: dict[str, Any] = {"file": path.name, "revision": key("scenes.imports")}
         if options:
             content["options"] = entry.given()
+        if "catalogue" in options and exists(options["catalogue"] / INDEX):
+            content["catalogue"] = digest_file(options["catalogue"] / INDEX)
         expected = fingerprint(kind="import", scene_id=scene_id, **content)
         yield ImportJob(root / scene_id, scene_id, path, expected, limits, options)
         seed = derive(root_seed, "import", scene_id)

@@ -22,6 +22,7 @@ from pbrnet.scenes.files import read_json, write_json
 
 SCHEMA = 1
 INDEX = "catalogue.json"
+OWN_TABLE = "pieces.csv"  # in a folder of own pieces
 PREVIEW = "preview.png"
 Point3 = tuple[float, float, float]
 
@@ -144,6 +145,12 @@ class AssetIndex:
     refused: tuple[RefusedPiece, ...] = ()
     schema: int = SCHEMA
     folder: Path = field(default=Path(), init=False, compare=False)
+
+    @property
+    def own_keys(self) -> frozenset[str]:
+        """Keys of the own pieces, whose table states their categories."""
+        own = {library.key for library in self.libraries if library.file == OWN_TABLE}
+        return frozenset(one.key for one in self.pieces if one.key.partition("/")[0] in own)
 
     def verify(self, where: str) -> None:
         """Check the schema version; raises ValueError."""

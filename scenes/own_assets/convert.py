@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.assets.index import Asset, index_entry
+from pbrnet.scenes.assets.index import OWN_TABLE, Asset, index_entry
 from pbrnet.scenes.assets.piece import CataloguePiece
 from pbrnet.scenes.color import REC709
 from pbrnet.scenes.errors import InputError
@@ -27,7 +27,7 @@ from pbrnet.scenes.models.options import READERS
 from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.own_assets.checks import check_scale, check_stretch, note_unsound
 from pbrnet.scenes.own_assets.finishes import finish_of, image_transform, read_image
-from pbrnet.scenes.own_assets.table import TABLE, OwnPiece
+from pbrnet.scenes.own_assets.table import OwnPiece
 from pbrnet.scenes.photometry import LUMEN
 from pbrnet.scenes.sweethome.catalogue.convert import PieceJob, counted_triangles, write_asset
 from pbrnet.scenes.sweethome.catalogue.library import UnusablePiece
@@ -41,7 +41,7 @@ _USUAL_UP, _USUAL_LUMENS = "y", 600.0  # of files that state none
 
 def convert_any(job: PieceJob) -> dict[str, Any]:
     """Convert a piece of any catalogue on a worker; a refusal is a result, not a failure."""
-    if job.source.name != TABLE:
+    if job.source.name != OWN_TABLE:
         return convert_piece(job)
     try:
         return {"usable": index_entry(convert_own(job))}

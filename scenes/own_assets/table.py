@@ -15,7 +15,6 @@ from pbrnet.scenes.importing.categories import CATEGORIES, category_of
 from pbrnet.scenes.models.options import READERS
 from pbrnet.scenes.sweethome.catalogue.library import MAX_PIECES, Library, UnusablePiece, slug
 
-TABLE = "pieces.csv"
 Front = Literal["", "x", "-x", "y", "-y", "z", "-z"]
 Up = Literal["", "x", "y", "z"]
 _REQUIRED = ("file", "category", "width", "depth")

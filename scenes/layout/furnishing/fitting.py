@@ -87,7 +87,7 @@ def fit_piece(
     kinds = (kind,) if known else _suited(kinds_for(category), place)
     if len(kinds) > _MOST_KINDS:
         kinds = tuple(rng.shuffled(kinds)[:_MOST_KINDS])
-    best = _from_catalogue(sampler, kinds, wanted)
+    best = _from_own(sampler, category, kinds, wanted) or _from_catalogue(sampler, kinds, wanted)
     if best is not None:
         return best
     for name in kinds:
@@ -128,7 +128,28 @@ _NOT_RAISED = frozenset({"ceiling", "corner", "centre"})
 
 def anchor_of(kind: str) -> Anchor:
     """The place where pieces of a kind stand, hang or lie."""
-    return THINGS[kind].anchor if kind in THINGS else FURNITURE_KINDS[kind].anchor()
+    if kind in THINGS:
+        return THINGS[kind].anchor
+    return FURNITURE_KINDS[kind].anchor() if kind in FURNITURE_KINDS else "free"
+
+
+def _from_own(
+    sampler: AssetSampler | None, category: str, kinds: tuple[str, ...], wanted: Float64Array
+) -> Fit | None:
+    """The own piece that fills a box best; None if none fills it well."""
+    found = sampler.own_pieces(category, kinds) if sampler is not None else []
+    if sampler is None or not found:
+        return None
+    sizes = [np.array(entry.size) for entry, _ in found]
+    ious = [
+        box_iou(size * _factors(size, kind, wanted), wanted)
+        for size, (_, kind) in zip(sizes, found, strict=True)
+    ]
+    best = int(np.argmax(ious))
+    if ious[best] <= _CATALOGUE_IOU:
+        return None
+    entry, kind = found[best]
+    return _scaled_to(sampler.take_own(entry, kind), kind, wanted)
 
 
 def _from_catalogue(
@@ -211,15 +232,20 @@ def _clamped(value: float, how: tuple[Extent, float, float]) -> float:
 def _scaled_to(piece: FurniturePiece, kind: str, wanted: Float64Array) -> Fit:
     """The piece scaled towards a size, within the bounds of the table."""
     size = np.maximum(np.array(piece.size), 1e-6)
+    factors = _factors(size, kind, wanted)
+    made = piece if (factors == 1).all() else scaled(piece, factors)
+    return Fit(made, kind, box_iou(size * factors, wanted))
+
+
+def _factors(size: Float64Array, kind: str, wanted: Float64Array) -> Float64Array:
+    """Scale (3,) of a piece of a size (3,) towards the wanted one, within the table's bounds."""
     factors = np.clip(wanted / size, *_TABLES.scale)
     if kind in _TABLES.round:
         factors[:2] = np.clip(wanted[:2].mean() / size[:2].mean(), *_TABLES.scale)
     if kind in _TABLES.thin:
         axis = _AXES[_TABLES.thin[kind]]
         factors[axis] = np.clip(wanted[axis] / size[axis], *_THIN)
-    factors = np.where(np.abs(factors - 1) < 2e-3, 1.0, factors)
-    made = piece if (factors == 1).all() else scaled(piece, factors)
-    return Fit(made, kind, box_iou(size * factors, wanted))
+    return np.where(np.abs(factors - 1) < 2e-3, 1.0, factors)
 
 
 def scaled(piece: FurniturePiece, factors: Float64Array) -> FurniturePiece:

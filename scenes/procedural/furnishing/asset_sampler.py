@@ -6,7 +6,7 @@ of their own, so the rest of the home is the same with and without catalogues.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -25,7 +25,11 @@ from pbrnet.scenes.assets.index import (
 )
 from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.looks import LookParams
-from pbrnet.scenes.procedural.furnishing.asset_rules import ASSET_RULES, AssetRule
+from pbrnet.scenes.procedural.furnishing.asset_rules import (
+    ASSET_RULES,
+    AssetRule,
+    rules_of_own,
+)
 from pbrnet.scenes.procedural.piece import (
     CatalogueCredit,
     CatalogueMaterial,
@@ -39,7 +43,7 @@ _SMALL = 0.45  # metres; kinds below this size have more models
 _SMALL_MODELS = 8
 _HOME_TRIANGLES = 450_000  # of all catalogue pieces in a home
 _WIDTH_TOLERANCE = 0.15  # relative difference from the requested width
-_RUG_TOLERANCE = 0.35
+_LOOSE_TOLERANCE = 0.35  # of rugs, and of own pieces in the middle of rooms
 _LOWEST_MOUNT = 0.13  # metres: above any skirting
 _EDGE = 0.01  # metres from the edge of a support surface that stay free
 
@@ -70,15 +74,41 @@ class AssetSampler:
         """Return a piece of a kind with sizes near the `options` (metres), or None."""
         rule = _RULE_BY_KIND[kind]
         fitting = [
-            entry for entry in self._models_of(rule) if _size_matches(rule, entry, options or {})
+            entry
+            for entry in self._models_of(rule)
+            if _size_matches(rule, entry, options or {}, self._index.is_own(entry))
         ]
         if not fitting:
             return None
         chosen = self.rng.pick(fitting)
         if chosen.triangles > self._budget:
             return None
-        self._budget -= chosen.triangles
-        return from_catalogue(self._index.folder, chosen, rule)
+        return self._take(chosen, rule)
+
+    def own_pieces(self, category: str, kinds: Collection[str]) -> list[tuple[IndexEntry, str]]:
+        """Own pieces for one of `kinds`, and those of a category that no kind takes.
+
+        Each with its kind or category. `catalogue_triangles` does not bound them; the triangles
+        of the whole home do.
+        """
+        index, found = self._index, []
+        for entry in index.own:
+            taking = [kind for kind, entries in index.kinds.items() if entry in entries]
+            usable = [kind for kind in kinds if kind in taking]
+            if not taking and entry.category == category:
+                usable = [category.replace(" ", "_")]
+            if usable and entry.triangles <= self._budget:
+                found.append((entry, usable[0]))
+        return found
+
+    def take_own(self, entry: IndexEntry, kind: str) -> FurniturePiece:
+        """Return an own piece of `own_pieces`."""
+        plain = AssetRule(kind, (), entry.category, "free", lumens=(0.0, entry.lumens))
+        return self._take(entry, _RULE_BY_KIND.get(kind, plain))
+
+    def _take(self, entry: IndexEntry, rule: AssetRule) -> FurniturePiece:
+        self._budget -= entry.triangles
+        return from_catalogue(self._index.folder, entry, rule)
 
     def _models_of(self, rule: AssetRule) -> list[IndexEntry]:
         """Models of a kind that this home uses, drawn on first use."""
@@ -98,10 +128,18 @@ _RULE_BY_KIND = {rule.kind: rule for rule in ASSET_RULES}
 
 @dataclass(frozen=True, eq=False)
 class KindIndex:
-    """Catalogue entries by furniture kind; `folder` holds the converted catalogues."""
+    """Catalogue entries by furniture kind; `folder` holds the converted catalogues.
+
+    `own` are the entries whose table states their category.
+    """
 
     folder: Path
     kinds: Mapping[str, tuple[IndexEntry, ...]]
+    own: tuple[IndexEntry, ...] = ()
+
+    def is_own(self, entry: IndexEntry) -> bool:
+        """Return True for an own piece."""
+        return any(entry is one for one in self.own)
 
 
 def load_kind_index(folder: Path) -> KindIndex:
@@ -117,18 +155,28 @@ def _cached_index(folder: Path, changed: int) -> KindIndex:
 
 def build_kind_index(index: AssetIndex) -> KindIndex:
     """Group the entries of an index by kind; an entry may belong to several kinds."""
+    keys = index.own_keys
+    stated = {entry.key: rules_of_own(entry) for entry in index.pieces if entry.key in keys}
     return KindIndex(
         index.folder,
         {
-            rule.kind: tuple(entry for entry in index.pieces if rule.matches(entry))
+            rule.kind: tuple(
+                entry
+                for entry in index.pieces
+                if (rule in stated[entry.key] if entry.key in stated else rule.matches(entry))
+            )
             for rule in ASSET_RULES
         },
+        tuple(entry for entry in index.pieces if entry.key in stated),
     )
 
 
-def _size_matches(rule: AssetRule, entry: IndexEntry, options: Mapping[str, float]) -> bool:
+def _size_matches(
+    rule: AssetRule, entry: IndexEntry, options: Mapping[str, float], own: bool
+) -> bool:
     width, depth, height = entry.size
-    tolerance = _RUG_TOLERANCE if rule.kind == "rug" else _WIDTH_TOLERANCE
+    loose = rule.kind == "rug" or (own and rule.anchor == "centre")
+    tolerance = _LOOSE_TOLERANCE if loose else _WIDTH_TOLERANCE
     if "width" in options and abs(width / options["width"] - 1) > tolerance:
         return False
     if "depth" in options and abs(depth / options["depth"] - 1) > tolerance:

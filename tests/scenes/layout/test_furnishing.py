@@ -144,6 +144,9 @@ class _Catalogue:
     def substitute(self, kind: str, options: dict[str, float]) -> FurniturePiece | None:
         return self.piece if kind == "sofa" else None
 
+    def own_pieces(self, category: str, kinds: tuple[str, ...]) -> list[Any]:
+        return []
+
 
 def test_a_catalogue_piece_is_taken_where_it_fills_the_box() -> None:
     piece = plain_box(STYLE, "sofa", (2.0, 0.9, 0.8))

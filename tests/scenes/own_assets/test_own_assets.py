@@ -1,5 +1,7 @@
 """Own pieces: turned by their front, scaled to the table, checked, and used in homes."""
 
+from collections import Counter
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +15,19 @@ from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.inspection.describe import inspect_path
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.assets import run_assets
-from pbrnet.scenes.assets.index import Asset, load_asset
+from pbrnet.scenes.assets.index import Asset, IndexEntry, load_asset
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.ply import read_ply
+from pbrnet.scenes.layout.furnishing.fitting import fit_piece
 from pbrnet.scenes.own_assets.table import read_table
-from pbrnet.scenes.params import AssetParams
-from pbrnet.scenes.procedural.furnishing.asset_sampler import load_kind_index
+from pbrnet.scenes.params import AssetParams, SceneParams
+from pbrnet.scenes.procedural.design import HomeSeeds, catalogue_sampler, design_home
+from pbrnet.scenes.procedural.furnishing.asset_rules import rules_of_own
+from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler, load_kind_index
+from pbrnet.scenes.procedural.furniture import make_style
+from pbrnet.scenes.seeds import generator
 
+USD = find_spec("pxr") is not None
 HEAD = "file,category,width,depth,height,up,front,licence,author,lumens\n"
 
 
@@ -38,6 +46,25 @@ def sofa() -> trimesh.Scene:
         material=PBRMaterial(baseColorFactor=[255, 255, 255, 255], roughnessFactor=0.4)
     )
     return trimesh.Scene([seat, back])
+
+
+def shelf() -> str:
+    """A box of 80 x 30 x 190 cm as a USD file, z up."""
+    shape = box((0, 0, 0), (80, 30, 190))
+    corners = [tuple(one) for one in shape.vertices.tolist()]
+    return f"""#usda 1.0
+(
+    metersPerUnit = 0.01
+    upAxis = "Z"
+)
+def Mesh "shelf"
+{{
+    int[] faceVertexCounts = {[3] * len(shape.faces)}
+    int[] faceVertexIndices = {shape.faces.ravel().tolist()}
+    point3f[] points = {corners}
+    uniform token subdivisionScheme = "none"
+}}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +88,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         + "sofa.glb,table,0.8,1.8,0.8,,,CC0-1.0,,\n"
         + "missing.glb,table,1,1,1,,,,,\n"
         + "sofa.glb,settee,1,1,1,,,,,\n"
+        + "billy.usda,shelf,0.8,0.3,1.9,,,CC0-1.0,C. Maker,\n"
     )
+    (place / "billy.usda").write_text(shelf())
     return place
 
 
@@ -71,7 +100,7 @@ def data(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     wanted = AssetParams(enabled=True, folder=str(folder), debian=())
     summary = run_assets(place, Params(assets=wanted, farm=FarmParams(workers=1)))
     reasons = {one.key.partition("/")[2]: one.reason for one in summary.index.refused}
-    assert summary.made == 3, reasons
+    assert summary.made == 3 + USD, reasons
     assert "unit of the table" in reasons["sofa-row4"]
     assert "is the front another axis" in reasons["sofa-row5"]
     assert "no file in the table's folder" in reasons["missing"]
@@ -120,7 +149,7 @@ def test_homes_may_take_own_pieces_for_their_kinds(data: Path) -> None:
 
 def test_inspect_shows_own_pieces(data: Path) -> None:
     told = inspect_path(data / "assets")
-    assert "3 of 7 pieces usable" in told.title
+    assert f"{3 + USD} of 8 pieces usable" in told.title
     assert told.draw is not None
     assert np.asarray(told.draw()).std() > 5
 
@@ -160,3 +189,59 @@ def test_rows_that_make_no_sense_are_listed(tmp_path: Path, row: str, told: str)
     library = read_table(table)
     assert not library.pieces
     assert told in library.refused[0][2]
+
+
+def own(name: str, category: str, size: tuple[float, float, float]) -> IndexEntry:
+    """An own piece of the index."""
+    words = f"{name} {category}"
+    return IndexEntry(f"mine/{name}", name, category, "Own", words, size, 0.0, 12, 0.0, False,
+                      True, 0, "", "", "")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("piece", "kinds"),
+    [
+        (own("billy", "shelf", (0.8, 0.3, 1.9)), {"bookshelf"}),
+        (own("park store", "cabinet", (1.4, 0.45, 0.75)), {"chest_of_drawers", "sideboard"}),
+        (own("low", "table", (1.1, 0.6, 0.42)), {"coffee_table"}),
+        (own("oak table", "table", (1.6, 0.9, 0.75)), {"dining_table"}),
+        (own("office chair", "chair", (0.6, 0.6, 1.0)), {"office_chair"}),
+        (own("sven", "chair", (0.5, 0.5, 0.9)), {"dining_chair"}),
+        (own("grand", "piano", (1.5, 2.0, 1.0)), set()),
+        (own("huge", "sofa", (4.0, 1.0, 0.8)), set()),
+    ],
+)
+def test_the_stated_category_and_the_size_tell_the_kinds(piece: IndexEntry, kinds: set) -> None:
+    assert {rule.kind for rule in rules_of_own(piece)} == kinds
+
+
+def test_procedural_homes_take_own_pieces(data: Path) -> None:
+    wanted = SceneParams(catalogue_share=1.0, rooms_min=2, rooms_max=5)
+    furniture = design_home(wanted, HomeSeeds(3), data / "assets").furniture
+    taken = Counter(one.placed.piece.credit.author for one in furniture if one.placed.piece.credit)
+    assert taken["A. Maker"] >= 1
+    assert taken["C. Maker"] >= USD
+
+
+def sampler(data: Path) -> AssetSampler:
+    made = catalogue_sampler(SceneParams(catalogue_share=1.0), HomeSeeds(0), data / "assets")
+    assert made is not None
+    return made
+
+
+@pytest.mark.parametrize(
+    ("category", "size", "author"),
+    [
+        ("sofa", (2.1, 0.9, 0.85), "A. Maker"),
+        ("sofa", (3.4, 0.9, 0.85), None),
+        pytest.param("bookshelf", (0.9, 0.3, 2.0), "C. Maker",
+                     marks=pytest.mark.skipif(not USD, reason="needs OpenUSD")),
+    ],
+)  # fmt: skip
+def test_boxes_of_layouts_take_own_pieces_that_fill_them(
+    data: Path, category: str, size: tuple[float, float, float], author: str | None
+) -> None:
+    style = make_style(generator(1, "style"), "minimal")
+    fit = fit_piece(generator(0), style, category, size, sampler=sampler(data))
+    assert fit is not None
+    assert (fit.piece.credit.author if fit.piece.credit else None) == author
