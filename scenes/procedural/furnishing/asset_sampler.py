@@ -86,7 +86,7 @@ class AssetSampler:
         return self._take(chosen, rule)
 
     def own_pieces(self, category: str, kinds: Collection[str]) -> list[tuple[IndexEntry, str]]:
-        """Own pieces for one of `kinds`, and those of a category that no kind takes.
+        """Own pieces for one of `kinds`, and those of a category where there are none of either.
 
         Each with its kind or category. `catalogue_triangles` does not bound them; the triangles
         of the whole home do.
@@ -95,7 +95,7 @@ class AssetSampler:
         for entry in index.own:
             taking = [kind for kind, entries in index.kinds.items() if entry in entries]
             usable = [kind for kind in kinds if kind in taking]
-            if not taking and entry.category == category:
+            if entry.category == category and not (taking and kinds):
                 usable = [category.replace(" ", "_")]
             if usable and entry.triangles <= self._budget:
                 found.append((entry, usable[0]))

@@ -15,7 +15,14 @@ from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.inspection.describe import inspect_path
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.stages.assets import run_assets
-from pbrnet.scenes.assets.index import Asset, IndexEntry, load_asset
+from pbrnet.scenes.assets.index import (
+    OWN_TABLE,
+    Asset,
+    AssetIndex,
+    IndexEntry,
+    LibraryEntry,
+    load_asset,
+)
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.layout.furnishing.fitting import fit_piece
@@ -23,7 +30,11 @@ from pbrnet.scenes.own_assets.table import read_table
 from pbrnet.scenes.params import AssetParams, SceneParams
 from pbrnet.scenes.procedural.design import HomeSeeds, catalogue_sampler, design_home
 from pbrnet.scenes.procedural.furnishing.asset_rules import rules_of_own
-from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler, load_kind_index
+from pbrnet.scenes.procedural.furnishing.asset_sampler import (
+    AssetSampler,
+    build_kind_index,
+    load_kind_index,
+)
 from pbrnet.scenes.procedural.furniture import make_style
 from pbrnet.scenes.seeds import generator
 
@@ -245,3 +256,13 @@ def test_boxes_of_layouts_take_own_pieces_that_fill_them(
     fit = fit_piece(generator(0), style, category, size, sampler=sampler(data))
     assert fit is not None
     assert (fit.piece.credit.author if fit.piece.credit else None) == author
+
+
+def test_a_category_without_kinds_takes_its_own_pieces() -> None:
+    pieces = own("upright", "piano", (0.8, 0.5, 1.1)), own("glass", "mirror", (0.6, 0.04, 1.0))
+    library = LibraryEntry("mine", OWN_TABLE, "", "", "", "", "", "", 2, 2)
+    index = build_kind_index(AssetIndex((library,), pieces))
+    drawn = AssetSampler(generator(0), index, SceneParams(catalogue_share=1.0))
+    assert drawn.own_pieces("piano", ()) == [(pieces[0], "piano")]
+    assert drawn.own_pieces("mirror", ("wall_mirror",)) == [(pieces[1], "mirror")]
+    assert drawn.own_pieces("lamp", ("floor_lamp",)) == []
