@@ -179,7 +179,7 @@ def cameras() -> str:
         opened, _ = recorded.recorded_room(Path(folder) / "living")
         params = replace(recorded.PARAMS, cameras=pbrs_cameras(min_objects=1, grid=0.5))
         found = make_cameras(opened, view_params(params), 7)
-    return digest_bytes(json.dumps(plain(found), sort_keys=True).encode())[:16]
+    return digest_bytes(json.dumps(plain(found, brief=True), sort_keys=True).encode())[:16]
 
 
 OUTPUTS: dict[str, Callable[[], str]] = {"scenes.homes": home, "cameras": cameras}

@@ -104,13 +104,6 @@ def test_known_points_land_on_their_pixels(tmp_path: Path) -> None:
     assert set(zip(columns, rows, strict=True)) == set(spots)
 
 
-def test_pixels_that_are_not_square_are_refused(tmp_path: Path) -> None:
-    view = make_view()
-    stretched = View("s", "v", 32, 24, ((30, 0, 16), (0, 20, 12), (0, 0, 1)), view.camera_to_world)
-    with pytest.raises(InputError, match="square"):
-        truth(tmp_path, ball("s", (0, 2, 1.5), 0.5, diffuse()), stretched)
-
-
 def png(shade: int) -> bytes:
     pixels = (np.indices((8, 8)).sum(0)[..., None] % 2 * np.array([shade, 90, 20])).astype(np.uint8)
     return picture(pixels)
