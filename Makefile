@@ -101,7 +101,7 @@ lock:
 
 clean:
 	rm -rf data models plots predictions report
-	find metrics -mindepth 1 -maxdepth 1 ! -name reference.json -exec rm -rf {} + 2>/dev/null || true
+	git clean --quiet -fdX metrics
 
 distclean: clean
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache
