@@ -104,15 +104,6 @@ def test_labels_alone_have_the_materials_numbers_too(tmp_path: Path) -> None:
     assert {"material", "material_names"} <= set(names) and "roughness" not in names
 
 
-def test_paper_leaves_the_dataset_as_it_was(tmp_path: Path) -> None:
-    data, params, _ = labelled(tmp_path)
-    with_more = {path.name: path for path in (data / "dataset").glob("*")}
-    assert not with_more
-    pack_dataset(data, replace(params, channels=("paper",)))
-    names = pq.read_table(next((data / "dataset").glob("train-*.parquet"))).column_names
-    assert names[-1] == "visibility" and "roughness" not in names
-
-
 def spoil(name: str, channels: Channels) -> Channels:
     changed = {band: np.array(values) for band, values in channels.items()}
     if name == "hole":

@@ -128,12 +128,6 @@ def test_views_with_other_light_groups_are_rejected(tmp_path: Path) -> None:
         pack_dataset(data, replace(params, light=LightParams(2)))
 
 
-def test_paper_has_none_of_the_columns(tmp_path: Path) -> None:
-    data, params, _ = lit(tmp_path)
-    pack_dataset(data, replace(params, channels=("paper",)))
-    assert table_of(data).column_names[-1] == "visibility"
-
-
 def brighter(channels: Channels, meta: dict[str, Any]) -> None:
     channels["diffuse.G"] = np.array(channels["diffuse.G"])
     channels["diffuse.G"][0, 0] *= 1.2

@@ -68,12 +68,6 @@ def test_an_item_that_kills_its_workers_is_found_among_innocent_ones(tmp_path: P
     assert all(not outcome.error for key, outcome in outcomes.items() if key != "k7")
 
 
-def test_a_worker_that_dies_once_costs_nothing(tmp_path: Path) -> None:
-    once = {"do": "die", "well_after": 1, "log": str(tmp_path)}
-    outcomes = _run(_items(12, k2=once))
-    assert all(not outcome.error for outcome in outcomes.values())
-
-
 def test_a_worker_that_was_given_up_is_started_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

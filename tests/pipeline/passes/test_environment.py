@@ -11,23 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.channels import RGB, SETS
+from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.dataset.agreement import disagreement
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.denoise import denoise
 from pbrnet.pipeline.passes.environment import render_environment, rounded
 from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import TRACE_OF
 from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.geometry.directions import equirectangular_directions
 from tests.fixtures.light import SKY, room
-from tests.fixtures.params import pbrs_params, plain_truth
+from tests.fixtures.params import plain_truth
 from tests.fixtures.paths import ROOT
 from tests.fixtures.render import ball, diffuse, glow, make_view, write_scene
-from tests.fixtures.traces import frame_fingerprint
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -263,11 +261,3 @@ def test_rounding_keeps_range_and_precision() -> None:
     np.testing.assert_allclose(got, values, rtol=2**-11)
     assert got[0] == 0 and got[2] == values[2] and got[3] == 1
     assert not (got.view(np.uint32) & np.uint32(0x1FFF)).any()
-
-
-def test_no_other_frame_depends_on_the_set() -> None:
-    paper = pbrs_params()
-    wanted = pbrs_params(channels=("environment",), environment=EnvironmentParams(64))
-    for kind in TRACE_OF:
-        digests = [frame_fingerprint(kind, IN_ROOM, params, "s", "r") for params in (paper, wanted)]
-        assert (digests[0] == digests[1]) == (kind not in SETS["environment"]), kind

@@ -330,11 +330,3 @@ def test_an_unlit_room_is_black(tmp_path: Path) -> None:
     got = panorama(tmp_path, walls, make_view())
     assert got["intensity.Y"].shape == (WIDTH // 2, WIDTH)
     assert not any(channel.any() for channel in got.values())
-
-
-def test_panoramas_repeat_bit_for_bit(tmp_path: Path) -> None:
-    walls, _ = room_walls(diffuse(), window=True)
-    body = walls + ball("l", (1, 0, 2.5), 0.05, glow(9)) + '<emitter type="sunsky"/>'
-    first, second = (panorama(tmp_path, body, make_view(), (WINDOW,)) for _ in range(2))
-    for name, values in first.items():
-        np.testing.assert_array_equal(values, second[name])

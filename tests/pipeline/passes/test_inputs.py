@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.inputs import facing_normals, render_inputs
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.scene import cast, open_scene
@@ -13,6 +14,7 @@ from pbrnet.pipeline.render.scene_geometry import Hits
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.encoded import exr, picture
+from tests.fixtures.params import plain_truth
 from tests.fixtures.render import (
     WINDOW,
     ball,
@@ -74,19 +76,21 @@ def test_interpolated_normals_at_a_silhouette_become_perpendicular_to_the_ray() 
     np.testing.assert_allclose(facing_normals(hits, directions), expected, atol=1e-6)
 
 
-def test_known_points_land_on_their_pixels(tmp_path: Path) -> None:
+def test_known_points_land_on_their_pixels_of_surfaces_and_light(tmp_path: Path) -> None:
     view = make_view((0.3, -1, 1.2), (0.2, 1, -0.3), (64, 48), 50.0, centre=(20.25, 31.5))
     spots = [(5, 7), (40, 30), (60, 45), (20, 31)]
     body, objects = "", {}
     for number, (column, row) in enumerate(spots):
         local = np.linalg.inv(view.intrinsics) @ [column + 0.5, row + 0.5, 1.0]
         centre = (view.pose @ [*(local * 2.5), 1.0])[:3]
-        body += ball(f"s{number}", tuple(centre), 0.015, diffuse())
+        body += ball(f"s{number}", tuple(centre), 0.015, glow())
         objects[f"s{number}"] = (f"s{number}",)
-    got = inputs(tmp_path, body, view, objects=objects)
+    scene = open_scene(write_scene(tmp_path / "scene", body, objects))
+    got = render_inputs(scene, view)["object"]
     for number, (column, row) in enumerate(spots):
-        rows, columns = np.nonzero(got["object"] == number + 1)
-        assert set(zip(columns, rows, strict=True)) == {(column, row)}
+        assert np.argwhere(got == number + 1).tolist() == [[row, column]]
+    lit, _ = render_truth(scene, view, plain_truth(spp=16, max_depth=1), 0)
+    np.testing.assert_array_equal(lit["R"] > 0, got > 0)
 
 
 def png(pixels: list[list[tuple[int, int, int]]]) -> bytes:

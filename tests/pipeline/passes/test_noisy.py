@@ -17,7 +17,7 @@ from pbrnet.pipeline.dataset.parquet import images_of
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import Channels, Frame, frame_path, read_frame
 from pbrnet.pipeline.passes.denoise import denoiser_version
-from pbrnet.pipeline.passes.registry import TRACE_OF, TRUTHS, trace_seed
+from pbrnet.pipeline.passes.registry import TRUTHS, trace_seed
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.truth import noisy_trace, render_samples
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
@@ -32,7 +32,7 @@ from tests.fixtures.dataset import box_frames, make_data, make_view, small_param
 from tests.fixtures.in_process import worker_processes
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import files_in, views_in, write_room
-from tests.fixtures.traces import frame_fingerprint, render
+from tests.fixtures.traces import render
 
 pytestmark = pytest.mark.slow
 
@@ -220,17 +220,6 @@ def test_one_worker_and_a_resumed_run_give_the_same_bytes(data: Path, tmp_path: 
 @pytest.mark.slow
 def test_asking_for_them_or_not_leaves_the_truth_alone(data: Path) -> None:
     before = files_in(data, "shading", "color")
-    view = views_in(data)[0]
-    for kind in TRACE_OF:
-        marks = {
-            frame_fingerprint(kind, view, replace(PARAMS, noisy=NoisyParams(spp=spp)), "d", "r")
-            for spp in (0, 1, 4)
-        }
-        assert len(marks) == (3 if kind == "noisy" else 1)
-    more = replace(PARAMS, groundtruth=replace(PARAMS.groundtruth, spp=8))
-    assert frame_fingerprint("noisy", view, more, "d", "r") == frame_fingerprint(
-        "noisy", view, PARAMS, "d", "r"
-    )
     summary = run_frames("groundtruth", data, WITHOUT)
     assert (summary.made, summary.kept, summary.removed) == (0, 8, 4)
     assert files_in(data, *MADE) == before

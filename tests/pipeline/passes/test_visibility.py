@@ -19,7 +19,6 @@ from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Portal
 from pbrnet.scenes.geometry.directions import pixel_directions
-from tests.fixtures.params import pbrs_params
 from tests.fixtures.render import (
     WINDOW,
     ball,
@@ -30,7 +29,6 @@ from tests.fixtures.render import (
     room_walls,
     write_scene,
 )
-from tests.fixtures.traces import frame_fingerprint
 
 pytestmark = pytest.mark.usefixtures("variant")
 
@@ -203,23 +201,6 @@ def test_direct_light_of_the_panorama_has_the_shadows(tmp_path: Path) -> None:
     shaded = direct_light(example.having(visibility=shadows), 0.5)[0]
     assert shadows.min() < 0.5 < shadows.max()
     assert np.array_equal(shaded, lit * shadows[..., None]) and lit.max() > 0
-
-
-def test_panoramas_do_not_depend_on_the_shadows_asked_for(tmp_path: Path) -> None:
-    """Shadows can be switched on without rendering the panoramas again."""
-    view = looking_at_a_wall()
-    marks = [
-        {
-            kind: frame_fingerprint(kind, view, params, "digest", "renderer")
-            for kind in ("illumination", "visibility")
-        }
-        for params in (
-            pbrs_params(illumination=IlluminationParams(shadow_rays=rays)) for rays in (4, 8)
-        )
-    ]
-    assert marks[0]["illumination"] == marks[1]["illumination"]
-    assert marks[0]["visibility"] != marks[1]["visibility"]
-    assert "visibility" not in pbrs_params(illumination=IlluminationParams(shadow_rays=0)).kinds
 
 
 def test_shadows_repeat_bit_for_bit(tmp_path: Path) -> None:

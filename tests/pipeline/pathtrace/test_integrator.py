@@ -12,7 +12,6 @@ from pbrnet.pipeline.passes.groundtruth import render_both, render_truth
 from pbrnet.pipeline.pathtrace.integrator import JointPath
 from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering
 from pbrnet.pipeline.render.scene import open_scene
-from pbrnet.scenes.errors import InputError
 from tests.fixtures.joint import (
     ALBEDO,
     FAITHFUL,
@@ -264,21 +263,3 @@ def test_black_things_have_shading(tmp_path: Path) -> None:
     both = render_both(scene, view, params, 0.5, 0)
     alone = stacked(render_truth(scene.neutral(0.5), view, params, 1))
     assert stacked(both.shading).mean() == pytest.approx(alone.mean(), rel=0.03)
-
-
-@pytest.mark.slow
-def test_equal_seeds_repeat_and_others_do_not(tmp_path: Path) -> None:
-    scene, view, _ = shelf(tmp_path, {"plastic": PARTING["plastic"]})
-    params = plain_truth(spp=8, block_spp=4)
-    first, again, other = (render_both(scene, view, params, 0.5, seed) for seed in (1, 1, 2))
-    for image in ("color", "shading"):
-        one, two, three = (stacked(getattr(each, image)) for each in (first, again, other))
-        np.testing.assert_array_equal(one, two)
-        assert (one != three).any()
-
-
-def test_materials_without_a_twin_are_named(tmp_path: Path) -> None:
-    body = ball("s", (0, 2, 1.5), 0.5, '<bsdf type="hair"/>')
-    scene = open_scene(write_scene(tmp_path / "hair", body))
-    with pytest.raises(InputError, match="hair"):
-        render_both(scene, make_view(), plain_truth(spp=1), 0.5, 0)

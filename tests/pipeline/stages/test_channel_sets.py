@@ -122,21 +122,3 @@ def test_trajectories_are_frames_like_others(tmp_path: Path) -> None:
     unknown = replace(cameras, trajectories=(TrajectoryFile("beta", str(path)),))
     with pytest.raises(InputError, match="no scene 'beta'"):
         run_cameras(data, replace(film, cameras=unknown))
-
-
-def test_fingerprints_of_the_paper_do_not_know_the_sets(tmp_path: Path) -> None:
-    write_room(tmp_path / "scenes" / "alpha")
-    run_cameras(tmp_path, PAPER)
-    view = load_cameras(tmp_path / "cameras" / "alpha.json").views[0]
-    for kind in (
-        "inputs",
-        "illumination",
-        "visibility",
-        "shading",
-        "color",
-        "materials",
-        "labels",
-        "video",
-    ):
-        digests = {frame_fingerprint(kind, view, params, "scene", "r") for params in (PAPER, ALL)}  # type: ignore[arg-type]
-        assert len(digests) == 1, kind

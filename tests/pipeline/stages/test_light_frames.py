@@ -23,9 +23,8 @@ from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
-from tests.fixtures.render import make_view
 from tests.fixtures.stages import files_in, write_room
-from tests.fixtures.traces import frame_fingerprint, render
+from tests.fixtures.traces import render
 
 PAPER = pbrs_params(
     image=ImageParams(32, 24),
@@ -71,13 +70,6 @@ def test_light_frames_are_added_and_removed_and_change_no_other_frame(tmp_path: 
 
     run = run_frames("groundtruth", data, PAPER)
     assert (run.kept, run.removed) == (2, 1) and files_in(data, *FRAMES) == paper
-
-
-def test_fingerprints_of_colour_do_not_know_of_light() -> None:
-    view = make_view()
-    for kind in ("shading", "color", "light"):
-        digests = {frame_fingerprint(kind, view, p, "s", "r") for p in (PAPER, LIGHT)}  # type: ignore[arg-type]
-        assert len(digests) == 1, kind
 
 
 def test_light_needs_a_joint_trace(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from pbrnet.pipeline.commands import stages
 from pbrnet.pipeline.commands.start import plan_stages
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
-from pbrnet.pipeline.frames import frame_path, holds, read_frame, read_meta
+from pbrnet.pipeline.frames import frame_path, read_frame, read_meta
 from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.records import data_lock
@@ -33,7 +33,6 @@ from pbrnet.scenes.params import SceneParams
 from tests.fixtures.in_process import worker_processes
 from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth
 from tests.fixtures.stages import files_in, views_in, write_room
-from tests.fixtures.traces import frame_fingerprint
 
 pytestmark = pytest.mark.slow
 
@@ -246,55 +245,6 @@ def _alter(section: str, **values: Any) -> Params:
     return replace(PARAMS, **{section: replace(getattr(PARAMS, section), **values)})
 
 
-@pytest.mark.parametrize(
-    ("other", "changed"),
-    [
-        (_alter("farm", workers=7, batch=1, window=9, retries=0), ""),
-        (_alter("cameras", min_score=3.0), ""),
-        (_alter("scenes", texture_size=64), ""),
-        (_alter("train", batch=7), ""),
-        (_alter("tone", key=0.5), ""),
-        (_alter("dataset", row_group=3), ""),
-        (_alter("groundtruth", spp=8), "shading color"),
-        (_alter("groundtruth", block_spp=4), "shading color"),
-        (_alter("groundtruth", max_depth=4), "shading color"),
-        (_alter("shading", albedo=0.4), "shading color"),
-        (_alter("groundtruth", joint=False), "shading color"),
-        (_alter("illumination", width=64), "illumination visibility"),
-        (_alter("illumination", supersampling=2), "illumination visibility"),
-        (_alter("illumination", shadow_rays=3), "visibility"),
-        (replace(PARAMS, seed=1), "shading color"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
-def test_what_changes_a_fingerprint(finished: Path, other: Params, changed: str) -> None:
-    view = views_in(finished)[0]
-    for kind in KINDS:
-        same = frame_fingerprint(kind, view, PARAMS, "scene", "renderer")
-        assert (frame_fingerprint(kind, view, other, "scene", "renderer") != same) == (
-            kind in changed.split()
-        ), kind
-
-
-def test_what_of_a_view_changes_a_fingerprint(finished: Path) -> None:
-    view = views_in(finished)[0]
-    moved = [[*row] for row in view.camera_to_world]
-    moved[0][3] += 1e-6
-    for other, same in (
-        (replace(view, score=99.0, seen={"chair": 3}), True),
-        (replace(view, camera_to_world=tuple(map(tuple, moved))), False),
-        (replace(view, width=49), False),
-        (replace(view, view_id="x"), False),
-    ):
-        for kind in KINDS:
-            marks = {frame_fingerprint(kind, v, PARAMS, "s", "r") for v in (view, other)}
-            assert (len(marks) == 1) == same
-    for scene, renderer in (("other", "r"), ("s", "other")):
-        assert frame_fingerprint("inputs", view, PARAMS, scene, renderer) != frame_fingerprint(
-            "inputs", view, PARAMS, "s", "r"
-        )
-
-
 def test_a_changed_scene_renews_its_own_cameras_and_frames_only(data: Path) -> None:
     before = files_in(data, "cameras", *KINDS)
     write_room(data / "scenes" / "beta", size=(4.4, 3.2, 2.5), lamp=20.0)
@@ -470,12 +420,6 @@ def test_commands_have_examples_and_say_what_they_did(data: Path, tmp_path: Path
     result = CliRunner().invoke(stages.assets, options[:4], catch_exceptions=False)
     assert json.loads((data / "assets" / "catalogue.json").read_text())["pieces"] == []
     assert "assets.enabled is false" in result.output
-
-
-def test_frames_hold_only_under_their_own_fingerprint(finished: Path) -> None:
-    path = next((finished / "inputs").rglob("*.exr"))
-    assert holds(path, [read_meta(path)["fingerprint"]])
-    assert not holds(path, ["another"])
 
 
 def test_variants_of_a_home_stand_beside_it_and_share_its_plan(tmp_path: Path) -> None:
