@@ -54,6 +54,8 @@ def area(data: str | bytes) -> float:
         .replace("/4/1", ""),
         "no texture coordinates": SQUARE.replace("/1/", "//").replace("/2/", "//")
         .replace("/3/", "//").replace("/4/", "//"),
+        "mixed": SQUARE.replace("2/2/1 3/3/1 4/4/1", "2/2 3 4//1"),
+        "open ends": SQUARE.replace("/1 ", "/ ").replace("4/4/1", "4/4/"),
         "colours at the vertices": SQUARE.replace("v 1 0 0", "v 1 0 0 0.5 0.5 0.5"),
         "no end of line": SQUARE.rstrip(),
     }.items(),
@@ -69,6 +71,8 @@ def test_texture_coordinates_and_normals_belong_to_their_corners() -> None:
     np.testing.assert_array_equal(mesh.uvs, np.column_stack([mesh.vertices[:, 0],
                                                              1 - mesh.vertices[:, 1]]))  # fmt: skip
     np.testing.assert_array_equal(mesh.normals, np.tile([0, 0, 1], (4, 1)))
+    mixed = parse_obj(SQUARE.replace("2/2/1", "2").encode(), "a.obj").mesh()
+    assert mixed.uvs is None
 
 
 def test_counting_back_means_the_last_read_so_far() -> None:

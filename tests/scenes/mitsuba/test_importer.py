@@ -17,7 +17,6 @@ from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.formats.obj import read_obj
 from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
 from pbrnet.scenes.geometry.primitives import cube, cylinder, disk, sphere
@@ -202,41 +201,6 @@ def test_primitives_face_where_their_normals_point(made: Mesh) -> None:
     centre = made.vertices.mean(axis=0)
     if np.ptp(made.vertices, axis=0).min() > 0:
         assert ((face * (a - centre)).sum(axis=1) > 0).all()
-
-
-def test_obj_polygons_negative_indices_and_absent_parts(tmp_path: Path) -> None:
-    path = tmp_path / "p.obj"
-    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\nf -4//1 -3//-1 -2//1 -1//1\n")
-    mesh = read_obj(path).mesh()
-    assert mesh.faces.shape == (2, 3) and mesh.uvs is None
-    assert np.allclose(mesh.normals, [0, 0, 1])
-    areas = np.cross(*(mesh.corners[:, i] - mesh.corners[:, 0] for i in (1, 2)))[:, 2] / 2
-    assert areas.tolist() == [0.5, 0.5]
-
-
-@pytest.mark.parametrize(
-    "faces",
-    [
-        pytest.param("f 1/1/1 2/2/1 3/3/1\nf 1/1/1 3/3/1 4/4/1", id="all three"),
-        pytest.param("f 1/1 2/2 3/3\nf 1/1 3/3 4/4", id="no normals"),
-        pytest.param("f 1//1 2//1 3//1\nf 1//1 3//1 4//1", id="no texture"),
-        pytest.param("f 1 2 3\nf 1 3 4", id="positions"),
-        pytest.param("f 1/1/1 2/2 3\nf 1//1 3/3/1 4", id="mixed, as many slashes as corners"),
-        pytest.param("f 1/1/ 2/2/ 3/3/\nf 1/1/ 3/3/ 4/4/", id="open ends"),
-    ],
-)
-def test_obj_corners_of_every_form_are_the_same_square(tmp_path: Path, faces: str) -> None:
-    path = tmp_path / "square.obj"
-    tables = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\n"
-    path.write_text(tables + faces)
-    mesh = read_obj(path).mesh(flip_v=False)
-    square = np.array([[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]])
-    assert np.array_equal(mesh.corners[..., :2], square)
-    uniform = len({word.count("/") for word in faces.replace("f ", "").split()}) == 1
-    textured = uniform and "/" in faces and "//" not in faces
-    assert (mesh.uvs is not None) == textured
-    if mesh.uvs is not None:
-        assert np.array_equal(mesh.uvs[mesh.faces], square)
 
 
 def test_texture_coordinates_beyond_all_texels_become_zero() -> None:
@@ -784,8 +748,6 @@ DAMAGED: dict[str, bytes | str] = {  # files beside a bad scene
     "huge.ply": TRIANGLE.replace("element vertex 3", "element vertex 4000000000"),
     "cut.ply": CUT_PLY,
     "png.ply": b"\x89PNG" + bytes(64),
-    "index.obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n",
-    "words.obj": "v zero one two\nf 1 2 3\n",
     "cut.serialized": ONE_MESH[: len(ONE_MESH) // 2],
     "bomb.serialized": BOMB + struct.pack("<QI", 0, 1),
     "one.serialized": ONE_MESH,
@@ -832,8 +794,6 @@ BAD: dict[str, tuple[bytes | str, str]] = {  # the scene file, and what is said 
     "huge ply": (mesh_of("huge.ply"), "claims 4,000,000,000"),
     "truncated ply": (mesh_of("cut.ply"), "truncated"),
     "not a ply": (mesh_of("png.ply"), "not a PLY"),
-    "obj bad index": (mesh_of("index.obj"), "does not exist"),
-    "obj of words": (mesh_of("words.obj"), "damaged line of numbers"),
     "truncated serialized": (mesh_of("cut.serialized"), "truncated"),
     "serialized bomb": (mesh_of("bomb.serialized"), "claims"),
     "serialized index": (mesh_of("one.serialized", '<integer name="shapeIndex" value="5"/>'),

@@ -95,7 +95,7 @@ def import_room(folder: Path, body: str, version: str, name: str) -> Scene:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("version", ["0.4.0", "0.5.0", "0.6.0", "2.1.0", "3.0.0"])
+@pytest.mark.parametrize("version", ["0.4.0", "0.6.0", "3.0.0"])
 def test_materials_of_every_version(folder: Path, version: str) -> None:
     """All of them in one room, each on a card of its own, and it renders."""
     set_variant("auto")
@@ -115,7 +115,7 @@ def test_materials_of_every_version(folder: Path, version: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LIGHTS)
-@pytest.mark.parametrize("version", ["0.5.0", "0.6.0", "3.0.0"])
+@pytest.mark.parametrize("version", ["0.5.0", "3.0.0"])
 def test_lights_of_every_version(folder: Path, name: str, version: str) -> None:
     light = LIGHTS[name]
     scene = import_room(folder, light, version, f"light-{version}")

@@ -27,7 +27,7 @@ from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.seeds import generator
 from tests.fixtures.planes import bodies, coplanar_overlap, welded
 
-SEEDS = range(10)
+SEEDS = range(6)
 KINDS = sorted(FURNITURE_KINDS)
 SHEETS = ("curtain", "leaves", "display")  # open meshes, seen from both sides
 BUDGET = 15_000
@@ -293,7 +293,7 @@ def test_meshes_are_sound(kind: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_solid_parts_are_closed_and_wound_outwards(kind: str) -> None:
-    for seed in list(SEEDS)[:8]:
+    for seed in SEEDS:
         for part in piece(kind, seed).parts:
             if part.name.startswith(SHEETS):
                 continue
@@ -320,7 +320,7 @@ def test_pieces_touch_their_anchor(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_textures_are_laid_out_in_metres(kind: str) -> None:
-    for seed in list(SEEDS)[:8]:
+    for seed in SEEDS:
         for part in piece(kind, seed).parts:
             if part.material.kind == "picture" or part.picture is not None:
                 continue
@@ -359,13 +359,13 @@ def test_equal_seeds_make_equal_pieces_and_others_differ(kind: str) -> None:
         (piece(kind, seed).bounds.tobytes(), str([p.material for p in piece(kind, seed).parts]))
         for seed in SEEDS
     }
-    assert len(shapes) > 3
+    assert len(shapes) > 2
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_support_surfaces_are_flat_and_free(kind: str) -> None:
     soft = {"sofa": 0.035, "pouf": 0.02}
-    for seed in list(SEEDS)[:6]:
+    for seed in SEEDS:
         made = piece(kind, seed)
         caster = ray_caster(made) if made.surfaces else None
         for surface in made.surfaces:
@@ -394,7 +394,7 @@ def test_tables_and_cupboards_offer_surfaces() -> None:
 
 @pytest.mark.parametrize("kind", LAMPS)
 def test_lamps_emit_outwards_without_obstruction(kind: str) -> None:
-    for seed in list(SEEDS)[:8]:
+    for seed in SEEDS:
         made = piece(kind, seed)
         emitting = [part for part in made.parts if part.lumens > 0]
         assert emitting, (kind, seed)

@@ -147,6 +147,12 @@ def said(scene: Scene) -> str:
 NO_MODEL = "CAME IN AS OPEN HOLES (1): window"
 
 
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """The home without odd elements."""
+    return bring(tmp_path_factory.mktemp("usual") / "in", draw.usual(), {"m": draw.BOX})
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "added", "note"),
@@ -183,9 +189,8 @@ NO_MODEL = "CAME IN AS OPEN HOLES (1): window"
     ],
 )  # fmt: skip
 def test_an_odd_element_leaves_the_home_as_it_is(
-    tmp_path: Path, body: str, added: int, note: str
+    usual: Scene, tmp_path: Path, body: str, added: int, note: str
 ) -> None:
-    usual = bring(tmp_path / "usual", draw.usual(), {"m": draw.BOX})
     scene = bring(tmp_path / "odd", draw.usual(body), {"m": draw.BOX})
     assert scene.rooms[0].floor == usual.rooms[0].floor
     assert len(scene.rooms) == len(usual.rooms) == 1
