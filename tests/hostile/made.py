@@ -2,6 +2,7 @@
 
 import json
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,25 +10,40 @@ from tests.fixtures.changed import changed
 from tests.hostile.family import Arguments, Made
 
 
-def with_file(name: str, data: bytes | str, command: str) -> Made:
+def case(write: Callable[..., str | Arguments]) -> Callable[..., Made]:
+    """Cases of a function that writes files into a folder and returns the command line."""
+
+    def made(*options: Any, **more: Any) -> Made:
+        def whole(folder: Path) -> Arguments:
+            line = write(folder, *options, **more)
+            return line.split() if isinstance(line, str) else line
+
+        return whole
+
+    return made
+
+
+@case
+def with_file(folder: Path, name: str, data: bytes | str, command: str) -> str:
     """One file of the base is another."""
-
-    def write(folder: Path) -> Arguments:
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data if isinstance(data, bytes) else data.encode("utf-8", "surrogatepass"))
-        return command.split()
-
-    return write
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data if isinstance(data, bytes) else data.encode("utf-8", "surrogatepass"))
+    return command
 
 
-def with_link(name: str, target: str, command: str) -> Made:
-    def write(folder: Path) -> Arguments:
-        (folder / name).unlink(missing_ok=True)
-        (folder / name).symlink_to(target)
-        return command.split()
+@case
+def with_text(folder: Path, name: str, old: str, new: str, command: str) -> str:
+    """One file of the base with some text exchanged."""
+    (folder / name).write_text((folder / name).read_text().replace(old, new))
+    return command
 
-    return write
+
+@case
+def with_link(folder: Path, name: str, target: str, command: str) -> str:
+    (folder / name).unlink(missing_ok=True)
+    (folder / name).symlink_to(target)
+    return command
 
 
 def entities(kind: str) -> str:
@@ -43,15 +59,14 @@ def entities(kind: str) -> str:
     return f"<!DOCTYPE x [{inside}]>"
 
 
-def with_value(file: str, command: str, path: tuple[str | int, ...], value: Any) -> Made:
+@case
+def with_value(
+    folder: Path, file: str, command: str, path: tuple[str | int, ...], value: Any
+) -> str:
     """Change one value of a JSON file."""
-
-    def write(folder: Path) -> Arguments:
-        content = json.loads((folder / file).read_text())
-        (folder / file).write_text(json.dumps(changed(content, path, value)))
-        return command.split()
-
-    return write
+    content = json.loads((folder / file).read_text())
+    (folder / file).write_text(json.dumps(changed(content, path, value)))
+    return command
 
 
 def pack(

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from tests.fixtures import catalogue as drawn
-from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import pack, with_file, with_link
+from tests.hostile.family import Family, Victim
+from tests.hostile.made import case, pack, with_file, with_link
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_text
 from tests.hostile.project_files.base import write_params
 
@@ -29,13 +29,11 @@ ASSETS = "assets --data data --workers 1"
 PROPERTIES = "members/PluginFurnitureCatalog.properties"
 
 
-def _properties(text: str) -> Made:
-    def write(folder: Path) -> Arguments:
-        (folder / PROPERTIES).write_text(text, encoding="latin-1", errors="replace")
-        _catalogue_packed(folder)
-        return ASSETS.split()
-
-    return write
+@case
+def _properties(folder: Path, text: str) -> str:
+    (folder / PROPERTIES).write_text(text, encoding="latin-1", errors="replace")
+    _catalogue_packed(folder)
+    return ASSETS
 
 
 CATALOGUES_MADE = (

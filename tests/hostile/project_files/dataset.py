@@ -5,7 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.hostile.family import Arguments, Family, Made, Victim
+from tests.hostile.family import Family, Victim
+from tests.hostile.made import case
 from tests.hostile.mutations import LONG, damaged_bytes, deep
 from tests.hostile.project_files.base import small_params, write_ledger
 
@@ -37,78 +38,66 @@ def write_dataset(folder: Path) -> None:
 SHARD = "data/dataset/train-00000-of-00001.parquet"
 
 
-def _column(name: str, make: Callable[[int], Any] | None, command: int = 0) -> Made:
-    """A shard in which one column is another, or absent."""
-
-    def write(folder: Path) -> Arguments:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        for shard in sorted((folder / "data" / "dataset").glob("*.parquet")):
-            table = pq.read_table(shard)
-            place = table.column_names.index(name)
-            field = table.schema.field(name)
-            table = table.remove_column(place)
-            if make:
-                values = pa.array(make(table.num_rows))
-                changed = pa.field(name, values.type, metadata=field.metadata)
-                table = table.add_column(place, changed, values)
-            pq.write_table(table, shard)
-        return CHECKED[command].split()
-
-    return write
+@case
+def _column(folder: Path, name: str, make: Callable[[int], Any] | None, command: int = 0) -> str:
+    """Shards in which one column is another, or absent."""
+    _rewrite(folder, lambda table: _with_column(table, name, make))
+    return CHECKED[command]
 
 
-def _values(name: str, value: Any, command: int) -> Made:
+def _with_column(table: Any, name: str, make: Callable[[int], Any] | None) -> Any:
+    import pyarrow as pa
+
+    place, field = table.column_names.index(name), table.schema.field(name)
+    table = table.remove_column(place)
+    if not make:
+        return table
+    values = pa.array(make(table.num_rows))
+    return table.add_column(place, pa.field(name, values.type, metadata=field.metadata), values)
+
+
+@case
+def _values(folder: Path, name: str, value: Any, command: int) -> str:
     """Shards in which every row has this value in a column, of the type that it has."""
+    import pyarrow as pa
 
-    def write(folder: Path) -> Arguments:
-        import pyarrow as pa
+    def changed(table: Any) -> Any:
+        place, field = table.column_names.index(name), table.schema.field(name)
+        values = pa.array([value] * table.num_rows, field.type)
+        return table.set_column(place, field, values)
 
-        def changed(table: Any) -> Any:
-            place, field = table.column_names.index(name), table.schema.field(name)
-            values = pa.array([value] * table.num_rows, field.type)
-            return table.set_column(place, field, values)
-
-        _rewrite(folder, changed)
-        return CHECKED[command].split()
-
-    return write
+    _rewrite(folder, changed)
+    return CHECKED[command]
 
 
-def _twice(name: str, command: int) -> Made:
-    def write(folder: Path) -> Arguments:
-        _rewrite(folder, lambda table: table.append_column(table.field(name), table.column(name)))
-        return CHECKED[command].split()
-
-    return write
+@case
+def _twice(folder: Path, name: str, command: int) -> str:
+    _rewrite(folder, lambda table: table.append_column(table.field(name), table.column(name)))
+    return CHECKED[command]
 
 
-def _without_rows(command: int) -> Made:
-    def write(folder: Path) -> Arguments:
-        _rewrite(folder, lambda table: table.slice(0, 0))
-        return CHECKED[command].split()
-
-    return write
+@case
+def _without_rows(folder: Path, command: int) -> str:
+    _rewrite(folder, lambda table: table.slice(0, 0))
+    return CHECKED[command]
 
 
-def _rewrite(folder: Path, change: Callable[[Any], Any]) -> None:
+def _rewrite(
+    folder: Path, change: Callable[[Any], Any], files: str = "data/dataset/*.parquet"
+) -> None:
     import pyarrow.parquet as pq
 
-    for shard in sorted((folder / "data" / "dataset").glob("*.parquet")):
+    for shard in sorted(folder.glob(files)):
         pq.write_table(change(pq.read_table(shard)), shard)
 
 
-def _beside(name: str, put: Callable[[Path], object], command: str) -> Made:
+@case
+def _beside(folder: Path, name: str, put: Callable[[Path], object], command: str) -> str:
     """Something that is no regular file beside the shards."""
-
-    def write(folder: Path) -> Arguments:
-        path = folder / "data" / "dataset" / name
-        path.unlink(missing_ok=True)
-        put(path)
-        return command.split()
-
-    return write
+    path = folder / "data" / "dataset" / name
+    path.unlink(missing_ok=True)
+    put(path)
+    return command
 
 
 def _diagonal(*values: float) -> list[list[float]]:
@@ -138,26 +127,22 @@ _IMPOSSIBLE: tuple[tuple[str, Any], ...] = (
 )
 
 
-def _shape(text: str, command: int = 0) -> Made:
+@case
+def _shape(folder: Path, text: str, command: int = 0) -> str:
     """A shard whose images have another shape in their metadata."""
+    import pyarrow as pa
 
-    def write(folder: Path) -> Arguments:
-        import pyarrow.parquet as pq
+    def changed(table: Any) -> Any:
+        fields = [
+            one.with_metadata({**one.metadata, b"shape": text.encode()})
+            if one.metadata and b"shape" in one.metadata
+            else one
+            for one in table.schema
+        ]
+        return pa.Table.from_arrays(table.columns, schema=pa.schema(fields))
 
-        for shard in sorted((folder / "data" / "dataset").glob("*.parquet")):
-            table = pq.read_table(shard)
-            fields = [
-                one.with_metadata({**one.metadata, b"shape": text.encode()})
-                if one.metadata and b"shape" in one.metadata
-                else one
-                for one in table.schema
-            ]
-            import pyarrow as pa
-
-            pq.write_table(pa.Table.from_arrays(table.columns, schema=pa.schema(fields)), shard)
-        return CHECKED[command].split()
-
-    return write
+    _rewrite(folder, changed)
+    return CHECKED[command]
 
 
 SHARDS_MADE = (
@@ -218,20 +203,10 @@ LEDGER = "data/ledger.parquet"
 COSTS = (f"inspect {LEDGER} --out p.png", "cost --data data", "cost --data data --check --json")
 
 
-def _ledger_made(name: str, make: Callable[[int], Any] | None, command: int) -> Made:
-    def write(folder: Path) -> Arguments:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        table = pq.read_table(folder / LEDGER)
-        place = table.column_names.index(name)
-        table = table.remove_column(place)
-        if make:
-            table = table.add_column(place, name, pa.array(make(table.num_rows)))
-        pq.write_table(table, folder / LEDGER)
-        return COSTS[command].split()
-
-    return write
+@case
+def _ledger_made(folder: Path, name: str, make: Callable[[int], Any] | None, command: int) -> str:
+    _rewrite(folder, lambda table: _with_column(table, name, make), LEDGER)
+    return COSTS[command]
 
 
 LEDGERS_MADE = tuple(

@@ -8,8 +8,8 @@ from typing import Any
 
 from pbrnet.scenes.contract import Portal
 from tests.fixtures.changed import changed
-from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import with_file, with_link, with_value
+from tests.hostile.family import Family, Made, Victim
+from tests.hostile.made import case, with_file, with_link, with_text, with_value
 from tests.hostile.mutations import damaged_json, damaged_text
 from tests.hostile.project_files.folders import PARTS, write_room
 
@@ -38,48 +38,23 @@ def _base(folder: Path) -> None:
     export_scene(folder / _ROOM, "glb", folder / "room.glb")
 
 
-def _document(path: tuple[str | int, ...], value: Any) -> Made:
+@case
+def _document(folder: Path, path: tuple[str | int, ...], value: Any) -> str:
     """The GLB with one value of its JSON changed."""
-
-    def write(folder: Path) -> Arguments:
-        data = (folder / "room.glb").read_bytes()
-        size = struct.unpack_from("<I", data, 12)[0]
-        document = changed(json.loads(data[20 : 20 + size]), path, value)
-        text = json.dumps(document).encode()
-        text += b" " * (-len(text) % 4)
-        rest = struct.pack("<II", len(text), 0x4E4F534A) + text + data[20 + size :]
-        (folder / "room.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(rest)) + rest)
-        return BACK.split()
-
-    return write
+    data = (folder / "room.glb").read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    document = changed(json.loads(data[20 : 20 + size]), path, value)
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    rest = struct.pack("<II", len(text), 0x4E4F534A) + text + data[20 + size :]
+    (folder / "room.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(rest)) + rest)
+    return BACK
 
 
-def _mesh(old: str, new: str, command: str) -> Made:
-    """The mesh with some text exchanged."""
-
-    def write(folder: Path) -> Arguments:
-        path = folder / _ROOM / "meshes/box.ply"
-        path.write_text(path.read_text().replace(old, new))
-        return command.split()
-
-    return write
-
-
-def _part(old: str, new: str, command: str) -> Made:
-    def write(folder: Path) -> Arguments:
-        path = folder / _ROOM / "scene.xml"
-        path.write_text(path.read_text().replace(old, new))
-        return command.split()
-
-    return write
-
-
-def _removed(name: str, command: str) -> Made:
-    def write(folder: Path) -> Arguments:
-        (folder / name).unlink()
-        return command.split()
-
-    return write
+@case
+def _removed(folder: Path, name: str, command: str) -> str:
+    (folder / name).unlink()
+    return command
 
 
 def _placed(out: str) -> Made:
@@ -105,7 +80,8 @@ _VALUES: tuple[Any, ...] = (
 )  # fmt: skip
 
 _MADE = (
-    *(_part(*part, command) for part in PARTS.values() for command in (GLB, USD, ZIP)),
+    *(with_text(f"{_ROOM}/scene.xml", *part, command)
+      for part in PARTS.values() for command in (GLB, USD, ZIP)),
     *(
         with_value(f"{_ROOM}/scene.json", command, field, name)
         for field in _FIELDS
@@ -117,7 +93,7 @@ _MADE = (
     *(_removed(f"{_ROOM}/{name}", command)
       for name in ("textures/t.png", "meshes/box.ply", "scene.json")
       for command in (GLB, USD, ZIP)),
-    *(_mesh("0 0", new, command)
+    *(with_text(f"{_ROOM}/meshes/box.ply", "0 0", new, command)
       for new in ("nan nan", "1e39 0", "inf 0", "1e300 0") for command in (GLB, USD)),
     *(with_link(f"{_ROOM}/{name}", target, command)
       for name, target in (("textures/t.png", "/dev/zero"), ("meshes/box.ply", "/etc/passwd"),

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pbrnet.scenes.contract import Portal
-from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import with_link
+from tests.hostile.family import Family, Made, Victim
+from tests.hostile.made import with_link, with_text
 from tests.hostile.mutations import damaged_json, damaged_text
 from tests.hostile.project_files.base import small_params
 from tests.hostile.scene_files.models import write_obj
@@ -59,17 +59,6 @@ def write_room(folder: Path, portals: Sequence[Portal] = ()) -> None:
 LOOK, COPY = "inspect scenes/room --plan-only --out p.png", "import scenes/room --out out"
 
 
-def _scene(old: str, new: str, command: str = RENDER) -> Made:
-    """`scene.xml` with some text exchanged."""
-
-    def write(folder: Path) -> Arguments:
-        path = folder / "scenes/room/scene.xml"
-        path.write_text(path.read_text().replace(old, new))
-        return command.split()
-
-    return write
-
-
 def _linked(name: str, target: str, command: str) -> Made:
     return with_link(f"scenes/room/{name}", target, command)
 
@@ -92,7 +81,11 @@ PARTS = {
 }
 
 FOLDERS_MADE = (
-    *(_scene(*part, command) for part in PARTS.values() for command in (RENDER, LOOK, COPY)),
+    *(
+        with_text("scenes/room/scene.xml", *part, command)
+        for part in PARTS.values()
+        for command in (RENDER, LOOK, COPY)
+    ),
     *(
         _linked(name, target, command)
         for name, target in (

@@ -7,40 +7,38 @@ from typing import Any
 
 import numpy as np
 
-from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import with_file, with_link, with_value
+from tests.hostile.family import Family, Made, Victim
+from tests.hostile.made import case, with_file, with_link, with_value
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_json, damaged_text, deep
 from tests.hostile.project_files.base import FRAME, PREDICT, write_frames
 
 
+@case
 def _exr(
+    folder: Path,
     meta: Callable[[dict[str, Any]], Any] | None = None,
     channels: Callable[[dict[str, Any]], Any] | None = None,
     path: str = FRAME,
     command: str = PREDICT,
     text: str | None = None,
-) -> Made:
+) -> str:
     """A frame with another attribute or other channels, its digest right."""
+    import OpenEXR
 
-    def write(folder: Path) -> Arguments:
-        import OpenEXR
+    from pbrnet.pipeline.frames import pixels_digest, read_frame
 
-        from pbrnet.pipeline.frames import pixels_digest, read_frame
-
-        frame = read_frame(folder / path)
-        pixels = dict(frame.channels)
-        if channels:
-            channels(pixels)
-        pixels = {name: np.ascontiguousarray(values) for name, values in pixels.items()}
-        content = {**frame.meta, "digest": pixels_digest(pixels)}
-        changed = meta(content) if meta else None
-        content = content if changed is None else changed
-        words = text if text is not None else json.dumps(content)
-        with OpenEXR.File({"pbrnet": words}, pixels) as file:
-            file.write(str(folder / path))
-        return command.split()
-
-    return write
+    frame = read_frame(folder / path)
+    pixels = dict(frame.channels)
+    if channels:
+        channels(pixels)
+    pixels = {name: np.ascontiguousarray(values) for name, values in pixels.items()}
+    content = {**frame.meta, "digest": pixels_digest(pixels)}
+    changed = meta(content) if meta else None
+    content = content if changed is None else changed
+    words = text if text is not None else json.dumps(content)
+    with OpenEXR.File({"pbrnet": words}, pixels) as file:
+        file.write(str(folder / path))
+    return command
 
 
 def _but(**changes: Any) -> Callable[[dict[str, Any]], Any]:

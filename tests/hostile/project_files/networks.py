@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import with_file, with_link, with_value
+from tests.hostile.family import Family, Made, Victim
+from tests.hostile.made import case, with_file, with_link, with_value
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_json, damaged_text, deep
 from tests.hostile.project_files.base import PREDICT, write_frames
 
@@ -33,18 +33,16 @@ def _digests(folder: Path) -> None:
         path.write_text(json.dumps(content))
 
 
-def _weights(value: float, command: str = PREDICT, whole: bool = True) -> Made:
-    def write(folder: Path) -> Arguments:
-        from safetensors.numpy import load_file, save_file
+@case
+def _weights(folder: Path, value: float, command: str = PREDICT, whole: bool = True) -> str:
+    from safetensors.numpy import load_file, save_file
 
-        state = load_file(folder / WEIGHTS)
-        for name in state if whole else list(state)[:1]:
-            state[name] = np.full_like(state[name], value)
-        save_file(state, folder / WEIGHTS)
-        _digests(folder)
-        return command.split()
-
-    return write
+    state = load_file(folder / WEIGHTS)
+    for name in state if whole else list(state)[:1]:
+        state[name] = np.full_like(state[name], value)
+    save_file(state, folder / WEIGHTS)
+    _digests(folder)
+    return command
 
 
 def _card(*path: str, value: Any, command: int = 0) -> Made:

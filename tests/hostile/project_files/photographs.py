@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import with_file, with_link, with_value
+from tests.hostile.family import Family, Made, Victim
+from tests.hostile.made import case, with_file, with_link, with_value
 from tests.hostile.mutations import damaged_bytes, damaged_json, damaged_text
 
 NYU_FILE = "nyu/set.mat"
@@ -29,34 +29,30 @@ def _sets(folder: Path) -> None:
     (folder / "rows.yaml").write_text("- {name: a, train: [[set@1], [hyper]], varied: false}\n")
 
 
-def _hdf5(name: str, make: Callable[[Any], Any], path: str = NYU_FILE, command: str = NYU) -> Made:
+@case
+def _hdf5(
+    folder: Path, name: str, make: Callable[[Any], Any], path: str = NYU_FILE, command: str = NYU
+) -> str:
     """A file whose array `name` is another one, made from the open file."""
+    import h5py
 
-    def write(folder: Path) -> Arguments:
-        import h5py
-
-        with h5py.File(folder / path, "a") as file:
-            found = make(file)
-            del file[name]
-            if found is not None:
-                file[name] = found
-        return command.split()
-
-    return write
+    with h5py.File(folder / path, "a") as file:
+        found = make(file)
+        del file[name]
+        if found is not None:
+            file[name] = found
+    return command
 
 
-def _huge(name: str, path: str, command: str) -> Made:
+@case
+def _huge(folder: Path, name: str, path: str, command: str) -> str:
     """An array that claims 2^40 values, none of them stored."""
+    import h5py
 
-    def write(folder: Path) -> Arguments:
-        import h5py
-
-        with h5py.File(folder / path, "a") as file:
-            del file[name]
-            file.create_dataset(name, (2**20, 2**20), "f4", chunks=(64, 64))
-        return command.split()
-
-    return write
+    with h5py.File(folder / path, "a") as file:
+        del file[name]
+        file.create_dataset(name, (2**20, 2**20), "f4", chunks=(64, 64))
+    return command
 
 
 def _external(file: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import with_file, with_link, with_value
+from tests.hostile.made import case, with_file, with_link, with_value
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_json, deep
 from tests.hostile.project_files.dataset import write_dataset
 
@@ -49,13 +49,11 @@ def _exr(path: Path, pixels: Any, **header: Any) -> None:
         file.write(str(path))
 
 
-def _picture(make: Callable[[Path], Any]) -> Made:
-    def write(folder: Path) -> Arguments:
-        make(folder / PICTURE)
-        _named(folder)
-        return SCORE.split()
-
-    return write
+@case
+def _picture(folder: Path, make: Callable[[Path], Any]) -> str:
+    make(folder / PICTURE)
+    _named(folder)
+    return SCORE
 
 
 def _filled(value: float, kind: Any = np.float32) -> Made:
@@ -120,48 +118,36 @@ def _zeroed(path: Path) -> None:
     path.write_bytes(data)
 
 
-def _beside(name: str, text: str | bytes) -> Made:
+@case
+def _beside(folder: Path, name: str, text: str | bytes) -> Arguments:
     made = with_file(f"pictures/{name}", text, SCORE)
-
-    def write(folder: Path) -> Arguments:
-        _named(folder)
-        if name == "seconds.json":
-            (folder / "pictures/seconds.csv").unlink()
-        return made(folder)
-
-    return write
+    _named(folder)
+    if name == "seconds.json":
+        (folder / "pictures/seconds.csv").unlink()
+    return made(folder)
 
 
-def _listed(*path: str | int, value: Any) -> Made:
+@case
+def _listed(folder: Path, *path: str | int, value: Any) -> Arguments:
     made = with_value("views.json", LISTED, path, value)
-
-    def write(folder: Path) -> Arguments:
-        _named(folder)
-        return made(folder)
-
-    return write
+    _named(folder)
+    return made(folder)
 
 
-def _target(put: Callable[[Path], object], command: str) -> Made:
+@case
+def _target(folder: Path, put: Callable[[Path], object], command: str) -> Arguments:
     """An output that is there and no regular file."""
-
-    def write(folder: Path) -> Arguments:
-        _named(folder)
-        put(folder / "target")
-        return [*command.split(), "target"]
-
-    return write
+    _named(folder)
+    put(folder / "target")
+    return [*command.split(), "target"]
 
 
-def _named_folder(name: str) -> Made:
+@case
+def _named_folder(folder: Path, name: str) -> Arguments:
     """A submission whose name steers a terminal."""
-
-    def write(folder: Path) -> Arguments:
-        _named(folder)
-        (folder / "pictures").rename(folder / name)
-        return ["score", name, "--dataset", "data/dataset"]
-
-    return write
+    _named(folder)
+    (folder / "pictures").rename(folder / name)
+    return ["score", name, "--dataset", "data/dataset"]
 
 
 SUBMISSIONS_MADE = (

@@ -6,7 +6,7 @@ from pathlib import Path
 from random import Random
 
 from tests.hostile.family import STAND_IN, Arguments, Family, Made, Victim
-from tests.hostile.made import with_file, with_link
+from tests.hostile.made import case, with_file, with_link
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_json, deep
 from tests.hostile.scene_files.models import write_gltf
 
@@ -47,22 +47,17 @@ class Blender(Family):
         return super().write(folder, rng, number)
 
 
-def _stand_in(steps: str, command: str = BLEND) -> Made:
-    def write(folder: Path) -> Arguments:
-        _program(folder, steps)
-        return command.split()
-
-    return write
+@case
+def _stand_in(folder: Path, steps: str, command: str = BLEND) -> str:
+    _program(folder, steps)
+    return command
 
 
-def _named(program: str) -> Made:
+@case
+def _named(folder: Path, program: str) -> str:
     """`PBRNET_BLENDER` names something else."""
-
-    def write(folder: Path) -> Arguments:
-        os.environ["PBRNET_BLENDER"] = program.format(folder)
-        return BLEND.split()
-
-    return write
+    os.environ["PBRNET_BLENDER"] = program.format(folder)
+    return BLEND
 
 
 def _notes(text: str | bytes) -> Made:

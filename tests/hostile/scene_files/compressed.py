@@ -7,8 +7,8 @@ import numpy as np
 
 from tests.fixtures import ktx
 from tests.fixtures.gltf import square
-from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import with_file, with_link
+from tests.hostile.family import Family, Made, Victim
+from tests.hostile.made import case, with_file, with_link
 from tests.hostile.mutations import damaged_bytes, damaged_json
 from tests.scenes.models.test_gltf_compression import draco_square, meshopt_square
 
@@ -42,18 +42,15 @@ def _change(path: Path, changes: dict[str, dict[int, dict[str, object]]]) -> Non
     path.write_text(json.dumps(content))
 
 
-def _view(**changes: object) -> Made:
+@case
+def _view(folder: Path, **changes: object) -> str:
     """The extension of the first compressed buffer view is another."""
-
-    def write(folder: Path) -> Arguments:
-        path = folder / "m.gltf"
-        content = json.loads(path.read_text())
-        view = next(one for one in content["bufferViews"] if "extensions" in one)
-        view["extensions"]["EXT_meshopt_compression"].update(changes)
-        path.write_text(json.dumps(content))
-        return MESHOPT.split()
-
-    return write
+    path = folder / "m.gltf"
+    content = json.loads(path.read_text())
+    view = next(one for one in content["bufferViews"] if "extensions" in one)
+    view["extensions"]["EXT_meshopt_compression"].update(changes)
+    path.write_text(json.dumps(content))
+    return MESHOPT
 
 
 def _image(size: int, depth: int = 0, levels: int = 1, data: bytes = ktx.UASTC) -> Made:

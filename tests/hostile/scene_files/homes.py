@@ -8,8 +8,8 @@ from tests.fixtures import model_file as models
 from tests.fixtures import sweethome as draw
 from tests.fixtures.encoded import zipped
 from tests.fixtures.java import serialised
-from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import entities, pack, with_link
+from tests.hostile.family import Family, Victim
+from tests.hostile.made import case, entities, pack, with_link
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_text
 from tests.scenes.sweethome.test_java_home import a_home
 
@@ -43,25 +43,20 @@ def write_home(folder: Path) -> None:
     _packed(folder)
 
 
-def _zip_made(xml: str | bytes, **members: str | bytes) -> Made:
-    def write(folder: Path) -> Arguments:
-        draw.pack(folder / "home.sh3d", xml, dict(members))
-        return HOME.split()
-
-    return write
+@case
+def _zip_made(folder: Path, xml: str | bytes, **members: str | bytes) -> str:
+    draw.pack(folder / "home.sh3d", xml, dict(members))
+    return HOME
 
 
-def _archive(compression: int, damage: slice, value: bytes) -> Made:
+@case
+def _archive(folder: Path, compression: int, damage: slice, value: bytes) -> str:
     """A home packed in another way, with damage to its bytes."""
-
-    def write(folder: Path) -> Arguments:
-        _packed(folder, compression)
-        data = bytearray((folder / "home.sh3d").read_bytes())
-        data[damage] = value
-        (folder / "home.sh3d").write_bytes(data)
-        return HOME.split()
-
-    return write
+    _packed(folder, compression)
+    data = bytearray((folder / "home.sh3d").read_bytes())
+    data[damage] = value
+    (folder / "home.sh3d").write_bytes(data)
+    return HOME
 
 
 HOMES_MADE = (
@@ -125,14 +120,12 @@ def _parts(folder: Path) -> None:
     _packed(folder)
 
 
-def _part(name: str, data: str | bytes) -> Made:
-    def write(folder: Path) -> Arguments:
-        raw = data.encode() if isinstance(data, str) else data
-        (folder / "members" / name).write_bytes(raw)
-        _packed(folder)
-        return HOME.split()
-
-    return write
+@case
+def _part(folder: Path, name: str, data: str | bytes) -> str:
+    raw = data.encode() if isinstance(data, str) else data
+    (folder / "members" / name).write_bytes(raw)
+    _packed(folder)
+    return HOME
 
 
 PARTS_MADE = (

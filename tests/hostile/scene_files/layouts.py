@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from tests.fixtures.layouts import FLAT, changed, write_layout
-from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import with_link
+from tests.hostile.family import Family, Victim
+from tests.hostile.made import case, with_link
 from tests.hostile.mutations import LONG, damaged_json, damaged_text, deep
 
 LAYOUT = "import flat.json --out out --outdoors none"
@@ -16,13 +16,11 @@ def _flat(folder: Path) -> None:
     write_layout(folder / "flat.json", FLAT)
 
 
-def _made(content: dict[str, Any] | str) -> Made:
-    def write(folder: Path) -> Arguments:
-        text = content if isinstance(content, str) else json.dumps(content)
-        (folder / "flat.json").write_text(text)
-        return LAYOUT.split()
-
-    return write
+@case
+def _made(folder: Path, content: dict[str, Any] | str) -> str:
+    text = content if isinstance(content, str) else json.dumps(content)
+    (folder / "flat.json").write_text(text)
+    return LAYOUT
 
 
 def _room(polygon: Any, **keys: Any) -> dict[str, Any]:

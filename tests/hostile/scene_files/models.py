@@ -9,8 +9,8 @@ import numpy as np
 
 from tests.fixtures import sweethome as draw
 from tests.fixtures.gltf import Builder, square
-from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import with_file, with_link
+from tests.hostile.family import Family, Made, Victim
+from tests.hostile.made import case, with_file, with_link
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_json, damaged_text, deep
 
 OBJ = "import a.obj --out out --scale 1"
@@ -93,14 +93,12 @@ def write_gltf(folder: Path) -> None:
 GLTF, GLB = "import a.gltf --out out --scale 1", "import a.glb --out out --scale 1"
 
 
-def _gltf_made(change: Callable[[Builder], object], suffix: str = "gltf") -> Made:
-    def write(folder: Path) -> Arguments:
-        made = _gltf_builder()
-        change(made)
-        made.save(folder / f"a.{suffix}")
-        return f"import a.{suffix} --out out --scale 1".split()
-
-    return write
+@case
+def _gltf_made(folder: Path, change: Callable[[Builder], object], suffix: str = "gltf") -> str:
+    made = _gltf_builder()
+    change(made)
+    made.save(folder / f"a.{suffix}")
+    return f"import a.{suffix} --out out --scale 1"
 
 
 def _set(*path: str | int, value: object) -> Callable[[Builder], object]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from tests.fixtures import pbrt_files as pbrt
 from tests.fixtures import sweethome as draw
 from tests.hostile.family import Arguments, Family, Made, Victim
-from tests.hostile.made import with_file, with_link
+from tests.hostile.made import case, with_file, with_link
 from tests.hostile.mutations import LONG, damaged_bytes, damaged_text
 from tests.hostile.scene_files.mitsuba import PLY_VERTICES, ply_bytes
 
@@ -83,14 +83,11 @@ def _pbrt(folder: Path) -> None:
     (folder / "t.png").write_bytes(draw.quadrants())
 
 
-def _world(extra: str, head: str = pbrt.HEAD_V4) -> Made:
+@case
+def _world(folder: Path, extra: str, head: str = pbrt.HEAD_V4) -> str:
     """A lit room with more in its world block."""
-
-    def write(folder: Path) -> Arguments:
-        pbrt.write(folder, f"{pbrt.LAMP}{pbrt.room()}\n{extra}", head, "a.pbrt")
-        return PBRT.split()
-
-    return write
+    pbrt.write(folder, f"{pbrt.LAMP}{pbrt.room()}\n{extra}", head, "a.pbrt")
+    return PBRT
 
 
 def _text(text: str | bytes) -> Made:
