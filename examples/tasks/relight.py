@@ -15,10 +15,9 @@ from pbrnet_reader import read
 
 
 def visible(view):
-    """Numbers of the lights that the view shows: a tenth of the light of one pixel in 200."""
-    lights = view["lights"].astype(float).sum(-1)
-    share = lights / lights.sum(0).clip(1e-9)
-    return np.flatnonzero((share > 0.1).mean((1, 2)) > 0.005).tolist()
+    """Numbers of the lights that reach the view: a hundredth of its light or more."""
+    light = view["lights"].astype(float).sum((1, 2, 3))
+    return np.flatnonzero(light > 0.01 * light.sum()).tolist()
 
 
 def lamps(view):

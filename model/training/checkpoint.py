@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -53,8 +54,10 @@ class Checkpoint:
             "loss_sum": state.loss_sum,
             "curve": [plain(point) for point in state.curve],
         }
+        packed = io.BytesIO()  # onto a full disk, torch ends in an error that does not say so
+        torch.save(content, packed)
         with atomic_file(self.path) as partial:
-            torch.save(content, partial)
+            partial.write_bytes(packed.getbuffer())
 
     def resume(self, objective: Objective, optimisers: Optimisers) -> State:
         """Restore the checkpoint if it belongs to this run; otherwise return a new `State`.

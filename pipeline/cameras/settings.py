@@ -90,7 +90,7 @@ class CameraParams:
     id_width: int = param(80, "pixels, width of the candidates' id images", within(16, 640))
     candidates: int = param(12, "candidates per room and sector", within(1, 4096))
     walks: int = param(0, "camera walks per scene, each a video; 0: none", within(0, 64), OPTIONAL)
-    walk_frames: int = param(24, "frames of a walk", within(24, 240), OPTIONAL)
+    walk_frames: int = param(24, "frames of a walk", within(2, 240), OPTIONAL)
     walk_step: float = param(0.06, "metres, maximum between frames", within(0.005, 0.5), OPTIONAL)
     walk_turn: float = param(0.05, "radians, maximum between frames", within(0.005, 0.5), OPTIONAL)
     stereo_baseline: float = param(
@@ -116,8 +116,9 @@ class CameraParams:
 
     @property
     def most_views(self) -> int:
-        """Most views of a scene, without overlapping sets, trajectories and stored cameras."""
-        views = self.views_per_scene + self.walks * self.walk_frames
+        """Most views of a scene, without trajectories and stored cameras."""
+        sampled = self.views_per_scene * max(1, self.overlap_views)  # each may begin a set
+        views = sampled + self.walks * self.walk_frames
         return 2 * views if self.stereo_baseline else views
 
     @property

@@ -140,9 +140,15 @@ class Farm:
         yield from dispatch.outcomes()
 
     @property
+    def count(self) -> int:
+        """Number of workers that there are now, at least 1."""
+        found = len(self._client.scheduler_info(n_workers=-1)["workers"])
+        return max(1, found if self.address else self.wanted)
+
+    @property
     def workers(self) -> str:
         """The scheduler and its workers in words."""
-        found = self._client.scheduler_info()["workers"].values()
+        found = self._client.scheduler_info(n_workers=-1)["workers"].values()
         if not self.address:
             address = self._client.scheduler.address
             return f"workers: {self.wanted} on this machine, scheduler {address}"

@@ -291,7 +291,7 @@ class Dispatch:
     def workers(self) -> list[str]:
         """Return the sorted addresses of the workers, after starting lost ones again."""
         self.refill()
-        workers = self.client.scheduler_info()["workers"]
+        workers = self.client.scheduler_info(n_workers=-1)["workers"]
         if workers:
             self.last_worker_seen, self.had_worker = time.monotonic(), True
         frozen = self.frozen(workers)

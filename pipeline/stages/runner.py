@@ -203,11 +203,13 @@ def execute(plan: StagePlan, scheduler: str | None) -> dict[Path, bool]:
     if not plan.items:
         return made
     ledger, seconds = Ledger(plan.data), plan_seconds(plan)
-    expected = None if seconds is None else seconds / min(cpu_count(), len(plan.items))
+
+    def expected(workers: int) -> float | None:
+        return None if seconds is None else seconds / min(workers, len(plan.items))
+
     accepted = plan.accepted if plan.renders else None
-    with Progress(
-        plan.kept + len(made), plan.stage, plan.unit, kept=plan.kept, expected=expected
-    ) as progress:
+    total, workers = plan.kept + len(made), plan.params.farm.workers or cpu_count()
+    with Progress(total, plan.stage, plan.unit, plan.kept, expected(workers)) as progress:
 
         def finished(key: str) -> None:
             progress.announce(key, len(plan.targets.get(key, ())))
@@ -216,6 +218,7 @@ def execute(plan: StagePlan, scheduler: str | None) -> dict[Path, bool]:
             with opened_farm(
                 plan.data, plan.params.farm, scheduler, len(plan.items), accepted
             ) as farm:
+                progress.expected = expected(farm.count)
                 progress.write(farm.workers)
                 for outcome in farm.run(plan.work, _weighted(plan), finished):
                     made.update(_record(outcome, plan, ledger, progress))

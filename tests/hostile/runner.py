@@ -27,6 +27,10 @@ PATIENCE = 240.0  # seconds on the clock, on a busy machine
 ALLOWED = (0, 1, 2, 3, 4)  # exit codes: done, done in part, wrong usage, wrong input, machine
 _DEEP = "a/b/c/d"
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+# Files around a case that some of its files name, and that are none of its business.
+_OUTSIDE = [f"{name}{suffix}" for name in ("outside", "x") for suffix in
+            ("", ".bin", ".exr", ".mtl", ".obj", ".pbrt", ".ply", ".png", ".xml")]  # fmt: skip
+_SECRETS = ("/etc/passwd", "/etc/shadow")
 _HARMLESS = ("/dev/null", "/dev/shm/", "/proc/", "/dev/tty", "/dev/full")
 _PRELOADED = (
     "pbrnet.pipeline.cli",
@@ -99,6 +103,9 @@ class Runner:
         root = self.work / f"{family.name}-{number}"
         shutil.rmtree(root, ignore_errors=True)
         (root / _DEEP).mkdir(parents=True)
+        for place in Path(_DEEP, "case").parents:
+            for name in _OUTSIDE:
+                (root / place / name).write_bytes(b"secret")
         shutil.copytree(template, root / _DEEP / "case", symlinks=True)
         child = os.fork()
         if child == 0:
@@ -181,7 +188,7 @@ def _child(root: Path, family: Family, number: int) -> None:
         limits._can_fork = lambda: True
         tempfile.tempdir = None
         sys.argv = ["pbrnet", *arguments]
-        sys.addaudithook(_Watch(case, 3))
+        sys.addaudithook(_Watch(case, root, 3))
         main(arguments)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
@@ -196,16 +203,21 @@ def _child(root: Path, family: Family, number: int) -> None:
 
 
 class _Watch:
-    """Audit hook that reports writing outside the case's folder, and programs that are run."""
+    """Audit hook that reports programs that are run, and files outside the case's folder.
 
-    def __init__(self, folder: Path, report: int) -> None:
+    Those that are written, wherever they are; those that are read of the tree around that folder,
+    and of the system's accounts.
+    """
+
+    def __init__(self, folder: Path, root: Path, report: int) -> None:
         self.folder, self.report = os.fspath(folder.resolve()), report
+        self.secrets = (os.fspath(root.resolve()) + "/", *_SECRETS)
 
     def __call__(self, event: str, values: tuple[Any, ...]) -> None:
         if event == "open":
             path, mode, flags = values
             writes = flags & _WRITES if mode is None else set(str(mode)) & set("wax+")
-            self._check(event, path) if writes else None
+            self._check(event if writes else "reads", path)
         elif event in ("os.mkdir", "os.remove", "os.rmdir", "os.truncate", "os.chmod"):
             self._check(event, values[0])
         elif event in ("os.rename", "os.link", "os.symlink"):
@@ -225,7 +237,8 @@ class _Watch:
         except (TypeError, ValueError, OSError):
             return
         inside = real == self.folder or real.startswith(self.folder + "/")
-        if not inside and not real.startswith(_HARMLESS):
+        watched = event != "reads" or real.startswith(self.secrets)
+        if watched and not inside and not real.startswith(_HARMLESS):
             os.write(self.report, f"{event} {real}\n".encode(errors="replace"))
 
 

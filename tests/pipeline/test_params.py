@@ -35,7 +35,7 @@ PRESETS = sorted((ROOT / "params").glob("*.yaml"))
         ("channels: []", ["channels", "one or more"]),
         ("channels: [paper, paper]", ["channels", "each once"]),
         ("channels: paper", ["channels", "'paper'", "list"]),
-        ("cameras: {walks: 1, walk_frames: 23}", ["cameras.walk_frames", "23", "24 to 240"]),
+        ("cameras: {walks: 1, walk_frames: 1}", ["cameras.walk_frames", "1", "2 to 240"]),
         ("cameras: {trajectories: [{file: a.json}]}", ["cameras.trajectories[0].scene", "missing"]),
         ("image: 3", ["image", "3", "mapping"]),
         ("image: {width: 1}", ["image.width", "1", "16"]),

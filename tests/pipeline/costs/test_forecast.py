@@ -124,9 +124,9 @@ def test_the_command_says_core_hours(tmp_path: Path) -> None:
     said = printed(*words, "--views", "500000", "--cores", "1000")
     assert "500,000 views of 100,000 scenes, 160x120" in said
     assert "on 1,000 cores: " in said
-    walks = "scenes: {homes: 10}\ncameras: {walks: 2, walk_frames: 30, stereo_baseline: 0.1}\n"
-    (tmp_path / "params.yaml").write_text(walks)
-    assert json.loads(printed(*words, "--json"))["views"] == 10 * 2 * (5 + 2 * 30)
+    linked = "{walks: 2, walk_frames: 30, stereo_baseline: 0.1, overlap_views: 3}"
+    (tmp_path / "params.yaml").write_text(f"scenes: {{homes: 10}}\ncameras: {linked}\n")
+    assert json.loads(printed(*words, "--json"))["views"] == 10 * 2 * (5 * 3 + 2 * 30)
 
 
 def test_without_measured_views_there_is_no_estimate(tmp_path: Path) -> None:
