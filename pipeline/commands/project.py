@@ -32,7 +32,7 @@ from pbrnet.pipeline.release.presets import (
 )
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError
-from pbrnet.scenes.files import exists, regular_file, write_text
+from pbrnet.scenes.files import exists, read_text, regular_file, write_text
 from pbrnet.scenes.installation import PACKAGE
 
 _CODE = ("dvc.yaml", "keys.yaml")  # what a newer version of pbrnet renews
@@ -51,16 +51,25 @@ Examples:
 def init(folder: Path, update: bool) -> None:
     """Turn FOLDER into a project: params.yaml, dvc.yaml, keys.yaml, .gitignore, and DVC's files.
 
-    Does not overwrite anything. `dvc repro` then runs the quick start.
+    Does not overwrite anything; a .gitignore gets the lines that it lacks. `dvc repro` then runs
+    the quick start.
     """
     texts = {name: _text(name) for name in _CODE}
     if not update:
-        texts |= {"params.yaml": parameter_text(Params()), ".gitignore": _text("gitignore")}
+        texts["params.yaml"] = parameter_text(Params())
         there = [name for name in texts if exists(folder / name)]
         if there:
             raise ParameterError(f"{folder}: already has {', '.join(there)}; nothing was written")
-    for name, text in texts.items():
-        write_text(folder / name, text)
+        texts[".gitignore"] = _ignored(folder / ".gitignore")
+    written: list[Path] = []
+    try:
+        for name, text in texts.items():
+            write_text(folder / name, text)
+            written.append(folder / name)
+    except BaseException:  # a full disk: half a project could not be initialised again
+        for path in () if update else written:
+            path.unlink()
+        raise
     say(f"{folder}: wrote {', '.join(texts)}")
     if not update:
         _init_dvc(folder)
@@ -68,6 +77,16 @@ def init(folder: Path, update: bool) -> None:
 
 def _text(name: str) -> str:
     return (PACKAGE / "project" / name).read_text(encoding="utf-8")
+
+
+def _ignored(path: Path) -> str:
+    """Return a .gitignore with what there is in one, and the lines of a project that it lacks."""
+    own = _text("gitignore")
+    known = read_text(path) if exists(path) else ""
+    if not known:
+        return own
+    lines = known.splitlines()
+    return "\n".join([*lines, *(line for line in own.splitlines() if line not in lines)]) + "\n"
 
 
 def _init_dvc(folder: Path) -> None:

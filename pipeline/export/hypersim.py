@@ -25,7 +25,7 @@ from PIL import Image
 
 from pbrnet.pipeline.channels import HALF_MAX
 from pbrnet.pipeline.export.images import camera_rays, opengl_pose
-from pbrnet.pipeline.export.parts import Advance, Format, Job, Part, library
+from pbrnet.pipeline.export.parts import Advance, Format, Job, Part, hdf5_file, library
 from pbrnet.pipeline.export.rows import Content, ViewRow
 from pbrnet.pipeline.images import depth_picture, normal_picture, png_bytes
 from pbrnet.pipeline.tonemap import to_bytes
@@ -212,9 +212,8 @@ def _half(values: AnyArray) -> AnyArray:
 
 def write_hdf5(path: Path, array: AnyArray) -> None:
     """Write an array as the dataset `dataset`, compressed if it is an image."""
-    h5py = library("h5py", "an export to HDF5")
     packed = {"compression": "gzip", "compression_opts": 4} if array.ndim >= 2 else {}
-    with h5py.File(path, "w") as file:
+    with hdf5_file(path) as file:
         file.create_dataset("dataset", data=array, track_times=False, **packed)
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import importlib
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -168,6 +169,19 @@ def _clear(folder: Path) -> None:
                 path.unlink()
         except OSError as error:
             raise PbrnetError(f"{path}: cannot be removed ({error.strerror})") from None
+
+
+@contextmanager
+def hdf5_file(path: Path) -> Iterator[Any]:
+    """Yield an open HDF5 file in memory, written to `path` in the end.
+
+    HDF5 ends the process if the disk is full while it writes.
+    """
+    h5py = library("h5py", "an export to HDF5")
+    with h5py.File(path.name, "w", driver="core", backing_store=False) as file:
+        yield file
+        file.flush()
+        path.write_bytes(file.id.get_file_image())
 
 
 def library(name: str, purpose: str) -> Any:

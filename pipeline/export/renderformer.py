@@ -21,7 +21,7 @@ import shapely
 import trimesh
 
 from pbrnet.pipeline.export.images import opengl_pose
-from pbrnet.pipeline.export.parts import Advance, Format, Job, library, scene_parts
+from pbrnet.pipeline.export.parts import Advance, Format, Job, hdf5_file, library, scene_parts
 from pbrnet.pipeline.export.room_mesh import Soup, cut_room, within_budget
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.render import raycast
@@ -230,7 +230,6 @@ def _save(
     lost: int,
 ) -> None:
     """Write a room's file."""
-    h5py = library("h5py", "an export to RenderFormer")
     corners = np.concatenate([soup.corners, windows])
     panes = np.zeros((len(windows), 10))
     panes[:, 6], panes[:, 7:] = _ROUGHEST, light[:, None]
@@ -245,7 +244,7 @@ def _save(
     c2w[:, :3, 3] = (c2w[:, :3, 3] - centre) / size
     fov = [math.degrees(2 * math.atan(height / (2 * row.intrinsics[1, 1]))) for row in views]
     packed = {"compression": "gzip", "compression_opts": 4, "track_times": False}
-    with h5py.File(path, "w") as file:
+    with hdf5_file(path) as file:
         file.create_dataset("triangles", data=triangles.astype(np.float32), **packed)
         normals = np.repeat(whole.normals[:, None], 3, axis=1)
         file.create_dataset("vn", data=normals.astype(np.float32), **packed)

@@ -7,7 +7,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from pbrnet.pipeline.cli import cli
-from pbrnet.scenes.errors import ParameterError
+from pbrnet.pipeline.commands import project
+from pbrnet.scenes.errors import MachineError, ParameterError
 from tests.fixtures.paths import ROOT
 
 
@@ -33,6 +34,31 @@ def test_init_writes_a_project_and_overwrites_nothing() -> None:
     for name in ("params.yaml", "dvc.yaml", "keys.yaml"):
         assert Path(name).read_text() == (ROOT / name).read_text()
     assert "/data/" in Path(".gitignore").read_text()
+
+
+def test_init_adds_to_the_gitignore_that_there_is() -> None:
+    Path(".dvc").mkdir()
+    Path(".gitignore").write_text("*.pyc\n/data/")
+    assert pbrnet("init").exit_code == 0
+    lines = Path(".gitignore").read_text().splitlines()
+    assert lines[:2] == ["*.pyc", "/data/"] and "/models/" in lines
+    assert lines.count("/data/") == 1
+
+
+def test_init_can_be_repeated_after_it_failed(monkeypatch: pytest.MonkeyPatch) -> None:
+    Path(".dvc").mkdir()
+    write = project.write_text
+
+    def full(path: Path, text: str) -> None:
+        if path.name == "params.yaml":
+            raise MachineError("the disk is full")
+        write(path, text)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(project, "write_text", full)
+        assert isinstance(pbrnet("init").exception, MachineError)
+    assert [path.name for path in Path().iterdir()] == [".dvc"]
+    assert pbrnet("init").exit_code == 0
 
 
 def test_keys_of_another_version_are_noticed_and_renewed() -> None:
