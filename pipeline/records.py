@@ -21,6 +21,7 @@ from pbrnet.scenes.errors import MachineError, PbrnetError
 from pbrnet.scenes.files import machine_errors, write_json
 
 _DAY = 86_400.0
+_LOCKED: set[Path] = set()  # data folders that a command of this process holds for all its stages
 _FLAT = ("scenes", "cameras")  # their entries lie one folder deep, others two
 
 
@@ -48,13 +49,30 @@ def save_failures(data: Path, stage: str, failures: list[Failure]) -> None:
 
 
 @contextmanager
-def data_lock(data: Path, stage: str) -> Iterator[None]:
-    """Lock the data folder for one run.
+def run_lock(data: Path, command: str) -> Iterator[None]:
+    """Lock the data folder for all stages of a command, between which no other run may begin."""
+    with data_lock(data, command):
+        _LOCKED.add(data.resolve())
+        try:
+            yield
+        finally:
+            _LOCKED.discard(data.resolve())
+
+
+@contextmanager
+def data_lock(
+    data: Path, stage: str, name: str = ".lock", option: str = "--data"
+) -> Iterator[None]:
+    """Lock a folder, by the file `name` in it, for one stage; nothing to do inside `run_lock`.
 
     Raises `PbrnetError` if another run holds the lock and `MachineError` if the folder cannot be
-    written. The kernel releases the lock when the process ends, however it ends.
+    written. The kernel releases the lock when the process ends, however it ends. `option` is that
+    of the command which names the folder.
     """
-    path = data / ".lock"
+    if data.resolve() in _LOCKED:
+        yield
+        return
+    path = data / name
     with machine_errors(path):
         data.mkdir(parents=True, exist_ok=True)
         # A link would be written to where it leads, and a pipe waited for.
@@ -69,7 +87,8 @@ def data_lock(data: Path, stage: str) -> Iterator[None]:
             stream.seek(0)
             holder = stream.read(200).decode("utf-8", "replace").strip() or "another run"
             raise PbrnetError(
-                f"{data}: in use by {holder}; wait for it to end, or use another folder with --data"
+                f"{data}: in use by {holder}; wait for it to end, or use another folder with "
+                f"{option}"
             ) from None
         with machine_errors(path):
             stream.seek(0)

@@ -24,6 +24,7 @@ from pbrnet.model.titles import NETWORK_TITLES
 from pbrnet.model.training.backbone import make_backbone
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options
+from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.files import atomic_file, write_json
 
@@ -87,7 +88,8 @@ def _training(name: str, about: str, epilog: str) -> None:
             raise click.UsageError("--from applies to one network; train the baselines one by one")
         for one in names:
             folders = Folders.beside(request.data, models, backbone)
-            card = train_network(one, request.params, folders, start)
+            with data_lock(models / "checkpoints", f"train {one}", f".{one}.lock", "--models"):
+                card = train_network(one, request.params, folders, start)
             loss = card.metrics["validation_loss"]
             seen = "" if loss is None else f", validation loss {loss:.2f}"
             size = f"{card.parameters / 1e6:.2f} M parameters"

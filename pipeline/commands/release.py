@@ -8,13 +8,15 @@ from typing import Any
 
 import click
 
-from pbrnet.pipeline.commands.options import FOLDER, chosen, farm_options
+from pbrnet.pipeline.commands.options import FOLDER, Request, chosen, farm_options
 from pbrnet.pipeline.commands.stages import STAGES
+from pbrnet.pipeline.commands.start import start_lines
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.farm.versions import instruction_set, processor
 from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.records import run_lock
 from pbrnet.pipeline.release.recipe import (
     Record,
     add_to_card,
@@ -88,6 +90,7 @@ def release(
     known = load_record(name, recipes)
     out = resolved(out or Path("data") / "releases" / name)
     params = replace(recipe.parameters, farm=chosen(recipe.parameters.farm, **farm))
+    say(*start_lines(Request(params, out, scheduler)), err=True)
     summary, failure = _make(out, params, scheduler)
     dataset = out / "dataset"
     made = Record(
@@ -124,13 +127,14 @@ def _make(
 ) -> tuple[DatasetSummary, StageError | None]:
     """Run all stages; returns what the dataset holds, and the first stage's failures."""
     failure = None
-    for stage in _STAGES:
-        try:
-            say(*str(stage(out, params, scheduler)).split("\n"))
-        except StageError as error:  # some views failed; the dataset holds the others
-            say(*error.args, err=True)
-            failure = failure or error
-    return pack_dataset(out, params), failure
+    with run_lock(out, "release"):
+        for stage in _STAGES:
+            try:
+                say(*str(stage(out, params, scheduler)).split("\n"))
+            except StageError as error:  # some views failed; the dataset holds the others
+                say(*error.args, err=True)
+                failure = failure or error
+        return pack_dataset(out, params), failure
 
 
 def _with_scenes(out: Path, format_: str) -> None:

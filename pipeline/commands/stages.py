@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from pbrnet.pipeline.commands.start import say_plans, start_lines
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.records import run_lock
 from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
@@ -207,21 +209,25 @@ def run(request: Request, until: str) -> None:
     names = list(STAGES)[: list(STAGES).index(until) + 1]
     kinds = {kind for name in names for kind in FRAME_STAGES.get(name, (name,))}
     say(*start_lines(request, kinds), err=True)
-    say_plans(request, names)
-    if request.dry_run:
-        return
+    with nullcontext() if request.dry_run else run_lock(request.data, "run"):
+        say_plans(request, names)
+        if not request.dry_run:
+            _run_all(request, names)
+
+
+def _run_all(request: Request, names: list[str]) -> None:
+    """Run stages, also after failures of scenes or views, which are named in the end."""
     failed: list[str] = []
-    for number, (name, stage) in enumerate(STAGES.items(), 1):
+    for number, name in enumerate(names, 1):
         say(f"[{number}/{len(STAGES)}] {name}")
         try:
+            stage = STAGES[name]
             say(*str(stage(request.data, request.params, request.scheduler)).split("\n"))
         except PbrnetError as error:
             if error.exit_code != StageError.exit_code:
                 raise
             failed.append(name)
             say(*error.args, err=True)
-        if name == until:
-            break
     if failed:
         raise StageError(f"failures in {', '.join(failed)}, listed above; everything else is done")
 

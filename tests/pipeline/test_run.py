@@ -1,5 +1,6 @@
 """All stages with one command, on a folder of its own."""
 
+import fcntl
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +9,9 @@ from click.testing import CliRunner
 
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.commands import stages as commands
+from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.stages.runner import StageError
-from pbrnet.scenes.errors import MachineError
+from pbrnet.scenes.errors import MachineError, PbrnetError
 
 
 @pytest.fixture
@@ -70,3 +72,29 @@ def test_a_fault_of_the_machine_stops_it(folder: Path, monkeypatch: pytest.Monke
     done = invoke(folder)
     assert isinstance(done.exception, MachineError)
     assert [name for name, _, _ in calls] == ["assets", "scenes", "cameras"]
+
+
+def test_no_other_run_begins_between_its_stages(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = []
+
+    def stage(data: Path, *_: object) -> str:
+        with (data / ".lock").open() as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                held.append(lock.read().partition(" (")[0])
+        with data_lock(data, "stage"):  # a stage takes what its run holds
+            return "made"
+
+    monkeypatch.setattr(commands, "STAGES", dict.fromkeys(commands.STAGES, stage))
+    assert invoke(folder).exit_code == 0
+    assert held == ["'pbrnet run'"] * len(commands.STAGES)
+    with data_lock(folder / "d", "cameras"):
+        done = invoke(folder)
+    assert isinstance(done.exception, PbrnetError) and "in use by 'pbrnet cam" in str(
+        done.exception
+    )
+    assert len(held) == len(commands.STAGES)
+    assert not invoke(folder, "--dry-run").exit_code

@@ -21,9 +21,11 @@ from pbrnet.model.training.loop import TrainingError, batches_from
 from pbrnet.model.training.store import load_model
 from pbrnet.model.training.train import Folders, choose_precision, train_network
 from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.records import data_lock
 from pbrnet.pipeline.tonemap import tonemap
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone
+from tests.fixtures.command import Run
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.training import Killed, stop_at
 from tests.fixtures.trial import folders_in
@@ -288,3 +290,11 @@ def test_damaged_models_are_refused(workplace: Workplace, part: str) -> None:
         path.with_suffix(".json").write_text('{"name": "something else"}')
     with pytest.raises(InputError, match=r"shading\."):
         load_model(path)
+
+
+def test_a_second_training_of_the_same_network_is_refused(tmp_path: Path, pbrnet_run: Run) -> None:
+    words = ("train", "shading", "--models", tmp_path / "m", "--data", tmp_path)
+    with data_lock(tmp_path / "m" / "checkpoints", "train shading", ".shading.lock"):
+        code, _, said = pbrnet_run(*words)
+    assert code == 1 and "in use by 'pbrnet train shading'" in said and "--models" in said
+    assert "in use" not in pbrnet_run("train", "unet", *words[2:])[2]

@@ -52,6 +52,7 @@ def test_a_release_made_again_has_the_recorded_sums(recipes: Path) -> None:
     out = recipes.parent / "out"
     first = released(recipes, "--record")
     assert first.exit_code == 0, first.output
+    assert "images: 32x24" in first.stderr and "samples: 16 per pixel" in first.stderr
     card = (out / "dataset" / "README.md").read_text()
     assert "Release `rooms`, version 1.0.0" in card and "core-seconds a row" in card
     files = verify_sums(out / "dataset")
