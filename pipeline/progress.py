@@ -123,8 +123,10 @@ class Progress:
         self._printed = time.monotonic()
         seconds = self._printed - self._started
         shown, left = self.done + sum(self._ahead.values()), self.seconds_left()
-        rate = (shown - self.kept) / seconds if seconds > 0 else 0.0
-        parts = [f"{self.label}: {shown}/{self.total} {self.unit}", f"{rate:.2f}/s"]
+        parts = [f"{self.label}: {shown}/{self.total} {self.unit}"]
+        if shown > self.kept and seconds > 0:
+            rate = (shown - self.kept) / seconds
+            parts.append(f"{rate:.2f}/s" if rate >= 0.1 else f"{1 / rate:.0f} s each")
         if left is not None:
             parts.append(f"{span(left)} left")
         elif not self._ended.is_set():

@@ -166,10 +166,17 @@ Examples:
   pbrnet params                       every value, its source, and its meaning
   pbrnet params groundtruth           one section
   pbrnet params --changed             values that differ from the quick start's
+  pbrnet params --complete            add the keys that params.yaml leaves out, for dvc repro
   pbrnet params --params params/paper.yaml --json"""
 )
 @click.argument("section", required=False)
 @click.option("--changed", is_flag=True, help="Only values that differ from the quick start's.")
+@click.option(
+    "--complete",
+    is_flag=True,
+    help="Write every key with its value and meaning to the parameter file, in place of its text. "
+    "dvc repro requires all sections.",
+)
 @json_option
 @farm_options
 @common_options
@@ -177,10 +184,15 @@ def params(
     request: Request,
     section: str | None,
     changed: bool,
+    complete: bool,
     as_json: bool,
 ) -> None:
     """Print the effective parameters with their source and meaning."""
     file = request.params_file
+    if complete:
+        write_text(file, parameter_text(request.params, "All parameters"))
+        say(f"{file} now contains every key; next: dvc repro")
+        return
     options = {"seed": "seed", "workers": "farm.workers", "transfer": "farm.transfer"}
     asked = click.get_current_context().params
     given = {key for name, key in options.items() if asked[name] is not None}

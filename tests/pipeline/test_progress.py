@@ -23,7 +23,7 @@ def test_a_line_comes_before_the_first_item(
     with Progress(30, "color", kept=6, expected=600.0):
         time.sleep(1.3)
     first = capsys.readouterr().err.splitlines()[0]
-    assert first.startswith("color: 6/30 views, 0.00/s, 10 minutes left")
+    assert first.startswith("color: 6/30 views, 10 minutes left")
 
 
 def test_lines_between_items_have_the_latest_note(
@@ -67,6 +67,16 @@ def test_what_a_worker_announced_counts_once(clock: list[float]) -> None:
     bar.advance(2, of="one")
     bar.advance(2, of="two")
     assert bar.seconds_left() == pytest.approx(6) and bar.done == 4
+
+
+@pytest.mark.parametrize(("count", "said"), [(4, "0.20/s"), (1, "20 s each")])
+def test_slow_work_has_seconds_for_each_item(
+    count: int, said: str, clock: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    bar = Progress(10, "color", expected=100.0)
+    clock[0] += 20
+    bar.advance(count)
+    assert capsys.readouterr().err.startswith(f"color: {count}/10 views, {said}, ")
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,11 @@
 """`pbrnet init` and `pbrnet params`: a project's folder, and what its parameters are."""
 
 import json
+from functools import reduce
 from pathlib import Path
 
 import pytest
+import yaml
 from click.testing import CliRunner, Result
 
 from pbrnet.pipeline.cli import cli
@@ -93,3 +95,20 @@ def test_params_says_value_origin_and_meaning() -> None:
         "image.lens.half_width", "image.lens.calibration", "image.lens.camera",
     }  # fmt: skip
     assert isinstance(pbrnet("params", "imag").exception, ParameterError)
+
+
+def test_a_short_file_is_completed_for_dvc() -> None:
+    """DVC refuses a file without a section or key that a stage of dvc.yaml names."""
+    Path("params.yaml").write_text("seed: 3\nscenes: {homes: 2}\n")
+    before = json.loads(pbrnet("params", "--json").stdout)
+    assert pbrnet("params", "--complete").exit_code == 0
+    content = yaml.safe_load(Path("params.yaml").read_text())
+    stages = yaml.safe_load((ROOT / "dvc.yaml").read_text())["stages"].values()
+    named = [name for one in stages for name in one.get("params", []) if isinstance(name, str)]
+    for key in (name for name in named if "$" not in name):  # baselines: ${item.key}
+        assert reduce(dict.__getitem__, key.split("."), content) is not None
+    assert (content["seed"], content["scenes"]["homes"]) == (3, 2)
+    after = json.loads(pbrnet("params", "--json").stdout)
+    assert [(one["key"], one["value"]) for one in after] == [
+        (one["key"], one["value"]) for one in before
+    ]
