@@ -15,7 +15,7 @@ from tests.fixtures.dataset import box_scene
 
 NAMES = ("../../x", "/tmp/x", "a/b", "a\\b", "a\0b", "x" * 300, "CON", "nul.exr", "", ".", "..",
          "-x", "a b", "a\n", "\udcff")  # fmt: skip
-WORDS = tuple(name for name in NAMES if name.isprintable() or name == "a\n")
+WORDS = ("../../x", "CON", "", "a\n")  # of NAMES, whose check all commands share
 
 
 def write(path: Path, value: object) -> Path:

@@ -1,14 +1,17 @@
-"""Materials and labels as frames of the inputs stage: kept, resumed, sent, removed."""
+"""Sets of channels as frames of their stage: kept, resumed, sent, removed."""
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pbrnet.pipeline.cameras.settings import TrajectoryFile
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
-from pbrnet.pipeline.frames import frame_path, read_frame, write_frame
+from pbrnet.pipeline.frames import frame_path, read_frame, read_meta, write_frame
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.settings import EnvironmentParams
 from pbrnet.pipeline.stages.cameras import camera_fingerprint, run_cameras
 from pbrnet.pipeline.stages.frame_stage import plan_frames, run_frames
 from pbrnet.pipeline.stages.runner import plan_line
@@ -16,7 +19,7 @@ from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.in_process import worker_processes
-from tests.fixtures.params import pbrs_cameras, pbrs_params, view_params
+from tests.fixtures.params import pbrs_cameras, pbrs_params, plain_truth, view_params
 from tests.fixtures.stages import files_in, write_room
 from tests.fixtures.traces import frame_fingerprint
 
@@ -29,32 +32,51 @@ PAPER = pbrs_params(
     cameras=pbrs_cameras(views_per_room=2),
 )
 ALL = replace(PAPER, channels=("materials", "labels"))
+TRUTH = replace(
+    PAPER,
+    image=ImageParams(32, 24),
+    groundtruth=plain_truth(spp=4, block_spp=2, max_depth=3, denoise="oidn"),
+)
+AROUND = replace(TRUTH, channels=("environment",), environment=EnvironmentParams(32, 4))
 FRAMES = ("inputs", "materials", "labels", "video")
 
 
+@pytest.mark.parametrize(
+    ("stage", "paper", "more", "sets"),
+    [
+        ("inputs", PAPER, ALL, ("materials", "labels")),
+        pytest.param("groundtruth", TRUTH, AROUND, ("environment",), marks=pytest.mark.check),
+    ],
+    ids=["surfaces", "environment"],
+)
 def test_sets_are_added_and_removed_and_change_no_other_frame(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    stage: Any, paper: Params, more: Params, sets: Any, tmp_path: Path, monkeypatch: Any
 ) -> None:
-    data = tmp_path / "data"
+    data, frames = tmp_path / "data", ("inputs", "video", "shading", "color", *sets)
     write_room(data / "scenes" / "alpha")
-    run_cameras(data, PAPER)
-    assert run_frames("inputs", data, PAPER).made == 2
-    paper = files_in(data, *FRAMES)
-    assert len(paper) == 2 and (data / "labels").is_dir()
-    run = run_frames("inputs", data, ALL)
-    assert (run.made, run.kept) == (4, 2)
-    both = files_in(data, *FRAMES)
-    assert len(both) == 6 and both.items() >= paper.items()
-    stages = [row["stage"] for row in read_ledger(data).to_pylist()]
-    assert stages.count("materials") == stages.count("labels") == stages.count("inputs") == 2
-
-    # A damaged and a missing frame are rendered again, to the same bytes.
+    run_cameras(data, paper)
+    count, new = run_frames(stage, data, paper).made, 2 * len(sets)
+    before = files_in(data, *frames)
+    assert len(before) == count >= 2 and all((data / kind).is_dir() for kind in sets)
+    run = run_frames(stage, data, more)
+    assert (run.made, run.kept) == (new, count)
+    both = files_in(data, *frames)
+    assert len(both) == count + new and both.items() >= before.items()
+    rows = [row for row in read_ledger(data).to_pylist() if row["stage"] in sets]
+    assert len(rows) == new
     view = load_cameras(data / "cameras" / "alpha.json").views[0]
-    frame_path(data, "labels", view).unlink()
-    broken = frame_path(data, "materials", view)
+    if "environment" in sets:
+        assert {(row["width"], row["height"], row["spp"]) for row in rows} == {(32, 16, 4)}
+        meta = read_meta(frame_path(data, "environment", view))
+        assert meta["denoiser"].startswith("oidn") and meta["noise"] > 0
+
+    # Damaged and missing frames are rendered again, to the same bytes.
+    broken = frame_path(data, sets[0], view)
     broken.write_bytes(broken.read_bytes()[:-40])
-    run = run_frames("inputs", data, ALL)
-    assert (run.made, run.kept) == (2, 4) and files_in(data, *FRAMES) == both
+    for kind in sets[1:]:
+        frame_path(data, kind, view).unlink()
+    run = run_frames(stage, data, more)
+    assert run.made == len(sets) and files_in(data, *frames) == both
 
     # The same through dask, by workers that get scenes sent and send frames back.
     far = tmp_path / "far"
@@ -63,11 +85,12 @@ def test_sets_are_added_and_removed_and_change_no_other_frame(
         (data / folder).rename(far / folder)
     monkeypatch.setenv("PBRNET_CACHE", str(tmp_path / "cache"))
     with worker_processes():
-        run_frames("inputs", far, replace(ALL, farm=FarmParams(workers=1, transfer="send")))
-    assert files_in(far, *FRAMES) == both
+        run_frames(stage, far, replace(more, farm=FarmParams(workers=1, transfer="send")))
+    assert files_in(far, *frames) == both
 
-    run = run_frames("inputs", far, PAPER)
-    assert (run.made, run.kept, run.removed) == (0, 2, 4) and files_in(far, *FRAMES) == paper
+    run = run_frames(stage, far, paper)
+    assert (run.made, run.kept, run.removed) == (0, count, new)
+    assert files_in(far, *frames) == before
 
 
 def test_trajectories_are_frames_like_others(tmp_path: Path) -> None:
