@@ -69,6 +69,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         **_of("pipeline.commands.inspect", inspect="Describe a file and draw it."),
         **_of("model.studies.commands", study="Run the studies of the paper."),
         **_of("model.commands.predict", predict="Render images with the trained networks."),
+        **_of(
+            "model.commands.depth",
+            depth="Estimate depth, normals and classes of photographs.",
+        ),
         **_of("model.commands.serve", serve="Show a scene in the browser, with a camera to move."),
         **_of(
             "model.commands.score",

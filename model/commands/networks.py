@@ -19,7 +19,7 @@ from pbrnet.model.options import (
     models_option,
 )
 from pbrnet.model.release.onnx_export import EXPORTABLE, OUTPUTS, export_onnx, exported_inputs
-from pbrnet.model.release.pretrained import find_models, pack
+from pbrnet.model.release.pretrained import DEPTH, DEPTH_FILES, find_models, pack
 from pbrnet.model.titles import NETWORK_TITLES
 from pbrnet.model.training.backbone import make_backbone
 from pbrnet.model.training.train import Folders, train_network
@@ -154,6 +154,7 @@ Examples:
   pbrnet pretrained                        pack the two networks of models/ into weights/
   pbrnet pretrained --method plus --method hybrid     networks of other methods
   pbrnet pretrained --from models/room --out /tmp/room --metrics models/room
+  pbrnet pretrained --depth data/studies/photographs/ROW/0     the network of `pbrnet depth`
 
 Stores each network in half precision with its card, and writes a README.md with training data,
 licences and results. Fails if predictions would change visibly or the folder would exceed 16 MB.
@@ -173,13 +174,31 @@ licences and results. Fails if predictions would change visibly or the folder wo
     "--metrics",
     type=FOLDER,
     default=Path("metrics"),
-    help="Folder with evaluation.json, for the results in the model card.",
+    help="Folder with evaluation.json or photographs.json, for the results in the model card.",
+)
+@click.option(
+    "--depth",
+    "training",
+    type=FOLDER,
+    metavar="FOLDER",
+    help="Pack this training of `pbrnet study photographs` instead.",
 )
 @common_options
 def pretrained(
-    request: Request, source: Path, out: Path, methods: tuple[str, ...], metrics: Path
+    request: Request,
+    source: Path,
+    out: Path,
+    methods: tuple[str, ...],
+    metrics: Path,
+    training: Path | None,
 ) -> None:
     """Pack trained networks for release, in half precision and with a model card."""
+    if training is not None:
+        from pbrnet.model.release.depth import pack_depth
+
+        card = pack_depth(training, metrics, out)
+        say(f"{out / DEPTH_FILES[0]}: {card.row}, {card.pictures} pictures")
+        return
     for difference in pack(source, out, methods, request.data, metrics):
         say(
             f"{', '.join(needed(difference.method))}: on {difference.views} views predictions "
@@ -232,6 +251,7 @@ def reference(
 Examples:
   pbrnet export --onnx model.onnx
   pbrnet export --method plus --onnx plus.onnx
+  pbrnet export --method depth --onnx depth.onnx      the network of `pbrnet depth`
   python examples/consume/with_onnx.py model.onnx data/dataset
   python examples/onnx_predict.py model.onnx data/inputs/S/V.exr data/illumination/S/V.exr
 
@@ -239,11 +259,22 @@ The model takes columns of the dataset, at any image size, and returns shading a
 values, or radiance and colour for plus and hybrid. Requires: pip install 'pbrnet[onnx]'"""
 )
 @click.option("--onnx", "out", type=FILE, required=True, metavar="FILE", help="File to write.")
-@click.option("--method", type=click.Choice(EXPORTABLE), default="pbrnet", help="Method to export.")
+@click.option(
+    "--method",
+    type=click.Choice((*EXPORTABLE, DEPTH)),
+    default="pbrnet",
+    help="Method to export.",
+)
 @found_models_option()
 @common_options
 def export(request: Request, models: Path | None, method: str, out: Path) -> None:
     """Export the trained networks of a method as one ONNX file."""
+    if method == DEPTH:
+        from pbrnet.model.release.depth import export_depth, load_depth
+
+        export_depth(load_depth(models and models / DEPTH_FILES[0]), out)
+        say(f"{out}: {out.stat().st_size / 1e6:.1f} MB, image, rays to depth, normal, classes")
+        return
     found = find_models(models, method)
     networks = load_networks(found.folder, [method])
     export_onnx(networks, out)

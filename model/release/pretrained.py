@@ -8,6 +8,7 @@ bytes per weight.
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +29,8 @@ from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_directory, digest_file, read_json, write_json
 
+DEPTH = "depth"  # name of the network of photographs, packed by `pbrnet.model.release.depth`
+DEPTH_FILES = (f"{DEPTH}.safetensors", f"{DEPTH}.json")
 LIMIT = 16_000_000  # maximum size of the folder in bytes
 # Maximum and mean difference allowed between predictions of a packed and the original network, in
 # display values [0, 1]. A step of 8 bits is 0.0039.
@@ -100,6 +103,8 @@ def pack(
             digests[name] = _pack_network(source, partial, name, digests)
         packed = load_networks(partial, methods)
         differences = [_compare(originals, packed, method, examples) for method in methods]
+        for kept in (target / name for name in DEPTH_FILES if (target / name).is_file()):
+            shutil.copy(kept, partial)  # the network of photographs is packed apart
         card = _card(packed, differences, figures)
         (partial / "README.md").write_text(card, encoding="utf-8")
         size = sum(file.stat().st_size for file in partial.iterdir())
@@ -118,7 +123,7 @@ def _check_target(source: Path, target: Path) -> None:
         raise InputError(f"{target}: contains the networks to pack; give another folder")
     if target.exists() and not target.is_dir():
         raise InputError(f"{target}: not a folder")
-    packed = {"README.md"} | {f"{name}{suffix}" for name in METHODS
+    packed = {"README.md", *DEPTH_FILES} | {f"{name}{suffix}" for name in METHODS
                             for suffix in (".safetensors", ".json")}  # fmt: skip
     present = {path.name for path in target.iterdir()} if target.is_dir() else set()
     if present - packed:

@@ -61,8 +61,13 @@ class Row:
     @property
     def folder(self) -> str:
         """Name of the folder of the row's trainings."""
-        words = re.sub(r"[^A-Za-z0-9]+", "-", self.name).strip("-")[:60]
-        return f"{words}-{digest_bytes(self.name.encode())[:6]}".lstrip("-")
+        return row_folder(self.name)
+
+
+def row_folder(name: str) -> str:
+    """Return the name of the folder of a row's trainings."""
+    words = re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-")[:60]
+    return f"{words}-{digest_bytes(name.encode())[:6]}".lstrip("-")
 
 
 def parse_row(text: str) -> Row:

@@ -1,5 +1,7 @@
 """Views and exported files that the tests of ONNX export share."""
 
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -16,6 +18,7 @@ from pbrnet.model.methods import METHODS
 from pbrnet.model.networks.pbrnet import Panorama
 from pbrnet.model.release.onnx_export import export_onnx
 from tests.fixtures.model import box_dataset
+from tests.fixtures.paths import ROOT
 from tests.fixtures.predictor import untrained_models
 
 SIZES = ((37, 23, 40), (64, 48, 64), (9, 7, 128))  # width, height, panorama width
@@ -28,6 +31,15 @@ class ExportedFile:
     networks: Networks
     path: Path
     session: Any  # onnxruntime's
+
+
+def run_example(script: str, folder: Path, *words: Path | str) -> None:
+    """Run a program of `examples/` in this folder; torch and our packages cannot be imported."""
+    guard = "import sys; sys.modules.update(dict.fromkeys(('torch', 'pbrnet'))); "
+    guard += "sys.argv = sys.argv[1:]; import runpy; runpy.run_path(sys.argv[0])"
+    command = [sys.executable, "-c", guard, str(ROOT / "examples" / script), *map(str, words)]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
 
 
 def untrained(

@@ -1,7 +1,5 @@
 """The example programs run exported files without torch and without this package."""
 
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,20 +12,10 @@ from pbrnet.model.evaluation.predict import from_frames
 from pbrnet.pipeline.images import read_picture
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
 from tests.fixtures.model import box_dataset
-from tests.fixtures.paths import ROOT
 from tests.fixtures.predict import box_frames
-from tests.model.release.conftest import ExportedFile
+from tests.model.release.conftest import ExportedFile, run_example
 
 pytestmark = pytest.mark.slow
-
-
-def run_example(script: str, folder: Path, *words: Path | str) -> None:
-    """Run a program of `examples/` in this folder; torch and our packages cannot be imported."""
-    guard = "import sys; sys.modules.update(dict.fromkeys(('torch', 'model', 'pipeline'))); "
-    guard += "sys.argv = sys.argv[1:]; import runpy; runpy.run_path(sys.argv[0])"
-    command = [sys.executable, "-c", guard, str(ROOT / "examples" / script), *map(str, words)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("method", ["pbrnet", pytest.param("plus", marks=pytest.mark.check)])

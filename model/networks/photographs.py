@@ -1,4 +1,4 @@
-"""Network of the study: ImageNet's EfficientNet-Lite0, a decoder of 64 channels, three heads.
+"""Network for photographs: ImageNet's EfficientNet-Lite0, a decoder of 64 channels, three heads.
 
 The decoder is a feature pyramid (Lin et al. 2017) from stride 32 to 2. Each level also gets the x
 and y of its rays, which a crop alone would not tell: normals are in camera axes. The batch
@@ -18,9 +18,9 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.networks.pbrnet import channels_last
-from pbrnet.model.studies.photographs.sets.contract import THIRTEEN
 from pbrnet.model.training.backbone import EfficientNetLite0, load_state, same_padded
 from pbrnet.scenes.errors import MachineError
+from pbrnet.scenes.importing.semantics import NYU13_OF_NYU40
 
 TAPS = {0: 16, 2: 24, 4: 40, 10: 112, 15: 320}  # blocks at strides 2 to 32, and their channels
 WIDTH = 64
@@ -62,7 +62,8 @@ class PhotographNetwork(nn.Module):
         features = list(zip(self._features(2 * image - 1), self.lateral, strict=True))
         layers = zip(reversed(features), self.smooth, self.norm, strict=True)
         for (feature, lateral), smooth, norm in layers:
-            place = functional.adaptive_avg_pool2d(rays, (feature.shape[2], feature.shape[3]))
+            # Rays are linear in the pixel, so the value at a cell's centre is the cell's mean.
+            place = functional.interpolate(rays, size=feature.shape[-2:], mode="bilinear")
             level = lateral(torch.cat([feature, place], 1))
             if x is not None:
                 level = level + functional.interpolate(x, size=level.shape[-2:])
@@ -99,6 +100,6 @@ def new_network(seed: int) -> PhotographNetwork:
 
 def thirteen(classes: torch.Tensor) -> torch.Tensor:
     """Log probabilities of NYU13's classes, (N, 13, h, w), from those of NYU40's."""
-    mapping = torch.from_numpy(THIRTEEN[1:].astype(np.int64) - 1)
+    mapping = torch.from_numpy(np.array(NYU13_OF_NYU40[1:]) - 1)
     groups = [torch.logsumexp(classes[:, mapping == number], 1) for number in range(13)]
     return torch.stack(groups, 1)
