@@ -24,9 +24,12 @@ _CATEGORY_OF_WORD = {
     for rank, (category, hints) in reversed(list(enumerate(_TABLE["categories"].items())))
     for hint in (category.replace(" ", ""), *hints)
 }
-_FINISHES, _STRUCTURE, _SURFACES, _ROOMS_TOO, _HUNG = (
-    frozenset(_TABLE[name]) for name in ("finishes", "structure", "surfaces", "rooms_too", "hung")
+_FINISHES, _OTHER_STRUCTURE, _ROOMS_TOO, _HUNG, _HANGS = (
+    frozenset(_TABLE[name]) for name in ("finishes", "structure", "rooms_too", "hung", "hangs")
 )
+_SURFACE_OF_WORD = {word: kind for kind, words in _TABLE["surfaces"].items() for word in words}
+_SURFACES = frozenset(_SURFACE_OF_WORD)
+_STRUCTURE = _OTHER_STRUCTURE | _SURFACES
 _DOORS = ("door", "doors", "gate", "porte", "tur", "puerta", "porta", "doorway", "doorframe",
           "garage")  # fmt: skip
 _BUILDING = ("stairs", "railing")
@@ -45,15 +48,38 @@ def category_of_part(label: str, material: str) -> str:
     for finishes tell nothing in its name: what is of `light_wood` is no lamp.
     `label` may be, or end with, the material's name, as in files without other names.
     """
+    label = own_name(label, material)
     borrowed = _FINISHES & words_of(material) if label.endswith(material) else frozenset[str]()
     if found := _category(label, borrowed):
         return found
     return (not has_structural_name(label) and _category(material, _FINISHES)) or "other"
 
 
+def own_name(label: str, material: str) -> str:
+    """Return a part's name without that of its material behind it, as in "Desk_Light wood_0"."""
+    stem = re.sub(r"_\d+$", "", label)
+    return stem.removesuffix(f"_{material}") if material and stem != material else label
+
+
 def has_structural_name(label: str) -> bool:
     """Return whether a name says that a shape is part of the building, as "Walls" does."""
-    return bool(words_of(label) & _STRUCTURE)
+    words = words_of(label)
+    return bool(words & _STRUCTURE) and not words & _HANGS
+
+
+def is_surface_by_name(label: str) -> bool:
+    """Return whether a name calls a part a floor, ceiling or wall: that is its last word.
+
+    So do "wall_3_18" and "Kitchen Floor", but not "wall art".
+    """
+    words = re.findall(r"[a-z]{2,}", _plain(_spaced(label)))
+    return bool(words) and bool(words_of(words[-1]) & _SURFACES)
+
+
+def surface_of(label: str) -> str:
+    """Return "floor", "ceiling" or "wall" if a name has a word for one, else ""."""
+    kinds = {_SURFACE_OF_WORD[word] for word in words_of(label) & _SURFACES}
+    return next((kind for kind in _TABLE["surfaces"] if kind in kinds), "")
 
 
 @lru_cache(_REMEMBERED)
@@ -110,12 +136,15 @@ def words_of(text: str) -> set[str]:
 
     Capitals inside a word and digits separate words, too.
     """
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
     found: set[str] = set()
-    for part in (text, spaced):
+    for part in (text, _spaced(text)):
         words = re.findall(r"[a-z]+", _plain(part))
         found.update(words, map("".join, pairwise(words)), ["".join(words)])
     return found | {one for word in found for one in _singulars(word)}
+
+
+def _spaced(text: str) -> str:
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text)
 
 
 def _singulars(word: str) -> tuple[str, ...]:

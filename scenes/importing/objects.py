@@ -24,8 +24,10 @@ from pbrnet.scenes.importing.categories import (
     category_of,
     category_of_part,
     has_structural_name,
+    is_surface_by_name,
+    own_name,
     room_type,
-    words_of,
+    surface_of,
 )
 from pbrnet.scenes.importing.shape import Shape, bounds_of, make_object
 from pbrnet.scenes.reconstruction.room_index import RoomIndex
@@ -159,8 +161,9 @@ def structure_category(shape: Shape, index: RoomIndex) -> str:
             return kind
     if index.rooms and not inside_any:
         return "structure"
-    words = words_of(shape.name)
-    kind = next((kind for kind in ("floor", "ceiling", "wall") if kind in words), "")
+    kind = surface_of(shape.name)
+    if is_surface_by_name(own_name(shape.name, shape.surface.name)):
+        return kind
     is_part = has_structural_name(shape.name) and (kind or has_structural_name(shape.surface.name))
     if is_part and float(np.max(high - low)) > 1.5:
         return kind or "structure"

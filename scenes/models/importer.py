@@ -29,7 +29,7 @@ from pbrnet.scenes.contract import Credit, Scene, SceneObject, load_scene, writi
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.assembly import Draft, assemble
 from pbrnet.scenes.importing.camera import Camera, transformed_camera
-from pbrnet.scenes.importing.categories import category_of, has_structural_name
+from pbrnet.scenes.importing.categories import category_of, has_structural_name, own_name
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.credits import find_credit
 from pbrnet.scenes.importing.light.daylight import daylight
@@ -472,7 +472,7 @@ def _owning_node(
     """
     for depth in range(1, len(names) + 1):
         label = names[depth - 1].partition(":")[2]
-        category = category_of(label)
+        category = category_of(own_name(label, shape.surface.name))
         if names[:depth] in collections:
             continue
         if category != "other" and (shape_counts[names[:depth]] < total or depth == len(names)):

@@ -19,7 +19,7 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.mesh import face_areas
-from pbrnet.scenes.importing.categories import category_of, words_of
+from pbrnet.scenes.importing.categories import category_of, own_name, surface_of, words_of
 from pbrnet.scenes.importing.changes import UNSURE_UP
 from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.models.model import Model
@@ -31,6 +31,7 @@ from pbrnet.scenes.reconstruction.scale_clues import (
     CEILING,
     NAMED,
     OBJECT_EXTENT,
+    USUAL_UNITS,
     Clue,
     ScaleEstimate,
     building_clues,
@@ -54,7 +55,6 @@ _BUILDING_WORDS = {"wall", "walls", "floor", "floors", "ceiling", "room", "roof"
                    "shop", "hotel", "church", "theater", "theatre", "factory", "warehouse",
                    "hospital", "coffeeshop", "bookshop", "showroom", "ballroom", "playroom",
                    "diningroom", "storeroom", "boardroom"}  # fmt: skip
-_PARTS = {"wall", "floor", "ceiling", "roof"}  # words in the names of a building's surfaces
 _STRUCTURE = ("door", "window", "stairs", "railing", "fireplace")  # categories of parts of one
 # Categories by the axis along which such a thing is longest or shortest.
 _TALL = ("door", "wardrobe", "fridge", "bookshelf", "person", "chair", "shower")
@@ -74,6 +74,8 @@ _SURE_MANY = 0.998  # of a building that has many parts or several walls, too
 _MANY_PARTS, _SEVERAL = 10, 3
 _PART_OF_ROOM = 0.5  # of its usual size in metres: share of a building above which a thing is many
 _LEAST_STATED = 0.1  # probability of the stated unit below which it is asked for
+_NEARLY = 0.45  # natural logarithm by which scales differ that together are one answer
+_SURE_TOGETHER = 0.7  # their least probability together
 _CLEARLY = 2.0  # times as probable as the stated unit is clearly better
 
 
@@ -157,7 +159,7 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
         if stated and not smallest < stated * extent < _LARGEST_SCENE:
             stated = None
             estimate, clues = _estimate(turned, named, None)
-        scale, share = _chosen(estimate, stated)
+        scale, share = chosen_scale(estimate, stated)
         confidence = min(confidence, share)
         if not scale:
             other = _other_up(corners, named, axis) if model.up and options.up == "auto" else ""
@@ -257,12 +259,18 @@ def _own_corners(model: Model, axis: str) -> Float64Array:
     return np.concatenate(kept)
 
 
-def _chosen(estimate: ScaleEstimate, stated: float | None) -> tuple[float, float]:
+def chosen_scale(estimate: ScaleEstimate, stated: float | None) -> tuple[float, float]:
     """Metres per unit and its probability; 0 metres if that is not clear.
 
     The unit that the file states holds unless another one is clearly better.
     """
     best, share = estimate.candidates[0]
+    near = [each for each in estimate.candidates if abs(math.log(each[0] / best)) < _NEARLY]
+    together = sum(part for _, part in near)
+    if share < LEAST_CONFIDENCE and together >= _SURE_TOGETHER:  # neighbours are one answer
+        if not any(math.isclose(unit, usual) for unit, _ in near for usual in USUAL_UNITS):
+            best = math.exp(sum(part * math.log(unit) for unit, part in near) / together)
+        share = together
     if stated is None or math.isclose(best, stated):
         is_clear = share >= LEAST_CONFIDENCE or stated is not None
         return (best if is_clear else 0.0), share
@@ -386,12 +394,14 @@ def _named(model: Model, name: str) -> _Named:
     parts: list[_NamedPart] = []
     for label, shapes in _groups(model):
         groups += 1
+        label = own_name(label, shapes[0].surface.name)
         category, spoken = category_of(label), words_of(label)
         low = np.min([shape.mesh.bounds[0] for shape in shapes], axis=0)
         high = np.max([shape.mesh.bounds[1] for shape in shapes], axis=0)
-        is_surface = bool(spoken & _PARTS) and category in ("other", *_STRUCTURE)
+        surface = surface_of(label) or ("roof" if "roof" in spoken else "")
+        is_surface = bool(surface) and category in ("other", *_STRUCTURE)
         if is_surface:
-            parts.append(_named_part(spoken, shapes))
+            parts.append(_named_part(surface, shapes))
         if category == "other" or category in _STRUCTURE:  # an office chair is no office
             words |= spoken
         if category == "other" or is_surface:  # a wall with a door is as large as the wall
@@ -399,7 +409,7 @@ def _named(model: Model, name: str) -> _Named:
         if (high - low).min() > 1e-3 * (high - low).max():
             bounds.setdefault(category, []).append(np.array([low, high]))
     things = set(bounds) - set(_STRUCTURE)
-    is_named_building = bool(words & _BUILDING_WORDS) or len(things) >= _SEVERAL
+    is_named_building = bool(parts or words & _BUILDING_WORDS) or len(things) >= _SEVERAL
     low = np.min([shape.mesh.bounds[0] for shape in model.shapes], axis=0)
     high = np.max([shape.mesh.bounds[1] for shape in model.shapes], axis=0)
     if whole != "other" and not is_named_building:  # a couch's seat is no chair
@@ -418,12 +428,11 @@ def _named(model: Model, name: str) -> _Named:
     return _Named(bounds, building, tuple(parts))
 
 
-def _named_part(spoken: set[str], shapes: list[Shape]) -> _NamedPart:
+def _named_part(kind: str, shapes: list[Shape]) -> _NamedPart:
     corners = np.concatenate([shape.mesh.corners for shape in shapes])
     areas, normals = face_areas(corners)
     across = np.abs(normals) > _ACROSS
     level = (areas[:, None] * across).sum(axis=0) / max(float(areas.sum()), 1e-300)
-    kind = next(word for word in ("floor", "ceiling", "wall", "roof") if word in spoken)
     return _NamedPart(kind, level, 0.5 * (corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))))
 
 

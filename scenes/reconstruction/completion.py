@@ -57,7 +57,9 @@ _HALF_PASSAGE = 0.35  # metres; half the least width of a passage within one spa
 _NEAR_WALL = 0.4  # metres beside a floor's outline within which a wall counts as along it
 _DOORWAY = 1.3  # metres; a wider gap in a wall is a missing wall
 _LEAST_AREA = 3.0  # square metres
-_MOST_CLOSED = 0.2  # of the open spaces' area that closed ones beside them may have
+_LEAST_SMALL = 1.2  # square metres of a closet beside larger spaces, open above as they are
+_LEAST_WALLS_OF_SMALL = 0.75  # share of its outline along which walls must stand
+MOST_CLOSED = 0.2  # of the open spaces' area that closed ones beside them may have
 _THICK = 0.1  # metres of added walls and ceilings
 _INTO = 0.01  # metres by which added walls stand inside the edge of the floor
 _OVER = 0.25  # metres by which a ceiling covers the walls
@@ -116,21 +118,25 @@ def complete(
         return NOTHING
     taken = union([space.floor for space in closed])
     built = _level_plan(corners[~is_ground], storey.floor_z)
-    spaces, best = [], 0.0
+    spaces, small, best = [], [], 0.0
     for piece in _pieces(storey):
         if intersection(piece, taken).area > 0.5 * piece.area:
             continue
         share, outer = _walled_shares(piece, storey)
         if outer < _LEAST_OUTER_WALLS:
             share = min(share, outer)
+        if piece.area < _LEAST_AREA:
+            small += [piece] if share >= _LEAST_WALLS_OF_SMALL else []
+            continue
         best = max(best, share)
         on_ground = intersection(piece, built).area < 0.5 * piece.area
         if share >= (_LEAST_WALLS_OUTDOORS if on_ground else LEAST_WALLS):
             spaces.append(piece)
-    if taken.area > _MOST_CLOSED * sum(space.area for space in spaces):
+    if taken.area > MOST_CLOSED * sum(space.area for space in spaces):
         return NOTHING
     if not spaces:
         return NOTHING if best == 0.0 else replace(NOTHING, refused=_refusal(best))
+    spaces += small
     ceiling_z = max(storey.top_z, storey.floor_z + _LEAST_CEILING)
     foot = storey.floor_z - _BELOW_FLOOR
     sill, head = storey.floor_z + _SILL, storey.floor_z + _HEAD
@@ -147,7 +153,7 @@ def complete(
             walls += _pierced(rim, panes, (base, sill, head, ceiling_z))
     roof = union([buffered(each, _OVER, join_style="mitre", mitre_limit=2.0) for each in spaces])
     there = buffered(_level_plan(corners, ceiling_z), -_INTO)  # a ceiling over a part of them
-    roof = difference(roof, there)
+    roof = difference(roof, intersection(there, union(spaces)))  # not the tops of walls
     return Completion(
         extruded(roof, ceiling_z, ceiling_z + _THICK),
         np.concatenate(walls),
@@ -315,7 +321,7 @@ def _level_faces(corners: Float64Array, level: float) -> BaseGeometry:
 
 
 def _pieces(storey: _Storey) -> list[Polygon]:
-    """The areas of floor between walls."""
+    """The areas of floor between walls, closets included."""
     pieces = []
     for part in polygon_parts(difference(storey.floor, storey.walls)):
         grown = buffered(
@@ -326,7 +332,7 @@ def _pieces(storey: _Storey) -> list[Polygon]:
             intersection(grown, buffered(part, _HALF_GAP, join_style="mitre"))
         ):
             outline = simplified(Polygon(piece.exterior), 0.02)
-            if outline.area >= _LEAST_AREA and outline.is_valid:
+            if outline.area >= _LEAST_SMALL and outline.is_valid:
                 pieces.append(orient(outline))
     return pieces
 

@@ -14,7 +14,12 @@ from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.geometry.regions import difference, intersection, union
-from pbrnet.scenes.reconstruction.completion import Completion, closed_slits, complete
+from pbrnet.scenes.reconstruction.completion import (
+    MOST_CLOSED,
+    Completion,
+    closed_slits,
+    complete,
+)
 from pbrnet.scenes.reconstruction.connections import joined_below_beams
 from pbrnet.scenes.reconstruction.habitable import Bounds, habitable, is_shut_in
 from pbrnet.scenes.reconstruction.raycast import RayCaster
@@ -28,6 +33,7 @@ from pbrnet.scenes.reconstruction.rooms import (
 from pbrnet.scenes.reconstruction.surroundings import without_ground
 
 _OPEN_SIDES = 0.25  # share of a room's outline without walls, from which it is part of a space
+_TINY = 5.0  # square metres of all closed rooms together, of what may be holes in thick walls
 _STEP = 0.25  # metres along an outline, and beyond it
 _INSET = 0.1  # metres within an outline
 _HEIGHTS = (0.4, 0.75)  # shares of a room's height
@@ -53,7 +59,8 @@ class Interior:
 def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> Interior:
     """Find closed rooms; if there is none, how open spaces can become rooms.
 
-    A room whose ceiling covers a part of an open space, as in scans, is that space.
+    A room whose ceiling covers a part of an open space, as in scans, is that space, and tiny rooms
+    beside much larger open spaces do not count.
 
     Closed spaces that are hardly open and small beside the open ones, such as pillars, shafts
     and built-in cupboards, do not count as rooms.
@@ -71,9 +78,14 @@ def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> In
         completion = complete(building, is_ground, rooms)
         if completion.spaces:
             rooms = []
-    elif any(_open_share(room, rays) > _OPEN_SIDES for room in rooms):
+    elif (is_tiny := sum(room.floor.area for room in rooms) < _TINY) or any(
+        _open_share(room, rays) > _OPEN_SIDES for room in rooms
+    ):
         whole = complete(building, is_ground, ())
-        if whole.spaces and all(_is_partly_covered(one, rooms, rays) for one in whole.spaces):
+        if whole.spaces and (
+            (is_tiny and _are_small(rooms, whole.spaces))
+            or all(_is_partly_covered(one, rooms, rays) for one in whole.spaces)
+        ):
             rooms, completion = [], whole
     return Interior(rooms, completion, bool(is_ground.any()))
 
@@ -97,6 +109,12 @@ def _open_share(room: FoundRoom, rays: RayCaster) -> float:
             is_open &= rays.cast(origins, outward)[0] > _INSET + _STEP
         open_length += float(is_open.mean()) * length
     return open_length / float(room.floor.length)
+
+
+def _are_small(rooms: Sequence[FoundRoom], spaces: Sequence[Polygon]) -> bool:
+    """Return whether rooms are small beside open spaces, as a window's hole in a thick wall."""
+    area = sum(space.area for space in spaces)
+    return bool(sum(room.floor.area for room in rooms) <= MOST_CLOSED * area)
 
 
 def _is_partly_covered(space: Polygon, rooms: Sequence[FoundRoom], rays: RayCaster) -> bool:

@@ -23,6 +23,7 @@ from pbrnet.scenes.reconstruction.raycast import RayCaster
 UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres", 0.0254: "inches",
          0.3048: "feet", 0.1: "decimetres", 0.5: "half metres"}  # fmt: skip
 _PRIOR = {1.0: 0.45, 0.01: 0.24, 0.001: 0.08, 0.0254: 0.1, 0.3048: 0.05, 0.1: 0.01, 0.5: 0.01}
+USUAL_UNITS = tuple(unit for unit, prior in _PRIOR.items() if prior >= 0.05)
 _STATED = 0.85  # prior of the unit that the file states, if programs write it unasked
 _CHOSEN = 0.9  # prior of another one: somebody chose it
 _UNASKED = (1.0, 0.01)  # metres: units that programs write unasked

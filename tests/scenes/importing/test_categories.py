@@ -72,6 +72,9 @@ PARTS = {
     ("room_light_wood", "light_wood"): "other",
     ("Sofa", "Sofa"): "sofa",
     ("", "bed_sheet"): "bed",
+    ("polySurface24_GreenLight_0", "GreenLight"): "other",  # as Sketchfab names meshes
+    ("Wall_West_Glass_0", "Glass"): "other",
+    ("Chair_GreenLight_0", "GreenLight"): "chair",
 }
 
 

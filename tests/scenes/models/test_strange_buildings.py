@@ -12,8 +12,10 @@ from shapely.geometry import Polygon
 from pbrnet.pipeline.cli import cli
 from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.importing.changes import UNSURE_UP
+from pbrnet.scenes.models.placement import chosen_scale
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import with_visible_space
+from pbrnet.scenes.reconstruction.scale_clues import ScaleEstimate
 from pbrnet.scenes.registry import import_scene
 from tests.fixtures.buildings import (
     Building,
@@ -24,6 +26,7 @@ from tests.fixtures.buildings import (
     slab,
     sofa,
     two_rooms,
+    wall,
     walls,
 )
 from tests.fixtures.rooms import Block, write_obj
@@ -243,3 +246,60 @@ def test_a_doorway_without_a_lintel_parts_two_rooms(tmp_path: Path, has_ceiling:
     assert sorted(areas(scene)) == [pytest.approx(area, rel=0.03) for area in (12.0, 16.0)]
     assert [portal.kind for portal in scene.portals] == ["window"]
     assert all(room.has_light for room in scene.rooms)
+
+
+def test_a_closet_of_an_open_plan_is_no_outdoors(tmp_path: Path) -> None:
+    outer = walls(6, 4, 2.5, south=[(2.5, 4.0, 0.9, 2.1)])
+    closet = [
+        wall("Wall closet", (1.6, 0), (1.7, 1.5), 2.5, [(0.3, 1.1, 0.0, 2.05)]),
+        wall("Wall closet", (0, 1.5), (1.7, 1.6), 2.5),
+    ]
+    scene = imported([slab("Floor", 6, 4, -0.2, 0), *outer, *closet], tmp_path, suffix=".glb")
+    whole = 24.0 - 1.7 * 1.6
+    assert sorted(areas(scene)) == [pytest.approx(area, rel=0.03) for area in (2.4, whole)]
+    assert [portal.kind for portal in scene.portals] == ["window"]
+
+
+def test_a_hollow_wall_of_an_open_room_is_not_the_room(tmp_path: Path) -> None:
+    """A thick wall, modelled without its inner side where a window is."""
+    hollow = [
+        Part("Wall east", block((5, -0.2, -0.2), (5.8, 4.2, 4.5), without="w")),
+        Part("Wall east", block((5, 0, 0), (5.01, 1, 4.5))),
+        Part("Wall east", block((5, 3, 0), (5.01, 4, 4.5))),
+    ]
+    parts = [slab("Floor", 5, 4, -0.2, 0), *walls(5, 4, 3.5, without="es"), *hollow]
+    scene = imported(parts, tmp_path, suffix=".glb")
+    assert max(areas(scene)) == pytest.approx(20.0, rel=0.1)
+
+
+def test_floors_and_walls_are_known_in_other_languages(tmp_path: Path) -> None:
+    names = {"Floor": "Sol", "Ceiling": "Plafond", "South": "Mur_sud"}
+    parts = [Part(names.get(name, names.get(name[5:], name)), quads)
+             for name, quads in sheets().items()]  # fmt: skip
+    scene = imported(parts, tmp_path, up="z", suffix=".obj")
+    assert scene.source["placement"]["up"] == "z"
+    assert not any(UNSURE_UP in change for change in scene.changes)
+    found = {item.name: item.category for item in scene.objects}
+    assert (found["Sol"], found["Plafond"], found["Mur_sud"]) == ("floor", "ceiling", "wall")
+
+
+def test_short_walls_are_walls_and_wall_art_is_not(tmp_path: Path) -> None:
+    things = [
+        part("wall_3_18", ((2, 1, 0), (2.1, 1.8, 1.2))),
+        part("wall art", ((1, 2.8, 1), (2.8, 2.85, 1.4))),
+    ]
+    scene = imported(
+        [*(Part(*each) for each in sheets().items()), *things], tmp_path, suffix=".glb"
+    )
+    found = {item.name: (item.category, item.is_structure) for item in scene.objects}
+    assert found["wall_3_18"] == ("wall", True) and found["wall art"] == ("other", False)
+
+
+def test_neighbouring_scales_are_one_answer() -> None:
+    def chosen(*candidates: tuple[float, float], stated: float | None = 1.0) -> tuple[float, float]:
+        return chosen_scale(ScaleEstimate(candidates, 1.0, 0.0), stated)
+
+    scale, share = chosen((0.003, 0.43), (0.0036, 0.19), (0.0025, 0.17))
+    assert 0.0028 < scale < 0.0032 and share == pytest.approx(0.79)
+    assert chosen((0.01, 0.45), (0.0125, 0.3)) == (0.01, pytest.approx(0.75))
+    assert chosen((0.1, 0.37), (0.01, 0.32), (0.0254, 0.1))[0] == 0.0
