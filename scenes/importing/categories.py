@@ -32,6 +32,8 @@ _SURFACES = frozenset(_SURFACE_OF_WORD)
 _STRUCTURE = _OTHER_STRUCTURE | _SURFACES
 _DOORS = ("door", "doors", "gate", "porte", "tur", "puerta", "porta", "doorway", "doorframe",
           "garage")  # fmt: skip
+# What 3ds Max and others call any block: no carton.
+_NUMBERED_BOX = re.compile(r"^box[ _.-]?\d+", re.IGNORECASE)
 _BUILDING = ("stairs", "railing")
 _WHOLE_BUILDING = ("roof", "pillar", "column", "beam", "toit", "dach", "chimneystack")
 
@@ -85,7 +87,7 @@ def surface_of(label: str) -> str:
 @lru_cache(_REMEMBERED)
 def _category(label: str, without: frozenset[str] = frozenset()) -> str:
     """The category that the words of one label, but for those `without` meaning, tell, or ""."""
-    words = words_of(label)
+    words = words_of(_NUMBERED_BOX.sub("", label))
     if words & _SURFACES and not words & _HUNG:  # "toilet wall": the room, not the thing
         without |= _ROOMS_TOO
     ranked = [_CATEGORY_OF_WORD[word] for word in words - without if word in _CATEGORY_OF_WORD]

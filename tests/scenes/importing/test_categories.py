@@ -44,6 +44,9 @@ NAMES = {
     "door_frame": "door",
     "wine glasses": "glass",
     "boxes": "box",
+    "cardboard_box.001": "box",
+    "Box01": "other",  # a block, as 3ds Max names it
+    "Box.002_lid": "other",
     "leaves": "plant",
     "four_poster_bed": "bed",
     "glass table": "table",
