@@ -20,7 +20,7 @@ from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError
 from pbrnet.scenes.files import sweep
-from pbrnet.scenes.importing.changes import NO_ROOM, UNSURE_UP
+from pbrnet.scenes.importing.changes import DOUBTS
 from pbrnet.scenes.importing.options import FILE
 from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.registry import SOURCES, import_scene, option_names
@@ -173,7 +173,7 @@ def import_command(
     max_memory: float,
     **options: Any,
 ) -> None:
-    """Run `pbrnet import`; exit code 1 if no room was found, or the scene may lie on its side."""
+    """Run `pbrnet import`; exit code 1 if no room was found, or up axis or scale are in doubt."""
     given = _given_options(path, options)
     if "seed" in option_names(path.suffix) and _is_given("seed"):
         given["seed"] = seed
@@ -200,7 +200,7 @@ def import_command(
             out, place, name, number, SceneParams(), derive(seed, "import", scene.scene_id)
         )
         say(f"variant {place}: light: {made.lighting}")
-    doubts = [change for change in scene.changes if change.startswith((NO_ROOM, UNSURE_UP))]
+    doubts = [change for change in scene.changes if change.startswith(DOUBTS)]
     for doubt in doubts:
         say(f"Warning: {path}: {doubt}", err=True)
     if doubts:

@@ -6,6 +6,8 @@ from __future__ import annotations
 # and ends with exit code 1.
 NO_ROOM = "NO ROOM WAS FOUND"
 UNSURE_UP = "THE UP AXIS IS NOT SURE"
+UNSURE_SCALE = "THE UNIT OF LENGTH IS NOT SURE"
+DOUBTS = (NO_ROOM, UNSURE_UP, UNSURE_SCALE)
 _SHOWN = 4  # details of one sentence that are listed
 
 

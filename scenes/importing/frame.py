@@ -6,7 +6,8 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.importing.camera import Camera
-from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.changes import UNSURE_SCALE, Changes
+from pbrnet.scenes.importing.objects import shape_category
 from pbrnet.scenes.importing.options import FreeAxesOptions
 from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.reconstruction.orientation import (
@@ -18,6 +19,10 @@ from pbrnet.scenes.reconstruction.orientation import (
     upright,
 )
 from pbrnet.scenes.reconstruction.raycast import RayCaster
+from pbrnet.scenes.reconstruction.scale_clues import size_clues, usual_size
+
+_SEVERAL = 2  # things with names that tell their size
+_TOO_LARGE = 2.5  # standard deviations of their usual size
 
 
 def upright_metric_frame(
@@ -46,6 +51,7 @@ def upright_metric_frame(
     scale = options.scale
     if scale is None:
         scale = guess_scene_scale(corners @ turn.T, cameras, turn, changes)
+        _doubt_scale(shapes, scale, changes)
     frame = np.eye(4)
     frame[:3, :3] = scale * turn
     return frame
@@ -85,3 +91,19 @@ def guess_scene_scale(
             "(change it with --scale)"
         )
     return scale
+
+
+def _doubt_scale(shapes: list[Shape], scale: float, changes: Changes) -> None:
+    """Note a doubt if all things whose names tell their size are too large, as in a still life.
+
+    The smallest of each category counts: a shape may hold several.
+    """
+    sizes: dict[str, list[float]] = {}
+    for shape in shapes:
+        low, high = shape.mesh.bounds
+        sizes.setdefault(shape_category(shape), []).append(float(np.max(high - low)))
+    clues = size_clues({category: [min(found)] for category, found in sizes.items()})
+    count = sum(len(found) for category, found in sizes.items() if usual_size(category))
+    if count >= _SEVERAL and all(clue.deviation(scale) > _TOO_LARGE for clue in clues):
+        found = ", ".join(clue.sentence(scale) for clue in clues)
+        changes.note(f"{UNSURE_SCALE}: {found}; give --scale, unless that is right")

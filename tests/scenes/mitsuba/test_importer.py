@@ -20,6 +20,7 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
 from pbrnet.scenes.geometry.primitives import cube, cylinder, disk, sphere
+from pbrnet.scenes.importing.changes import UNSURE_SCALE
 from pbrnet.scenes.importing.materials.spectra import spectrum_to_rgb
 from pbrnet.scenes.importing.materials.textures import read_rgbe
 from pbrnet.scenes.mitsuba.values import snake
@@ -908,3 +909,17 @@ def test_the_command_lists_what_was_found_and_lost(tmp_path: Path) -> None:
         assert word in said
     assert load_scene(out).scene_id == "out"
     assert json.loads((out / "scene.json").read_text())["source"]["kind"] == "mitsuba"
+
+
+@pytest.mark.parametrize(("size", "is_doubted"), [(0.4, True), (0.1, False)])
+def test_a_still_life_is_no_room_of_large_cups(
+    tmp_path: Path, size: float, is_doubted: bool
+) -> None:
+    cups = "".join(
+        f'<shape type="cube" id="cup{x}"><transform name="toWorld"><scale value="{size / 2}"/>'
+        f'<translate x="{x}" y="0.9" z="-1"/></transform></shape>'
+        for x in (1, 2)
+    )
+    scene = imported(tmp_path, usual(cups), scale=None)
+    doubts = [change for change in scene.changes if change.startswith(UNSURE_SCALE)]
+    assert len(doubts) == is_doubted and all("crockery by name: 0.4 m" in each for each in doubts)
