@@ -42,6 +42,7 @@ from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import MAX_HEIGHT, MIN_HEIGHT, FoundRoom, slice_segments
 
 LEAST_WALLS = 0.4  # share of a floor's outline along which walls must stand
+_LEAST_LOW_WALLS = 0.5  # the same of walls lower than a person: backs of furniture are no walls
 _LEAST_WALLS_OUTDOORS = 0.75  # the same where the ground is the floor, or beside closed rooms
 _LEAST_OUTER_WALLS = 0.2  # the same along the convex hull; a terrace has the house's walls inside
 _MAX_CELLS = 40_000  # of the grid of vertical rays
@@ -119,6 +120,8 @@ def complete(
     taken = union([space.floor for space in closed])
     built = _level_plan(corners[~is_ground], storey.floor_z)
     spaces, small, best = [], [], 0.0
+    is_low = storey.top_z - storey.floor_z < MIN_HEIGHT
+    least = _LEAST_LOW_WALLS if is_low else LEAST_WALLS
     for piece in _pieces(storey):
         if intersection(piece, taken).area > 0.5 * piece.area:
             continue
@@ -130,12 +133,12 @@ def complete(
             continue
         best = max(best, share)
         on_ground = intersection(piece, built).area < 0.5 * piece.area
-        if share >= (_LEAST_WALLS_OUTDOORS if on_ground else LEAST_WALLS):
+        if share >= (_LEAST_WALLS_OUTDOORS if on_ground else least):
             spaces.append(piece)
     if taken.area > MOST_CLOSED * sum(space.area for space in spaces):
         return NOTHING
     if not spaces:
-        return NOTHING if best == 0.0 else replace(NOTHING, refused=_refusal(best))
+        return NOTHING if best == 0.0 else replace(NOTHING, refused=_refusal(best, least))
     spaces += small
     ceiling_z = max(storey.top_z, storey.floor_z + _LEAST_CEILING)
     foot = storey.floor_z - _BELOW_FLOOR
@@ -229,10 +232,10 @@ def _is_free_above(piece: Polygon, rays: RayCaster, room: FoundRoom) -> bool:
     return bool((distance > _UNDER + _ABOVE).mean() > 0.5)
 
 
-def _refusal(share: float) -> str:
+def _refusal(share: float, least: float) -> str:
     return (
         f"walls stand along {share:.0%} of the largest floor's outline; a room needs "
-        f"{LEAST_WALLS:.0%}, or {_LEAST_WALLS_OUTDOORS:.0%} on bare ground"
+        f"{least:.0%}, or {_LEAST_WALLS_OUTDOORS:.0%} on bare ground"
     )
 
 

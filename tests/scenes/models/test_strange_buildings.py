@@ -11,6 +11,7 @@ from shapely.geometry import Polygon
 
 from pbrnet.pipeline.cli import cli
 from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.changes import UNSURE_UP
 from pbrnet.scenes.models.placement import chosen_scale
 from pbrnet.scenes.reconstruction.raycast import RayCaster
@@ -293,6 +294,17 @@ def test_short_walls_are_walls_and_wall_art_is_not(tmp_path: Path) -> None:
     )
     found = {item.name: (item.category, item.is_structure) for item in scene.objects}
     assert found["wall_3_18"] == ("wall", True) and found["wall art"] == ("other", False)
+
+
+def test_backs_of_furniture_on_a_rug_are_no_walls(tmp_path: Path) -> None:
+    panels = [("TV", ((0.65, -0.1, 0), (2.85, 0, 1.5))),
+              ("Sofa", ((0.65, 5.0, 0), (2.85, 5.1, 1.5))),
+              ("Shelf", ((-0.1, 1, 0), (0, 2, 1.5)))]  # fmt: skip
+    parts = [part("Living_Rug", ((0, 0, -0.02), (3.5, 5, 0))),
+             *(part(f"Living_{name}", ends) for name, ends in panels)]  # fmt: skip
+    made = Building(tuple(parts), (), 0, suffix=".glb", name="livingroom")
+    with pytest.raises(InputError, match="a room needs 50%"):
+        import_scene(made.save(tmp_path / "in"), tmp_path / "out")
 
 
 def test_neighbouring_scales_are_one_answer() -> None:
