@@ -20,12 +20,14 @@ from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, beyond, by_turns, ratio, spread, sums
 from pbrnet.pipeline.cameras import view_sampling
 from pbrnet.pipeline.cameras.settings import ViewParams
-from pbrnet.pipeline.passes.environment import render_environment
+from pbrnet.pipeline.channels import TRACED, TRUTHS
+from pbrnet.pipeline.passes.environment import render_environment, settings
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import TRACED, TRUTHS, render, render_surfaces, settings_of
+from pbrnet.pipeline.passes.registry import render, settings_of
 from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, View, as_matrix
 
@@ -74,7 +76,7 @@ def render_rows(bench: Bench) -> Iterator[Row]:
         "joint": lambda spp: both(spp, 0),
         "panorama": lambda spp: render_illumination(scene, view, PANORAMA),
         "environment": lambda spp: render_environment(
-            scene, view, replace(ENVIRONMENT, spp=spp), replace(truth, denoise="none"), 0
+            scene, view, settings(replace(truth, denoise="none"), replace(ENVIRONMENT, spp=spp)), 0
         ),
         "inputs": lambda spp: render_inputs(scene, view),
         "labels": lambda spp: render_surfaces(scene, view, ("inputs", "materials", "labels")),

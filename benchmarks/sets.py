@@ -13,22 +13,14 @@ import pyarrow.parquet as pq
 from benchmarks.bench import Bench, resized
 from benchmarks.rows import Row, at_most
 from benchmarks.timing import Spent, beyond, by_turns, ratio, spread, sums
-from pbrnet.pipeline.channels import KINDS, ChannelSet, Kind
+from pbrnet.pipeline.channels import KINDS, SURFACES, TRACED, TRUTHS, ChannelSet, Kind
 from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.frames import Result, frame_path, write_frame
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import (
-    SURFACES,
-    TRACED,
-    TRACES,
-    TRUTHS,
-    render,
-    render_surfaces,
-    settings_of,
-    trace_seed,
-)
+from pbrnet.pipeline.passes.registry import TRACES, render, settings_of, trace_seed
 from pbrnet.pipeline.passes.settings import EnvironmentParams, IlluminationParams, LightParams
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import CameraFile, ImageParams, View, as_matrix, save_cameras
 

@@ -38,6 +38,9 @@ Kind = Literal[
     "transport",
 ]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+SURFACES: tuple[Kind, ...] = ("inputs", "materials", "labels", "video")  # of rays, without light
+TRUTHS: tuple[Kind, ...] = ("shading", "color")
+TRACED: tuple[Kind, ...] = (*TRUTHS, "light")  # by one trace of paths
 ChannelSet = Literal[
     "paper",
     "materials",

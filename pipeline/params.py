@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from pbrnet.pipeline.cameras.settings import CameraParams
     from pbrnet.pipeline.dataset.settings import DatasetParams
     from pbrnet.pipeline.farm.settings import FarmParams
+    from pbrnet.pipeline.lenses.settings import OpticsParams
     from pbrnet.pipeline.passes.settings import (
         EnvironmentParams,
         GroundTruthParams,
         IlluminationParams,
         LightParams,
         NoisyParams,
-        OpticsParams,
         ShadingParams,
     )
     from pbrnet.pipeline.tonemap import ToneParams
@@ -70,7 +70,8 @@ class Params:
         f"{_PASSES}:GroundTruthParams", "path-traced shading and colour"
     )
     optics: OpticsParams = section(
-        f"{_PASSES}:OpticsParams", "lens and shutter of colour, see docs/cameras.md"
+        "pbrnet.pipeline.lenses.settings:OpticsParams",
+        "lens and shutter of colour, see docs/cameras.md",
     )
     light: LightParams = section(f"{_PASSES}:LightParams", "channel set light")
     transport: TransportParams = section(

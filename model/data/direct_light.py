@@ -1,6 +1,6 @@
 """Direct lighting of a view by the light sources that its panorama shows.
 
-The positions and intensities of the sources come from `pbrnet.pipeline.passes.panorama_lights`, the
+The positions and intensities of the sources come from `pbrnet.pipeline.panorama_lights`, the
 shadows from `pbrnet.pipeline.passes.visibility` if the view has them. The result lacks indirect
 light and the light of lamps that are not visible from the camera position.
 
@@ -18,7 +18,7 @@ import torch
 from torch.nn import functional
 
 from pbrnet.model.data.reader import Columns
-from pbrnet.pipeline.passes.panorama_lights import (
+from pbrnet.pipeline.panorama_lights import (
     CELLS,
     cell_sources,
     irradiance_per_intensity,

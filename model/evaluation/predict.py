@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pbrnet.model.methods import METHODS, Method
-from pbrnet.pipeline.channels import RGB, Kind, channels_of, column_channel
+from pbrnet.pipeline.channels import RGB, TRUTHS, Kind, channels_of, column_channel
 from pbrnet.pipeline.frames import (
     Channels,
     Frame,
@@ -31,7 +31,7 @@ from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import inputs_of, visible_surfaces
 from pbrnet.pipeline.passes.materials import materials_of
-from pbrnet.pipeline.passes.registry import TRUTHS, render, settings_of
+from pbrnet.pipeline.passes.registry import render, settings_of
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import render_transport
 from pbrnet.pipeline.passes.truth import Preparation, noisy_trace, prepare, render_samples

@@ -14,7 +14,7 @@ from pbrnet.model.data.reader import Dataset, Example, Split
 from pbrnet.model.evaluation.evaluate import open_split
 from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.channels import TRUTHS, Kind
 from pbrnet.pipeline.frames import (
     Channels,
     Frame,
@@ -25,7 +25,7 @@ from pbrnet.pipeline.frames import (
     write_frame,
 )
 from pbrnet.pipeline.passes.illumination import render_illumination
-from pbrnet.pipeline.passes.registry import TRUTHS, frame_fingerprint, render, trace_seed
+from pbrnet.pipeline.passes.registry import frame_fingerprint, render, trace_seed
 from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
 from pbrnet.pipeline.render.scene import (
     RenderScene,

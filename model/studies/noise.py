@@ -30,7 +30,7 @@ from pbrnet.model.studies.frame_store import (
     with_samples,
 )
 from pbrnet.model.studies.trials.command import TrialRequest, trial_command, views_option
-from pbrnet.model.studies.trials.derived_splits import TRUTHS, TruthImages, write_derived_split
+from pbrnet.model.studies.trials.derived_splits import TruthImages, write_derived_split
 from pbrnet.model.studies.trials.plan import (
     STAGES,
     TrainingSource,
@@ -39,6 +39,7 @@ from pbrnet.model.studies.trials.plan import (
     Variant,
     plan,
 )
+from pbrnet.pipeline.channels import TRUTHS
 from pbrnet.pipeline.farm.versions import scene_digest
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import settings_of

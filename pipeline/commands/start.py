@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dask.system import cpu_count
 
+from pbrnet.pipeline.channels import TRACED
 from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.costs.forecast import SCENE_STAGES
 from pbrnet.pipeline.dataset.pack import is_packed
@@ -21,8 +22,6 @@ from pbrnet.pipeline.stages.scenes import plan_scenes
 from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.errors import InputError
-
-_TRUTHS = {"shading", "color", "light"}  # of one trace, which the forecast calls "truth"
 
 
 def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
@@ -38,7 +37,7 @@ def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
         f"images: {image.width}x{image.height}, framing {params.cameras.framing}, "
         f"channels {', '.join(params.channels)}"
     ]
-    if wanted & _TRUTHS:
+    if wanted & set(TRACED):
         lines.append(f"samples: {_samples(params.groundtruth)}")
     scenes, views = _counted(request.data)
     words = f"{views:,} of {scenes:,} scenes" if views else ""

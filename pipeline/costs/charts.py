@@ -16,12 +16,12 @@ import pyarrow as pa
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from pbrnet.pipeline.channels import TRACED
 from pbrnet.pipeline.costs.ledger import SCHEMA
 from pbrnet.pipeline.plotting import SERIES, add_legend, style_axes
 from pbrnet.scenes.arrays import Float64Array
 
 STAGES = ("scenes", "cameras", "inputs", "illumination", "visibility", "shading", "color")
-_TRUTHS = ("shading", "color", "light")
 _TIMELINE = ("scenes", "cameras", "inputs", "illumination", "shading and color")
 _ROWS = 16  # of the timeline
 _BARS = 1500  # of the timeline; more would be thinner than a line
@@ -74,7 +74,7 @@ def stages_first(names: Iterable[str]) -> list[str]:
 
 def _group(row: Row) -> str:
     """Return the name of a row's series; frames of one trace share one."""
-    return "shading and color" if row["stage"] in _TRUTHS else str(row["stage"])
+    return "shading and color" if row["stage"] in TRACED else str(row["stage"])
 
 
 def _color(group: str) -> str:
@@ -210,7 +210,7 @@ def _samples_chart(rows: Sequence[Row]) -> LedgerChart | None:
     spent: dict[tuple[str, str], float] = defaultdict(float)
     facts: dict[tuple[str, str], Row] = {}
     for row in rows:
-        if row["stage"] in _TRUTHS and not row.get("first"):  # without opening and compiling
+        if row["stage"] in TRACED and not row.get("first"):  # without opening and compiling
             key = (row["scene_id"], row["view_id"])
             spent[key] += row["seconds"]
             if row["stage"] != "light":

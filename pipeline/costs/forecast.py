@@ -21,6 +21,7 @@ import numpy.typing as npt
 import pyarrow as pa
 from scipy.optimize import nnls
 
+from pbrnet.pipeline.channels import SURFACES, TRACED
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.errors import InputError
@@ -29,11 +30,10 @@ from pbrnet.scenes.seeds import generator
 SCENE_STAGES = ("scenes", "cameras")
 # "truth" is all that one trace of paths makes of a view: shading, colour, light
 VIEW_STAGES = (
-    *("inputs", "materials", "labels", "video"),
+    *SURFACES,
     *("illumination", "visibility", "truth", "noisy", "environment", "transport"),
 )
 TOGETHER = "together"
-_TRUTHS = ("shading", "color", "light")
 _SAME = 1.5  # ratio of sizes below which the cost per sample cannot be separated
 _HALVES = 100  # draws of half of the scenes
 _MIN_SCENES = 4  # for a cross-validation
@@ -138,7 +138,7 @@ def seconds_of(
     costs = {cost.stage: cost for cost in _costs(_measured(ledger)[0])}
     by_stage: dict[str, set[tuple[str, str]]] = {}
     for stage, scene, view in made:
-        by_stage.setdefault("truth" if stage in _TRUTHS else stage, set()).add((scene, view))
+        by_stage.setdefault("truth" if stage in TRACED else stage, set()).add((scene, view))
     if not by_stage.keys() <= costs.keys():
         return None
     return sum(
@@ -213,7 +213,7 @@ def _truths(by_stage: Mapping[str, Rows]) -> Rows:
     Views with fewer of them than others are left out as unfinished.
     """
     both: dict[tuple[str, str], Rows] = {}
-    for row in (row for stage in _TRUTHS for row in by_stage.get(stage, [])):
+    for row in (row for stage in TRACED for row in by_stage.get(stage, [])):
         both.setdefault((row["scene_id"], row["view_id"]), []).append(row)
     most = max((len(rows) for rows in both.values()), default=0)
     return [

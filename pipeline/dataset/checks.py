@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.pipeline.channels import HALF_MAX, Kind, channels_of, layout
+from pbrnet.pipeline.channels import HALF_MAX, SURFACES, TRUTHS, Kind, channels_of, layout
 from pbrnet.pipeline.dataset.agreement import (
     environment_fault,
     flow_fault,
@@ -37,8 +37,6 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_json
 
 Size = tuple[int, int]  # width, height
-SURFACES: tuple[Kind, ...] = ("inputs", "materials", "labels", "video")  # frames without light
-TRUTHS: tuple[Kind, ...] = ("shading", "color")
 Frames = dict[Kind, Frame]
 
 REASONS = {

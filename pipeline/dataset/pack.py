@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pbrnet import reader
+from pbrnet.pipeline.channels import SURFACES
 from pbrnet.pipeline.dataset.checks import (
-    SURFACES,
     Rejection,
     Size,
     broken_walks,

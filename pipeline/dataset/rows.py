@@ -8,8 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.pipeline.channels import RADIANCE, Channel, column_channel, dataset_channels
-from pbrnet.pipeline.dataset.checks import TRUTHS, Frames, noise_of
+from pbrnet.pipeline.channels import (
+    RADIANCE,
+    TRUTHS,
+    Channel,
+    column_channel,
+    dataset_channels,
+)
+from pbrnet.pipeline.dataset.checks import Frames, noise_of
 from pbrnet.pipeline.dataset.columns import PREVIEWS, Column, Preview, room_layout
 from pbrnet.pipeline.dataset.description.facts import attribution_of, licence_of
 from pbrnet.pipeline.dataset.light import in_row_unit, light_groups, remainder

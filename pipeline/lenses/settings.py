@@ -1,11 +1,11 @@
-"""Parameters of a lens, and the lens of a view that is drawn from them."""
+"""Parameters of lens and shutter, and the lens of a view that is drawn from them."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -46,12 +46,6 @@ class LensParams:
     )
     camera: str = param("", "camera in that file, such as cam1; the first without")
 
-    @property
-    def has_ranges(self) -> bool:
-        """True if the lens differs between views."""
-        numbers = (*self.distortion, *self.focal, *self.centre)
-        return any(isinstance(number, tuple) for number in numbers)
-
     def verify(self, where: str) -> None:
         """Raise ValueError for wrong counts, ranges that descend, and a file beside numbers."""
         for name, counts in (("focal", (0, 1, 2)), ("centre", (0, 2))):
@@ -70,6 +64,50 @@ class LensParams:
                 )
         if self.camera and not self.calibration:
             raise ValueError(f"{where}.camera: needs lens.calibration")
+
+
+@dataclass(frozen=True)
+class OpticsParams:
+    """Thin lens and shutter of colour; all other images are sharp, those of a pinhole.
+
+    Depth of field needs `f_number`, motion blur `exposure`, a rolling shutter `readout`.
+    """
+
+    f_number: float = param(0.0, "focal length over aperture; 0: pinhole", within(0, 128))
+    sensor_width: float = param(
+        36.0, "millimetres; with the field of view, the focal length", within(1, 100)
+    )
+    blades: int = param(0, "edges of the aperture; 0: a disc", within(0, 16))
+    focus_distance: float = param(
+        0.0, "metres along the optical axis; 0: by autofocus", within(0, 10_000)
+    )
+    autofocus: Literal["centre", "median"] = param(
+        "centre", "median depth of the middle tenth of the image; or median, of the whole image"
+    )
+    exposure: float = param(
+        0.0, "share of the time between frames, for motion blur of trajectories", within(0, 1)
+    )
+    readout: float = param(
+        0.0, "share of the time between frames from first to last row; 0: global", within(0, 1)
+    )
+    frame_rate: float = param(30.0, "frames per second, for times in rows", within(0.1, 10_000))
+
+    @property
+    def active(self) -> bool:
+        """True if colour is not that of a pinhole that stands still."""
+        return bool(self.f_number) or self.moves
+
+    @property
+    def moves(self) -> bool:
+        """True if the camera moves while colour is exposed."""
+        return bool(self.exposure or self.readout)
+
+    def verify(self, where: str) -> None:
+        """Raise ValueError for an aperture wider than lenses have, a focus in them, two blades."""
+        for name, least in (("f_number", 0.5), ("focus_distance", 0.05), ("blades", 3)):
+            if 0 < getattr(self, name) < least:
+                value = getattr(self, name)
+                raise ValueError(f"{where}.{name}: {value:g}; 0, or at least {least:g}")
 
 
 def lens_of(

@@ -10,13 +10,13 @@ centre, noise-free and past clear glass as in the inputs.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from pbrnet.pipeline.channels import NORMAL, RGB, Kind
-from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.frames import Channels, Result
 from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.passes.denoise import SUBPIXELS, Image, denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import lens_launch, render_blocks
@@ -51,31 +51,28 @@ def settings(
 
 
 def render_environment(
-    render_scene: RenderScene,
-    view: View,
-    params: EnvironmentParams,
-    truth: GroundTruthParams,
-    seed: int,
-) -> tuple[Channels, dict[str, Any]]:
-    """Return the channels of an `environment` frame, (width / 2, width), and their statistics.
+    render_scene: RenderScene, view: View, settings: Mapping[Kind, EnvironmentSettings], seed: int
+) -> dict[Kind, Result]:
+    """Render the channels of an `environment` frame, (width / 2, width), and their statistics.
 
     `R`, `G`, `B`: linear radiance >= 0, float32 rounded to the precision of half floats, whose
     range a bare bulb or the sun exceeds. `distance.Z`: distance along the ray in metres, float32,
     not z-depth; `N.X/N.Y/N.Z`: unit normal that faces the camera, in its axes (x right, y down, z
     forward). They are 0 where no surface is. The statistics are those of `render_truth`.
 
-    `truth` has depth, emitter sampling and denoiser; `seed` is the view's own seed.
+    `seed` is the view's own seed.
     """
-    settings = replace(truth, spp=params.spp, noise=0.0)
-    lens = Lens("equirectangular", params.width, params.width // 2, ())
-    launch = lens_launch(render_scene.neutral(None), view, lens, settings, seed)
-    canvas = replace(view, width=params.width, height=params.width // 2)
-    ((image, stats),) = render_blocks(launch, canvas, settings, seed, 1)
-    if truth.denoise == "oidn":
-        image = denoise(image, *_guides(render_scene, view, params.width), around=True)
-        stats = {**stats, "denoiser": denoiser_version()}
+    own = settings["environment"]
+    width, height = own.panorama.width, own.panorama.width // 2
+    lens = Lens("equirectangular", width, height, ())
+    launch = lens_launch(render_scene.neutral(None), view, lens, own.trace, seed)
+    canvas = replace(view, width=width, height=height)
+    ((image, stats),) = render_blocks(launch, canvas, own.trace, seed, 1)
+    if own.denoiser:
+        image = denoise(image, *_guides(render_scene, view, width), around=True)
+        stats = {**stats, "denoiser": own.denoiser}
     colour = {band: rounded(image[band]) for band in RGB}
-    return {**colour, **_geometry(render_scene, view, params.width)}, stats
+    return {"environment": ({**colour, **_geometry(render_scene, view, width)}, stats)}
 
 
 def rounded(values: AnyArray) -> Float32Array:

@@ -12,37 +12,17 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
-from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.channels import SURFACES, Kind
 from pbrnet.pipeline.frames import Result, camera_of, fingerprint
 from pbrnet.pipeline.keys import keys
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes import environment, illumination, transport, truth, visibility
-from pbrnet.pipeline.passes.inputs import VisibleSurfaces, inputs_of, visible_surfaces
-from pbrnet.pipeline.passes.labels import labels_of
-from pbrnet.pipeline.passes.materials import materials_of
-from pbrnet.pipeline.passes.video import video_of
+from pbrnet.pipeline.passes import environment, transport, truth
+from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes.surfaces import render_surfaces
+from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.seeds import derive
-
-MAKERS: dict[Kind, Callable[[VisibleSurfaces], Result]] = {
-    "inputs": lambda surfaces: (inputs_of(surfaces), {}),
-    "materials": materials_of,
-    "labels": labels_of,
-    "video": lambda surfaces: (video_of(surfaces), {}),
-}
-
-
-def render_surfaces(
-    scene: RenderScene, view: View, kinds: Iterable[Kind], seed: int = 0
-) -> dict[Kind, Result]:
-    """Render some kinds of `MAKERS`, each with the same bits alone and with the others."""
-    kinds = tuple(kinds)
-    surfaces = visible_surfaces(
-        scene, view, colors="inputs" in kinds, textures="materials" in kinds
-    )
-    return {kind: MAKERS[kind](surfaces) for kind in kinds}
-
 
 S = TypeVar("S")
 
@@ -71,40 +51,30 @@ class Trace(Generic[S]):
         return tuple(self.keys)
 
 
-def _single(
-    kind: Kind, make: Callable[[RenderScene, View, Any, int], Result]
-) -> Callable[[RenderScene, View, Mapping[Kind, Any], int], dict[Kind, Result]]:
-    """Return the rendering of a trace that makes one kind of frame."""
-    return lambda scene, view, settings, seed: {kind: make(scene, view, settings[kind], seed)}
-
-
 _TRUTH = ("groundtruth", "inputs")  # inputs guide the denoiser
 TRACES: tuple[Trace[Any], ...] = (
     Trace(
-        {
-            "inputs": ("inputs",),
-            "materials": ("materials", "inputs"),
-            "labels": ("labels", "inputs"),
-            "video": ("video", "inputs"),
-        },
-        lambda params: dict.fromkeys(MAKERS),  # they depend on the view alone
+        {kind: (kind, "inputs") for kind in SURFACES},
+        lambda params: dict.fromkeys(SURFACES),  # they depend on the view alone
         render_surfaces,
     ),
     Trace(
         {"illumination": ("illumination",)},
         lambda params: {"illumination": replace(params.illumination, shadow_rays=0)},
-        _single("illumination", lambda *of: (illumination.render_illumination(*of[:3]), {})),
+        lambda scene, view, own, _: {
+            "illumination": (render_illumination(scene, view, own["illumination"]), {})
+        },
     ),
     Trace(
         {"visibility": ("visibility", "illumination", "inputs")},
         lambda params: {"visibility": params.illumination},
-        _single("visibility", lambda *of: (visibility.render_visibility(*of[:3]), {})),
+        lambda scene, view, own, _: {
+            "visibility": (render_visibility(scene, view, own["visibility"]), {})
+        },
     ),
     Trace(
         {"shading": _TRUTH, "color": _TRUTH, "light": ("light", *_TRUTH)},
-        lambda params: truth.truth_settings(
-            params.groundtruth, params.shading, params.light, params.optics
-        ),
+        lambda of: truth.truth_settings(of.groundtruth, of.shading, of.light, of.optics),
         truth.render_truths,
         seed="truth",
         together=lambda settings: settings.trace.joint and not settings.optics,
@@ -113,9 +83,7 @@ TRACES: tuple[Trace[Any], ...] = (
     # Of other samples: a network that sees the ground truth's own would learn its noise.
     Trace(
         {"noisy": (*_TRUTH, "guides")},
-        lambda params: truth.noisy_settings(
-            params.groundtruth, params.shading, params.noisy, params.optics
-        ),
+        lambda of: truth.noisy_settings(of.groundtruth, of.shading, of.noisy, of.optics),
         truth.render_noisy,
         seed="noisy",
         moves=lambda settings: settings.moves,
@@ -123,30 +91,19 @@ TRACES: tuple[Trace[Any], ...] = (
     Trace(
         {"environment": ("environment", *_TRUTH)},
         lambda params: environment.settings(params.groundtruth, params.environment),
-        _single(
-            "environment",
-            lambda scene, view, own, seed: environment.render_environment(
-                scene, view, own.panorama, own.trace, seed
-            ),
-        ),
+        environment.render_environment,
         seed="environment",
     ),
     Trace(
         {"transport": ("transport", "guides")},
         lambda params: transport.settings(params.transport),
-        _single(
-            "transport",
-            lambda scene, view, own, seed: transport.render_transport(
-                scene, view, own.transport, seed
-            ),
-        ),
+        lambda scene, view, own, seed: {
+            "transport": transport.render_transport(scene, view, own["transport"].transport, seed)
+        },
         seed="transport",
     ),
 )
 TRACE_OF: dict[Kind, Trace[Any]] = {kind: trace for trace in TRACES for kind in trace.kinds}
-SURFACES = TRACE_OF["inputs"].kinds
-TRUTHS: tuple[Kind, ...] = ("shading", "color")
-TRACED = TRACE_OF["light"].kinds
 
 
 def settings_of(params: Params, kinds: Iterable[Kind]) -> dict[Kind, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from pbrnet.pipeline.channels import DENOISED, DENOISED_SHADING, HALF, NOISY_SHADING, RGB, Kind
 from pbrnet.pipeline.frames import Channels, Result
+from pbrnet.pipeline.lenses.settings import OpticsParams
 from pbrnet.pipeline.passes.denoise import (
     Guides,
     Quality,
@@ -28,19 +29,17 @@ from pbrnet.pipeline.passes.groundtruth import (
     truth_of,
 )
 from pbrnet.pipeline.passes.light import light_of
-from pbrnet.pipeline.passes.optics import facts_of, optics_of
 from pbrnet.pipeline.passes.settings import (
     GroundTruthParams,
     LightParams,
     NoisyParams,
-    OpticsParams,
     ShadingParams,
 )
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.light_parts import group_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.pathtrace.noise import BlockStatistics, residual_noise
-from pbrnet.pipeline.pathtrace.optics import Optics
+from pbrnet.pipeline.pathtrace.optics import Optics, facts_of, optics_of
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.transport.guides import fast_guides, optics_guides
 from pbrnet.pipeline.views import View

@@ -13,9 +13,9 @@ import numpy as np
 
 from pbrnet.pipeline.channels import TINT
 from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.panorama_lights import sources, unshadowed_irradiance
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import facing_normals
-from pbrnet.pipeline.passes.panorama_lights import sources, unshadowed_irradiance
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.scene import RenderScene

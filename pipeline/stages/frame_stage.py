@@ -15,18 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from pbrnet.pipeline.cameras.settings import ViewParams
-from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.channels import SURFACES, TRACED, Kind
 from pbrnet.pipeline.dataset.checks import Rejection, surfaces_of
 from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import frame_path, holds
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import (
-    TRACE_OF,
-    TRACED,
-    frame_fingerprint,
-    settings_of,
-    trace_seed,
-)
+from pbrnet.pipeline.passes.registry import TRACE_OF, frame_fingerprint, settings_of, trace_seed
 from pbrnet.pipeline.records import Failure, Trash, data_lock
 from pbrnet.pipeline.splits import split_sampling
 from pbrnet.pipeline.stages.cameras import camera_fingerprints
@@ -55,9 +49,9 @@ _MADE_AGAIN = ("missing", "damaged", "stale")  # reasons for a rejection that do
 
 # Kinds of frames that each stage renders: those that the parameters ask for, of each its folder.
 FRAME_STAGES: dict[str, tuple[Kind, ...]] = {
-    "inputs": ("inputs", "materials", "labels", "video"),
+    "inputs": SURFACES,
     "illumination": ("illumination", "visibility"),
-    "groundtruth": ("shading", "color", "light", "noisy", "environment", "transport"),
+    "groundtruth": (*TRACED, "noisy", "environment", "transport"),
     "shading": ("shading",),  # half of groundtruth, as the next one
     "color": ("color",),
 }

@@ -20,7 +20,7 @@ from pbrnet.pipeline.cameras.camera_files import make_cameras
 from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.cameras.shared_cameras import take_cameras
 from pbrnet.pipeline.cameras.trajectory_files import Trajectory
-from pbrnet.pipeline.channels import Kind
+from pbrnet.pipeline.channels import SURFACES, Kind
 from pbrnet.pipeline.farm.settings import Variant
 from pbrnet.pipeline.farm.versions import instruction_set, memory_columns, require_code
 from pbrnet.pipeline.farm.workspace import (
@@ -32,7 +32,7 @@ from pbrnet.pipeline.farm.workspace import (
     writing,
 )
 from pbrnet.pipeline.frames import Channels, Result, frame_path, write_frame
-from pbrnet.pipeline.passes.registry import SURFACES, TRACE_OF, render
+from pbrnet.pipeline.passes.registry import TRACE_OF, render
 from pbrnet.pipeline.render.scene import (
     RenderScene,
     free_memory,

@@ -62,6 +62,7 @@ from pbrnet.model.studies.time.results import (
     TimeResult,
 )
 from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.channels import TRUTHS
 from pbrnet.pipeline.commands.options import Size
 from pbrnet.pipeline.farm.versions import processor, scene_digest
 from pbrnet.pipeline.frames import Channels
@@ -70,7 +71,7 @@ from pbrnet.pipeline.passes.denoise import denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import TRUTHS, render, settings_of
+from pbrnet.pipeline.passes.registry import render, settings_of
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.transport import samples_for
 from pbrnet.pipeline.passes.truth import sample_guides

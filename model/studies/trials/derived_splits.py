@@ -17,13 +17,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pbrnet.model.data.reader import PAPER, SCALARS, Dataset, Split
-from pbrnet.pipeline.channels import HALF_MAX, RADIANCE_SCALE, Kind
+from pbrnet.pipeline.channels import HALF_MAX, RADIANCE_SCALE, TRUTHS
 from pbrnet.pipeline.dataset.parquet import image_cell
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.files import atomic_directory, sweep, write_text
 
-TRUTHS: tuple[Kind, ...] = ("shading", "color")
 TruthImages = dict[str, AnyArray]  # `shading` and `color`, linear (H, W, 3)
 TruthLookup = Callable[[str, str], TruthImages]  # (scene_id, view_id) -> images
 _KEPT = (*SCALARS, *PAPER, "licence", "attribution")

@@ -16,7 +16,7 @@ from pbrnet.model.data.direct_light import (
 from pbrnet.model.data.encoding import DIRECT_RANGE, encode, solid_angles
 from pbrnet.model.data.reader import Dataset, Example, mirrored
 from pbrnet.model.methods import DIRECT
-from pbrnet.pipeline.passes.panorama_lights import panorama_directions, sources
+from pbrnet.pipeline.panorama_lights import panorama_directions, sources
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of, tonemap
 from pbrnet.scenes.color import luminance
 from tests.fixtures.model import box_dataset, made_example

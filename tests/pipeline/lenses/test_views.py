@@ -17,7 +17,7 @@ from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.params import build_params
 from pbrnet.pipeline.passes.groundtruth import render_both, render_color, render_truth
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import render_surfaces
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.passes.video import reproject
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View, as_matrix, camera_model, look

@@ -15,7 +15,7 @@ from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.dataset.agreement import disagreement
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.denoise import denoise
-from pbrnet.pipeline.passes.environment import render_environment, rounded
+from pbrnet.pipeline.passes.environment import render_environment, rounded, settings
 from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.settings import EnvironmentParams
@@ -35,9 +35,9 @@ TILTED = make_view((0.3, -0.4, 1.4), (1, 0.6, -0.5), up=(0.3, 0, 1))
 
 
 def panorama(scene: RenderScene, view: View, width: int = WIDTH, **truth: object) -> Channels:
-    settings = plain_truth(**{"max_depth": 6, **truth})  # type: ignore[arg-type]
-    sampling = EnvironmentParams(width, settings.spp)
-    return render_environment(scene, view, sampling, settings, 1)[0]
+    traced = plain_truth(**{"max_depth": 6, **truth})  # type: ignore[arg-type]
+    own = settings(traced, EnvironmentParams(width, traced.spp))
+    return render_environment(scene, view, own, 1)["environment"][0]
 
 
 def image(channels: Channels) -> np.ndarray:

@@ -11,7 +11,7 @@ from pbrnet.pipeline.channels import channels_of
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.labels import RENDERERS
-from pbrnet.pipeline.passes.registry import render_surfaces
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.boxes import Box, box_around
 from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.scenes.contract import Light

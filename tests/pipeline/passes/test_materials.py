@@ -10,7 +10,7 @@ from pbrnet.pipeline.channels import channels_of
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.materials import RENDERERS
-from pbrnet.pipeline.passes.registry import render_surfaces
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.drjit_arrays import vector
 from pbrnet.pipeline.render.materials import RULES
 from pbrnet.pipeline.render.scene import RenderScene, open_scene

@@ -11,13 +11,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from pbrnet.pipeline.channels import TRUTHS
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.parquet import images_of
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import Channels, Frame, frame_path, read_frame
 from pbrnet.pipeline.passes.denoise import denoiser_version
-from pbrnet.pipeline.passes.registry import TRUTHS, trace_seed
+from pbrnet.pipeline.passes.registry import trace_seed
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.truth import noisy_trace, render_samples
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant

@@ -14,11 +14,12 @@ from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.pipeline.frames import frame_path, read_frame, write_frame
+from pbrnet.pipeline.lenses.settings import OpticsParams
 from pbrnet.pipeline.params import Params, build_params
-from pbrnet.pipeline.passes.optics import optics_of
 from pbrnet.pipeline.passes.registry import TRACE_OF, settings_of
-from pbrnet.pipeline.passes.settings import NoisyParams, OpticsParams
+from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.pathtrace import integrator
+from pbrnet.pipeline.pathtrace.optics import optics_of
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import as_matrix, look
 from pbrnet.scenes.checked import plain

@@ -11,15 +11,15 @@ import pytest
 
 from pbrnet.model.data.reader import Dataset
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras
-from pbrnet.pipeline.channels import BUMPED, DIRECT, NORMAL, RGB
+from pbrnet.pipeline.channels import BUMPED, DIRECT, NORMAL, RGB, TRACED
 from pbrnet.pipeline.dataset.agreement import label_fault, material_fault, world_points
 from pbrnet.pipeline.dataset.pack import pack_dataset
-from pbrnet.pipeline.frames import Frame
+from pbrnet.pipeline.frames import Channels, Frame
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.environment import render_environment
+from pbrnet.pipeline.passes.environment import render_environment, settings
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import TRACED, render_surfaces
 from pbrnet.pipeline.passes.settings import EnvironmentParams
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import ImageParams, View
 from pbrnet.scenes.checked import build
@@ -66,9 +66,15 @@ def test_surfaces_lie_along_the_documented_directions(home: RenderScene) -> None
         assert (np.abs(points[walls][:, axis] - edge) < 1e-5).any()
 
 
+def panorama(home: RenderScene, spp: int) -> Channels:
+    """Channels of the environment of `FLAT`."""
+    own = settings(TRUTH, EnvironmentParams(WIDTH, spp))
+    return render_environment(home, FLAT, own, 1)["environment"][0]
+
+
 def test_its_geometry_is_that_of_its_environment(home: RenderScene) -> None:
     inputs = render_inputs(home, VIEW)
-    around, _ = render_environment(home, FLAT, EnvironmentParams(WIDTH, 1), TRUTH, 1)
+    around = panorama(home, 1)
     np.testing.assert_array_equal(inputs["Z"], around["distance.Z"])
     for band in NORMAL:
         np.testing.assert_array_equal(inputs[band], around[band])
@@ -77,7 +83,7 @@ def test_its_geometry_is_that_of_its_environment(home: RenderScene) -> None:
 def test_its_light_is_that_of_its_environment_and_adds_up(home: RenderScene) -> None:
     """Without roulette both are the same paths; the neutral twin is traced along with them."""
     made = render(TRACED, home, VIEW, PARAMS, 1)
-    around, _ = render_environment(home, FLAT, EnvironmentParams(WIDTH, 4), TRUTH, 1)
+    around = panorama(home, 4)
     color = np.stack([made["color"][0][band] for band in RGB])
     np.testing.assert_allclose(color, np.stack([around[band] for band in RGB]), rtol=1e-3)
     assert made["shading"][0]["R"].std() > 0

@@ -13,7 +13,7 @@ from pbrnet.pipeline.dataset.agreement import flow_fault
 from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import render_surfaces
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View, as_matrix, look
 from tests.fixtures.render import diffuse, make_view, quad, room_walls, write_scene

@@ -10,7 +10,7 @@ import pytest
 
 from pbrnet.pipeline.frames import Channels
 from pbrnet.pipeline.passes.inputs import render_inputs
-from pbrnet.pipeline.passes.registry import render_surfaces
+from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.render.raycast import wavefront
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View

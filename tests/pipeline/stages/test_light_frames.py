@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.channels import DIFFUSE, DIRECT, light_bands
+from pbrnet.pipeline.channels import DIFFUSE, DIRECT, TRACED, light_bands
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, read_frame
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.registry import TRACE_OF, TRACED
+from pbrnet.pipeline.passes.registry import TRACE_OF
 from pbrnet.pipeline.passes.settings import LightParams
 from pbrnet.pipeline.passes.truth import truth_settings
 from pbrnet.pipeline.pathtrace import integrator
