@@ -106,6 +106,20 @@ class Params:
         )
         return (*kinds, *(kind for kind, wanted in more if wanted))
 
+    def calibrated(self) -> Params:
+        """Return the parameters with the numbers of the calibration file, if they name one."""
+        image = self.image
+        if not image.lens.calibration:
+            return self
+        found = read_calibration(Path(image.lens.calibration), image.lens.camera)
+        params = replace(self, image=replace(image, lens=calibrated(image, found)))
+        try:
+            params.image.verify("image")
+            params.verify("")
+        except ValueError as error:
+            raise ParameterError(f"{image.lens.calibration}: {error}") from None
+        return params
+
     def verify(self, where: str) -> None:
         """Raise ValueError unless `channels` names sets that can be rendered, each once."""
         for index, name in enumerate(self.channels):
@@ -180,26 +194,11 @@ def build_params(data: Any) -> Params:
     """
     scenes = data.get("scenes", {}) if isinstance(data, dict) else None
     if not isinstance(scenes, dict) or scenes.get("texture_size", "auto") != "auto":
-        return _calibrated(build(Params, data))
+        return build(Params, data).calibrated()
     known = {name: value for name, value in scenes.items() if name != "texture_size"}
-    params = _calibrated(build(Params, {**data, "scenes": known}))
+    params = build(Params, {**data, "scenes": known}).calibrated()
     size = texture_size_for(params.image.width)
     return replace(params, scenes=replace(params.scenes, texture_size=size))
-
-
-def _calibrated(params: Params) -> Params:
-    """Return the parameters with the numbers of the calibration file, if they name one."""
-    image = params.image
-    if not image.lens.calibration:
-        return params
-    found = read_calibration(Path(image.lens.calibration), image.lens.camera)
-    params = replace(params, image=replace(image, lens=calibrated(image, found)))
-    try:
-        params.image.verify("image")
-        params.verify("")
-    except ValueError as error:
-        raise ParameterError(f"{image.lens.calibration}: {error}") from None
-    return params
 
 
 def load_params(path: Path, seed: int | None = None) -> Params:

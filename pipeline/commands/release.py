@@ -15,7 +15,6 @@ from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.farm.versions import instruction_set, processor
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import run_lock
 from pbrnet.pipeline.release.recipe import (
     Record,
@@ -90,8 +89,9 @@ def release(
     known = load_record(name, recipes)
     out = resolved(out or Path("data") / "releases" / name)
     params = replace(recipe.parameters, farm=chosen(recipe.parameters.farm, **farm))
-    say(*start_lines(Request(params, out, scheduler)), err=True)
-    summary, failure = _make(out, params, scheduler)
+    request = Request(params, out, scheduler)
+    say(*start_lines(request), err=True)
+    summary, failure = _make(request)
     dataset = out / "dataset"
     made = Record(
         recipe.version,
@@ -122,19 +122,17 @@ def release(
         raise failure
 
 
-def _make(
-    out: Path, params: Params, scheduler: str | None
-) -> tuple[DatasetSummary, StageError | None]:
+def _make(request: Request) -> tuple[DatasetSummary, StageError | None]:
     """Run all stages; returns what the dataset holds, and the first stage's failures."""
     failure = None
-    with run_lock(out, "release"):
+    with run_lock(request.data, "release"):
         for stage in _STAGES:
             try:
-                say(*str(stage(out, params, scheduler)).split("\n"))
+                say(*str(stage(request.data, request.params, request.scheduler)).split("\n"))
             except StageError as error:  # some views failed; the dataset holds the others
                 say(*error.args, err=True)
                 failure = failure or error
-        return pack_dataset(out, params), failure
+        return pack_dataset(request.data, request.params), failure
 
 
 def _with_scenes(out: Path, format_: str) -> None:

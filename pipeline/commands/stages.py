@@ -90,7 +90,8 @@ def scenes(request: Request, describe: Path | None) -> None:
     if describe is None:
         _run(request, "scenes")
         return
-    written = describe_homes(request.data, request.params, describe)
+    params = request.params
+    written = describe_homes(request.data, params.scenes, params.seed, describe)
     say(f"{len(written)} layouts in {describe}; change one and read it with: pbrnet import")
 
 

@@ -13,7 +13,6 @@ from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.costs.forecast import SCENE_STAGES
 from pbrnet.pipeline.dataset.pack import is_packed
 from pbrnet.pipeline.farm.cluster import scheduler_address
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.stages.cameras import plan_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, plan_frames
@@ -75,7 +74,7 @@ def say_plans(request: Request, names: Iterable[str]) -> None:
     """Print what stages will make, keep and remove: as output if that is all, else on stderr."""
     names, changes = list(names), False
     try:
-        for plan in plan_stages(names, request.data, request.params):
+        for plan in plan_stages(names, request):
             say(plan_line(plan), err=not request.dry_run)
             changes |= bool(plan.items or plan.later or plan.orphans or plan.returning)
         if "dataset" in names:
@@ -88,14 +87,14 @@ def say_plans(request: Request, names: Iterable[str]) -> None:
         say(f"not known before the catalogues are available: {error}", err=not request.dry_run)
 
 
-def plan_stages(names: Iterable[str], data: Path, params: Params) -> Iterator[StagePlan]:
+def plan_stages(names: Iterable[str], request: Request) -> Iterator[StagePlan]:
     """Yield what stages of these names will do one after the other, from `scenes` to frames.
 
     A stage whose scenes or cameras are made before it has at most as many files to make as it has
     views per scene. Checksums are left to the stages.
     """
-    pending, data = NOTHING_PENDING, Path(data).resolve()
-    params = replace(params, farm=replace(params.farm, checksums=False))
+    pending, data = NOTHING_PENDING, request.data.resolve()
+    params = replace(request.params, farm=replace(request.params.farm, checksums=False))
     for name in names:
         if name == "scenes":
             plan = plan_scenes(data, params)

@@ -15,6 +15,7 @@ from pbrnet.pipeline.cameras.trajectory_files import (
     trajectories_of,
     trajectory_digests,
 )
+from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
@@ -51,7 +52,9 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
         made: dict[Path, bool] = {}
         # Scenes that take the cameras of another scene come after those.
         for taking in (False, True):
-            part = StagePlan(data, params, "cameras", "scenes", sample_scene, plan.accepted)
+            part = StagePlan(
+                data, plan.farm, plan.view, "cameras", "scenes", sample_scene, plan.accepted
+            )
             for item in plan.items:
                 scene_id, job = item.group, item.payload
                 if (first[scene_id] != scene_id) != taking:
@@ -78,7 +81,8 @@ def plan_cameras(
     `pending` scenes are left aside, as they will be others by then.
     """
     root, renderers = data / "cameras", accepted_renderers(params.farm)
-    plan = StagePlan(data, params, "cameras", "scenes", sample_scene, renderers)
+    size = view_size(params)
+    plan = StagePlan(data, params.farm, size, "cameras", "scenes", sample_scene, renderers)
     scenes = list_scenes(plan, pending.scenes)
     first = first_scenes(scenes, params.cameras)
     for given in params.cameras.trajectories:

@@ -16,6 +16,7 @@ from typing import Any
 
 from pbrnet.pipeline.cameras.settings import ViewParams
 from pbrnet.pipeline.channels import SURFACES, TRACED, Kind
+from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.dataset.checks import Rejection, surfaces_of
 from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import frame_path, holds
@@ -88,7 +89,8 @@ def plan_frames(
     kinds, renderers = FRAME_STAGES[stage], accepted_renderers(params.farm)
     wanted = [kind for kind in kinds if kind in params.kinds]
     unit = "views" if len(wanted) == 1 else "frames"
-    plan = StagePlan(data, params, stage, unit, render_frames, renderers)
+    size = view_size(params)
+    plan = StagePlan(data, params.farm, size, stage, unit, render_frames, renderers)
     scenes = list_scenes(plan, pending.scenes)
     digests = scene_digests(data, scenes)
     of_cameras = ViewParams(params.cameras, params.image)

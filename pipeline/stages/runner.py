@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 
 from dask.system import cpu_count
 
-from pbrnet.pipeline.costs.forecast import estimator, seconds_of, view_size
+from pbrnet.pipeline.costs.forecast import ViewSize, estimator, seconds_of
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.cluster import Farm, scheduler_address
 from pbrnet.pipeline.farm.settings import FarmParams
@@ -28,7 +28,6 @@ from pbrnet.pipeline.farm.transfer import TransferService
 from pbrnet.pipeline.farm.versions import code_version, scene_digest
 from pbrnet.pipeline.farm.worker import Item, Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress, span
 from pbrnet.pipeline.records import Failure, Trash, save_failures, size_text
 from pbrnet.pipeline.render.scene import renderer_version
@@ -102,7 +101,8 @@ class StagePlan:
     """
 
     data: Path
-    params: Params
+    farm: FarmParams
+    view: ViewSize
     stage: str
     unit: str  # plural noun for the progress bar
     work: Callable[[Any], Any]
@@ -136,7 +136,7 @@ class StagePlan:
     @property
     def trash(self) -> Trash:
         """Trash of the data folder."""
-        return Trash(self.data, self.params.farm.trash_days)
+        return Trash(self.data, self.farm.trash_days)
 
     def add(self, job: Any, *targets: Target) -> None:
         """Add an item; the files now at its targets are out of date."""
@@ -150,7 +150,7 @@ def plan_line(plan: StagePlan) -> str:
     """Return what a stage makes, keeps and removes, and its time by the ledger, as text."""
     old, words = plan.replaced, ""
     if old:
-        kept = "; the old ones to the trash" if plan.params.farm.trash_days else ""
+        kept = "; the old ones to the trash" if plan.farm.trash_days else ""
         words = f" ({len(old)} of them out of date, {size_text(old)}{kept})"
     parts = [f"{len(plan.outputs)} to make{words}"]
     if plan.later:
@@ -163,7 +163,7 @@ def plan_line(plan: StagePlan) -> str:
     if plan.left_out:
         parts.append(f"{len(plan.left_out)} views skipped, rejected by dataset.checks")
     if plan.orphans:
-        where = "to the trash" if plan.params.farm.trash_days else "to be deleted"
+        where = "to the trash" if plan.farm.trash_days else "to be deleted"
         parts.append(f"{len(plan.orphans)} no longer required, {size_text(plan.orphans)}, {where}")
     seconds = plan_seconds(plan)
     if seconds:
@@ -174,7 +174,7 @@ def plan_line(plan: StagePlan) -> str:
 def plan_seconds(plan: StagePlan) -> float | None:
     """Return the core-seconds of a plan by the ledger; None if that does not tell."""
     made = [(one.stage, one.scene_id, one.view_id) for one in (*plan.outputs, *plan.later)]
-    return seconds_of(read_ledger(plan.data), made, view_size(plan.params))
+    return seconds_of(read_ledger(plan.data), made, plan.view)
 
 
 def begin(plan: StagePlan) -> None:
@@ -186,7 +186,7 @@ def begin(plan: StagePlan) -> None:
     say(plan_line(plan), err=True)
     plan.trash.put_back(plan.returning)
     plan.trash.add(plan.orphans)
-    if plan.params.farm.trash_days:
+    if plan.farm.trash_days:
         plan.trash.add(plan.replaced)
     plan.trash.sweep()
     plan.kept += len(plan.returning)
@@ -215,9 +215,7 @@ def execute(plan: StagePlan, scheduler: str | None) -> dict[Path, bool]:
             progress.announce(key, len(plan.targets.get(key, ())))
 
         try:
-            with opened_farm(
-                plan.data, plan.params.farm, scheduler, len(plan.items), accepted
-            ) as farm:
+            with opened_farm(plan.data, plan.farm, scheduler, len(plan.items), accepted) as farm:
                 progress.expected = expected(farm.count)
                 progress.write(farm.workers)
                 for outcome in farm.run(plan.work, _weighted(plan), finished):

@@ -9,6 +9,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.farm.versions import STAGE_FILES_KEY, STAGE_KEY
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
@@ -47,13 +48,13 @@ def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summ
         return finish(plan, made)
 
 
-def describe_homes(data: Path, params: Params, out: Path) -> list[Path]:
+def describe_homes(data: Path, wanted: SceneParams, seed: int, out: Path) -> list[Path]:
     """Write the procedural homes of the parameters to a folder as layouts; returns the files.
 
     No scene is made. A home is a file `home-0000.layout.json`, see `pbrnet.scenes.layout`.
     """
     written = []
-    for job in home_jobs(Path(data).resolve() / "scenes", params.scenes, params.seed):
+    for job in home_jobs(Path(data).resolve() / "scenes", wanted, seed):
         varied = frozenset(job.params.vary) if job.variant else frozenset()
         seeds = HomeSeeds(job.seed, job.variant, varied)
         design = design_home(job.params, seeds, job.assets)
@@ -67,7 +68,8 @@ def describe_homes(data: Path, params: Params, out: Path) -> list[Path]:
 def plan_scenes(data: Path, params: Params) -> StagePlan:
     """Return what the stage will do; nothing is changed."""
     root = data / "scenes"
-    plan = StagePlan(data, params, "scenes", "scenes", make_scene, renders=False)
+    size = view_size(params)
+    plan = StagePlan(data, params.farm, size, "scenes", "scenes", make_scene, renders=False)
     wanted: dict[str, HomeJob | ImportJob] = {}
     jobs: list[HomeJob | ImportJob] = [*home_jobs(root, params.scenes, params.seed)]
     jobs += import_jobs(root, params.scenes, params.seed, plan.failures)

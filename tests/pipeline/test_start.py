@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.commands.start import start_lines
+from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.inspection.renders import view_at
 from pbrnet.pipeline.params import Params
@@ -72,7 +73,7 @@ def test_the_ledger_tells_the_time(tmp_path: Path) -> None:
             )
     ledger.save()
     params = Params(groundtruth=GroundTruthParams(32))
-    plan = StagePlan(tmp_path, params, "groundtruth", "frames", print)
+    plan = StagePlan(tmp_path, params.farm, view_size(params), "groundtruth", "frames", print)
     for scene in ("one", "two", "three"):
         frames = [Target(tmp_path / kind, kind, scene, "0") for kind in ("shading", "color")]
         plan.add(None, *frames)

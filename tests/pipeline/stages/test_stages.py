@@ -15,6 +15,7 @@ from click.testing import CliRunner
 
 from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.commands import stages
+from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.commands.start import plan_stages
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.farm.settings import FarmParams
@@ -197,7 +198,7 @@ def test_orphans_come_back_from_the_trash_without_rendering(
     before = files_in(data, "color", "shading")
     fewer = _alter("cameras", views_per_room=1)
     everything = files_in(data, ".")
-    plans = [plan_line(plan) for plan in plan_stages(STAGES, data, fewer)]
+    plans = [plan_line(plan) for plan in plan_stages(STAGES, Request(fewer, data))]
     assert files_in(data, ".") == everything, "a plan changes nothing"
     assert plans[0].startswith("cameras: 2 to make (2 of them out of date, 0.0 MB; the old ones to")
     assert "at most 32 more" in plans[3] and "8 to be kept, remade or moved" in plans[3]
