@@ -8,7 +8,7 @@ double precision (`pbrnet.pipeline.lenses.model`).
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
@@ -37,9 +37,9 @@ class LensArrays(NamedTuple):
     has a ray.
     """
 
-    numbers: Any
-    ideal: Any
-    valid: Any
+    numbers: mi.Float
+    ideal: mi.Float
+    valid: mi.Float
 
 
 def kind_of(lens: Lens) -> LensKind:
@@ -105,7 +105,7 @@ def _sphere_direction(
     return mi.Vector3f(flat * dr.sin(azimuth), -sine, flat * dr.cos(azimuth))
 
 
-def _undistorted(plane: mi.Point2f, start: mi.Point2f, distortion: list[Any]) -> mi.Point2f:
+def _undistorted(plane: mi.Point2f, start: mi.Point2f, distortion: list[mi.Float]) -> mi.Point2f:
     """Invert the distortion of `pbrnet.pipeline.lenses.distortion` near points `start`."""
     a1, a2, a3, a4, b1, b2, b3, p1, p2 = distortion
     found = start

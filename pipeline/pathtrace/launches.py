@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -46,7 +46,7 @@ from pbrnet.scenes.errors import InputError
 
 _MAX_RECORDINGS = 32  # per kernel and size: sample counts and kinds of light plans
 _FAR = 1e5  # metres
-RayArrays = tuple[Any, ...]  # of `ray_arrays`, mi.Float each
+RayArrays: TypeAlias = "tuple[mi.Float, ...]"  # of `ray_arrays`
 _NEAR_CLIP, _FAR_CLIP = 1e-3, 1e5  # metres
 
 
@@ -291,7 +291,7 @@ def _turned(axes: mi.Float, local: mi.Vector3f) -> mi.Vector3f:
     )
 
 
-def make_sensor(view: View, copies: int = 1) -> Any:
+def make_sensor(view: View, copies: int = 1) -> mi.Sensor:
     """Return a Mitsuba sensor for a view; `copies` > 1 gives that many images side by side.
 
     Samples are stratified within a pixel and independent between pixels, so each copy is an
@@ -330,7 +330,7 @@ def make_sensor(view: View, copies: int = 1) -> Any:
     return mi.load_dict({"type": "batch", **cameras, "film": wide, "sampler": sampler})
 
 
-def move_sensor(sensor: Any, view: View) -> None:
+def move_sensor(sensor: mi.Sensor, view: View) -> None:
     """Move a sensor of `make_sensor` to the pose of `view`; its size and intrinsics stay.
 
     Not for the scalar variant, whose sensors hold plain numbers.

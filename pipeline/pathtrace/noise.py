@@ -6,8 +6,6 @@ does not grow with the number of samples.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.ndimage import maximum_filter, median_filter
 
@@ -84,7 +82,7 @@ class BlockStatistics:
             return None
         return _clamped(self.half_total / np.maximum(self.half_finite, 1)[..., None])
 
-    def statistics(self) -> dict[str, Any]:
+    def statistics(self) -> dict[str, float]:
         """Return the statistics that `passes.groundtruth.render_truth` documents."""
         mean = self._mean()
         lum = luminance(np.maximum(mean, 0))

@@ -13,7 +13,7 @@ behind it. Values that are not finite become 0 and are counted.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -42,7 +42,7 @@ from pbrnet.pipeline.transport.rays import (
     surface_point,
 )
 
-Image = dict[str, Any]  # bands by name: `mi.Color3f`, `mi.Vector3f` or a list of `mi.Float`
+Image: TypeAlias = "dict[str, mi.Color3f | mi.Vector3f | list[mi.Float]]"  # bands by name
 
 # Means over a pixel's samples, with the number of bands of each.
 IMAGES = {
