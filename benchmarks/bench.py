@@ -69,11 +69,6 @@ class Sizes:
     budgets: tuple[float, ...] = (0.1, 0.2, 0.5, 1, 2, 5)  # seconds
 
     @property
-    def budget_references(self) -> dict[tuple[int, int], int]:
-        """Samples of the reference by image size."""
-        return dict(zip(self.budget_sizes, self.budget_spp, strict=True))
-
-    @property
     def label(self) -> str:
         """Word for these amounts in files of results."""
         return "small" if self == SMALL else "full"
@@ -167,12 +162,16 @@ def resized(view: View, size: tuple[int, int]) -> View:
     return replace(view, width=width, height=height, K=matrix)
 
 
-def python(*arguments: str) -> None:
-    """Run this interpreter as a separate process in the project folder."""
+def python(*arguments: str, seconds: float | None = None) -> str:
+    """Run this interpreter in the project folder for at most so long; return what it prints.
+
+    Raises `RuntimeError` with its last words if it fails, and `subprocess.TimeoutExpired`.
+    """
     command = [sys.executable, *arguments]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=seconds)
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(arguments)} failed:\n{done.stderr[-2000:]}")
+    return done.stdout
 
 
 def pixels(truth: Truth) -> Float64Array:

@@ -47,7 +47,7 @@ from benchmarks.cycles import (
 )
 from benchmarks.results import OtherLoad, measured_on
 from benchmarks.rows import Row, at_least, at_most, missing
-from benchmarks.timing import Clock, Spent, spend, spread
+from benchmarks.timing import Clock, Spent, spread, timed
 from pbrnet.model.evaluation.inference import Networks, available, load_networks
 from pbrnet.model.evaluation.metrics import flip_map, ssim
 from pbrnet.model.evaluation.predict import ViewRenderer, example_of
@@ -144,7 +144,7 @@ def _measured(
     bench: Bench, setting: Setting, name: str, interpreter: Path, kept: Path
 ) -> Iterator[Measured]:
     """Yield what is measured of a home at each size: kept files first, the others anew."""
-    sizes = bench.sizes.budget_references
+    sizes = dict(zip(bench.sizes.budget_sizes, bench.sizes.budget_spp, strict=True))
     files = {size: kept / f"{name}-{size[0]}x{size[1]}.npz" for size in sizes}
     if all(file.is_file() for file in files.values()):
         yield from (Measured.load(file) for file in files.values())
@@ -283,17 +283,16 @@ class Home:
 
     def ways(self) -> dict[str, Way]:
         """Ways of this process by method; networks without weights are left out."""
-        found: dict[str, Way] = {
-            "radiosity": timed(self._radiosity),
-            "planned_denoised": timed(self.planned),
-            "mitsuba_denoised": timed(self._path),
-            "radiosity_quick": timed(partial(self._radiosity, quality="fast")),
-            "planned_quick": timed(partial(self.planned, quality="fast")),
-            "mitsuba_quick": timed(partial(self._path, quality="fast")),
+        found: dict[str, Callable[[View, int, int], Float32Array]] = {
+            "radiosity": self._radiosity,
+            "planned_denoised": self.planned,
+            "mitsuba_denoised": self._path,
+            "radiosity_quick": partial(self._radiosity, quality="fast"),
+            "planned_quick": partial(self.planned, quality="fast"),
+            "mitsuba_quick": partial(self._path, quality="fast"),
+            **{name: partial(self._net, name) for name in self.setting.networks},
         }
-        for name in self.setting.networks:
-            found[name] = timed(partial(self._net, name))
-        return found
+        return {name: partial(_timed, render) for name, render in found.items()}
 
     def planned(self, view: View, spp: int, seed: int, quality: Quality = "high") -> Float32Array:
         """Colour by this project's path tracer, denoised."""
@@ -433,15 +432,10 @@ class ClayView:
         return float(flip_map(truth, image).mean())
 
 
-def timed(render: Callable[[View, int, int], Float32Array]) -> Way:
-    """Return a way of this process with its seconds."""
-
-    def work(view: View, spp: int, seed: int) -> Picture:
-        found: list[Float32Array] = []
-        spent = spend(lambda: found.append(render(view, spp, seed)))
-        return found[0], spent
-
-    return work
+def _timed(
+    render: Callable[[View, int, int], Float32Array], view: View, spp: int, seed: int
+) -> Picture:
+    return timed(lambda: render(view, spp, seed))
 
 
 def _cycles(other: Blender) -> dict[str, Way]:

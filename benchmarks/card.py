@@ -23,7 +23,7 @@ from typing import Any
 import click
 import numpy as np
 
-from benchmarks.bench import ROOT
+from benchmarks.bench import python
 from benchmarks.memory import courses
 from benchmarks.results import CARD, measured_on, write_card
 from benchmarks.rows import Row, at_least, at_most, missing
@@ -106,15 +106,10 @@ class Trial:
 
     def python(self, *words: str) -> None:
         """Run this interpreter in the project folder; raises `OutOfTimeError`."""
-        command, left = [sys.executable, *words], self.deadline - time.monotonic()
         try:
-            done = subprocess.run(
-                command, cwd=ROOT, capture_output=True, text=True, timeout=max(left, 0.01)
-            )
+            python(*words, seconds=max(self.deadline - time.monotonic(), 0.01))
         except subprocess.TimeoutExpired:
             raise OutOfTimeError from None
-        if done.returncode:
-            raise RuntimeError(f"{' '.join(words)} failed: {done.stderr[-2000:]}")
 
     def _parameters(self, name: str) -> Path:
         file = self.folder / f"{name}.yaml"
@@ -211,7 +206,7 @@ def speed_rows(trial: Trial) -> Iterator[Row]:
         f"the whole stage `groundtruth`, {views} views of {sizes.homes} homes, "
         f"{sizes.width}x{sizes.height}, {sizes.spp} samples, denoised"
     )
-    for name, title in (("card", "card"), ("llvm", f"LLVM, {_cpus()} CPUs")):
+    for name, title in (("card", "card"), ("llvm", f"LLVM, {len(os.sched_getaffinity(0))} CPUs")):
         hourly = _one(3600 * views / spent[name])
         yield Row(f"views an hour, {title}", about, hourly, unit="views /h", clock="wall")
     ratio = _one(spent["llvm"] / spent["card"])
@@ -286,10 +281,6 @@ def training_rows(trial: Trial) -> Iterator[Row]:
 
 def _one(value: float) -> Spread:
     return Spread(value, value, value, 1)
-
-
-def _cpus() -> int:
-    return len(os.sched_getaffinity(0))
 
 
 STEPS: dict[str, Callable[[Trial], Iterator[Row]]] = {

@@ -24,7 +24,7 @@ from benchmarks.bench import ROOT, Bench, Reference, pixels, resized
 from benchmarks.clay import SKY, camera_for_blender, write_clay
 from benchmarks.rendering import plain_render
 from benchmarks.rows import Row, at_least, at_most, missing
-from benchmarks.timing import Spent, spend, spread
+from benchmarks.timing import Spent, spread, timed
 from pbrnet.pipeline.passes.groundtruth import render_both, render_truth
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
@@ -214,17 +214,14 @@ def _ways(
 ) -> dict[str, Callable[[int, int], Tried]]:
     truth, grey = bench.params.groundtruth, bench.params.shading.albedo
 
-    def timed(work: Callable[[], np.ndarray]) -> Tried:
-        found: list[np.ndarray] = []
-        spent = spend(lambda: found.append(work()))
-        return found[0], spent.cpu
-
     def planned(spp: int, seed: int) -> Tried:
         settings = replace(truth, spp=spp, block_spp=min(truth.block_spp, spp))
-        return timed(lambda: pixels(render_both(clay, view, settings, grey, seed).color))
+        image, spent = timed(lambda: pixels(render_both(clay, view, settings, grey, seed).color))
+        return image, spent.cpu
 
     def path(spp: int, seed: int) -> Tried:
-        return timed(lambda: plain_render(clay, view, spp, seed, truth.max_depth))
+        image, spent = timed(lambda: plain_render(clay, view, spp, seed, truth.max_depth))
+        return image, spent.cpu
 
     return {
         "planned": planned,

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import mitsuba as mi
 import numpy as np
 
-from benchmarks.bench import ROOT, Bench, resized
+from benchmarks.bench import Bench, python, resized
 from benchmarks.plain_loop import plain_sensor
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.timing import Spent, beyond, by_turns, ratio, spread, sums
@@ -190,7 +186,8 @@ def _panorama_row(bench: Bench, scene: RenderScene) -> Row:
 
 
 def _camera_row(bench: Bench, scene: RenderScene) -> Row:
-    looked_at = _looked_at(_sampled(bench, scene))
+    first = _sampled(bench, scene)
+    looked_at = first.candidates - sum(first.rejected.get(reason, 0) for reason in _UNSEEN)
     spent = by_turns({"cameras": lambda: _sampled(bench, scene)}, bench.sizes.repeats)["cameras"]
     return Row(
         "camera candidates",
@@ -207,11 +204,6 @@ def _sampled(bench: Bench, scene: RenderScene) -> CameraFile:
     return view_sampling.sample_cameras(
         scene, ViewParams(bench.params.cameras, bench.params.image), 0
     )
-
-
-def _looked_at(file: CameraFile) -> int:
-    rejected: Counter[str] = Counter(file.rejected)
-    return file.candidates - sum(rejected[reason] for reason in _UNSEEN)
 
 
 _VARIANT = """
@@ -244,12 +236,6 @@ def variant_rows(bench: Bench) -> Iterator[Row]:
     spent: dict[str, list[Spent]] = {"scalar_rgb": [], current: []}
     for _ in range(bench.sizes.repeats):
         for variant, kept in spent.items():
-            arguments = [variant, str(bench.data), home, str(spp)]
-            kept.append(_in_process(arguments))
+            said = python("-c", _VARIANT, variant, str(bench.data), home, str(spp))
+            kept.append(Spent(*json.loads(said.splitlines()[-1])))
     yield Row(name, meaning, ratio(spent["scalar_rgb"], spent[current], "cpu"), clock="cpu")
-
-
-def _in_process(arguments: list[str]) -> Spent:
-    command: list[Any] = [sys.executable, "-c", _VARIANT, *arguments]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    return Spent(*json.loads(done.stdout.splitlines()[-1]))

@@ -9,6 +9,7 @@ checksums. Files are in the page cache, so that the disk is not measured.
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -104,7 +105,7 @@ def _rows_at(data: Path, pack: Callable[[], object], size: str) -> Iterator[Row]
             "exr": lambda: list(pool.map(partial(read_exr, data), views)),
             "arrow": partial(read_columns, folder, pool),
             "frames": lambda: list(pool.map(partial(read_view, data), views)),
-            "stream": partial(_read_stream, Dataset(folder, "train")),
+            "stream": lambda: deque(Dataset(folder, "train").ordered(), maxlen=0),
         }
         spent = by_turns(ways, _TURNS)
     rows = {"exr": len(views), "arrow": count, "frames": len(views), "stream": count}
@@ -187,11 +188,6 @@ def _read_group(path: Path, group: int) -> int:
         names = [n for n in (*PAPER, *OPTIONAL) if n in file.schema_arrow.names]
         table = file.read_row_group(group, columns=names, use_threads=False)
     return sum(images_of(path, table, name).size for name in names)
-
-
-def _read_stream(dataset: Dataset) -> None:
-    for _ in dataset.ordered():
-        pass
 
 
 def _bound_row(folder: Path, frames: list[Spent], size: str) -> Row:

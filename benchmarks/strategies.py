@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.bench import Bench, Reference, pixels, resized
 from benchmarks.rendering import plain_render
 from benchmarks.rows import Row, at_most
-from benchmarks.timing import Spread, spend, spread
+from benchmarks.timing import Spread, spread, timed
 from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.render.scene import RenderScene
@@ -136,8 +136,7 @@ def ways_of(
 
 
 def _try(way: Callable[[], Images], references: dict[str, Reference]) -> Tried:
-    found: Images = {}
-    spent = spend(lambda: found.update(way()))
+    found, spent = timed(way)
     return Tried(spent.cpu, {kind: references[kind].error(found[kind]) for kind in found})
 
 

@@ -12,9 +12,10 @@ import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 Clock = Literal["cpu", "wall"]
+A = TypeVar("A")
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,13 @@ def spend(work: Callable[[], object], clock: Callable[[], Spent] = now) -> Spent
     work()
     after = clock()
     return Spent(after.cpu - before.cpu, after.wall - before.wall)
+
+
+def timed(work: Callable[[], A]) -> tuple[A, Spent]:
+    """Run the work once; return its result and the seconds it took."""
+    found: list[A] = []
+    spent = spend(lambda: found.append(work()))
+    return found[0], spent
 
 
 def by_turns(

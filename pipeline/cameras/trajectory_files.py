@@ -20,7 +20,7 @@ from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.views import Matrix, check_pose
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import digest_file, exists, read_json, regular_file
+from pbrnet.scenes.files import exists, read_json, regular_file
 
 _MAX_BYTES = 1 << 24
 _MAX_FRAMES = 10_000
@@ -75,12 +75,6 @@ def read_trajectory(path: Path, name: str) -> Trajectory:
 def trajectories_of(scene_id: str, options: CameraParams) -> list[Path]:
     """Return the files of the trajectories of a scene, in the order of the parameters."""
     return [Path(one.file) for one in options.trajectories if one.scene == scene_id]
-
-
-def trajectory_digests(scene_id: str, options: CameraParams) -> list[str]:
-    """Return a digest of each file of `trajectories_of`; "" if it is not there."""
-    files = trajectories_of(scene_id, options)
-    return [digest_file(path) if exists(path) else "" for path in files]
 
 
 def _read_tum(path: Path) -> _Content:

@@ -14,6 +14,7 @@ from pbrnet.pipeline.commands.start import start_lines
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
+from pbrnet.pipeline.dataset.shards import SUMS, read_sums
 from pbrnet.pipeline.farm.versions import instruction_set, processor
 from pbrnet.pipeline.records import run_lock
 from pbrnet.pipeline.release.recipe import (
@@ -25,7 +26,6 @@ from pbrnet.pipeline.release.recipe import (
     load_record,
     recipe_names,
     save_record,
-    sums_of,
 )
 from pbrnet.pipeline.release.scenes import FORMATS, add_scenes
 from pbrnet.pipeline.stages.runner import StageError
@@ -105,7 +105,7 @@ def release(
     if record:
         known = made
     add_to_card(dataset, name, recipe, known)
-    sums = sums_of(dataset)
+    sums = read_sums(dataset / SUMS)
     say(
         f"{name} {recipe.version}: {summary.total} rows, {made.bytes / 1e6:.1f} MB, "
         f"{made.core_hours:.2f} core-hours, in {dataset}"

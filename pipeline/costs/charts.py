@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pbrnet.pipeline.channels import TRACED
-from pbrnet.pipeline.costs.ledger import SCHEMA
 from pbrnet.pipeline.plotting import SERIES, add_legend, style_axes
 from pbrnet.scenes.arrays import Float64Array
 
@@ -262,15 +262,11 @@ def _memory_chart(rows: Sequence[Row]) -> LedgerChart | None:
     return LedgerChart("Memory of the workers", caption, draw)
 
 
-def is_ledger(schema: pa.Schema) -> bool:
-    """Return whether a Parquet schema is that of a ledger."""
-    return set(SCHEMA.names) <= set(schema.names)
-
-
 def ledger_table(ledger: pa.Table) -> list[dict[str, Any]]:
     """Return a row per stage: numbers of items, seconds, noise, file sizes and memory."""
     lines = []
-    for stage, rows in _tables_by_stage(ledger):
+    for stage in stages_first(ledger["stage"].unique().to_pylist()):
+        rows = ledger.filter(pc.field("stage") == stage)
         seconds = _column(rows, "seconds")
         lines.append(
             {
@@ -289,12 +285,6 @@ def ledger_table(ledger: pa.Table) -> list[dict[str, Any]]:
             }
         )
     return lines
-
-
-def _tables_by_stage(ledger: pa.Table) -> list[tuple[str, pa.Table]]:
-    names = stages_first(ledger["stage"].unique().to_pylist())
-    stages = np.array(ledger["stage"].to_pylist())
-    return [(name, ledger.filter(pa.array(stages == name))) for name in names]
 
 
 def _column(rows: pa.Table, name: str) -> Float64Array:

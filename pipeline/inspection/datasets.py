@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pbrnet.pipeline.costs.charts import draw_ledger, is_ledger, ledger_table
-from pbrnet.pipeline.costs.ledger import read_ledger_file
+from pbrnet.pipeline.costs.charts import draw_ledger, ledger_table
+from pbrnet.pipeline.costs.ledger import SCHEMA, read_ledger_file
 from pbrnet.pipeline.dataset.diversity import dataset_figures, draw_figures, summary_table
 from pbrnet.pipeline.dataset.parquet import (
     check_filled,
@@ -78,7 +78,7 @@ def inspect_frame(path: Path) -> Inspection:
 
 def inspect_parquet(path: Path) -> Inspection:
     """Describe a ledger or a shard, by its columns."""
-    if is_ledger(open_parquet(path).schema_arrow):
+    if {*SCHEMA.names} <= {*open_parquet(path).schema_arrow.names}:
         return inspect_ledger(path)
     return inspect_shards([path], path.name)
 

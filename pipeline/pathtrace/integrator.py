@@ -98,7 +98,10 @@ class JointPath:
         previous = dr.zeros(mi.Interaction3f)  # previous vertex, for densities of emitter sampling
         ray, weight, mirrored = self.first_pane(scene, sampler, ray, active)
         # Radiance, throughput, density: in the scene's own colours, and in the neutral twin
-        states = [_camera_state(weight) for _ in self.image_names]
+        states = [
+            PathState(mi.Color3f(0), mi.Color3f(weight), mi.Float(1), mi.Bool(True))
+            for _ in self.image_names
+        ]
         parts = self.parts.start()  # of the light in colour
         parts.start_in_mirror(mirrored)
         active = mi.Bool(active)  # paths that are still traced
@@ -110,7 +113,7 @@ class JointPath:
 
             # Emission at the vertex that BSDF sampling found
             ds = mi.DirectionSample3f(scene, si=si, ref=previous)
-            indirect = ~_all([state.delta for state in states])
+            indirect = ~reduce(operator.and_, [state.delta for state in states])
             density = self.lights.density(scene, previous, ds, indirect)
             emitted = ds.emitter.eval(si, active)
             weight = self.bsdf_sampling_weight(states[0], density)
@@ -121,7 +124,8 @@ class JointPath:
             active_next = active & si.is_valid() & (depth + 1 < self.max_depth)
             own = si.bsdf(ray)
             bsdfs = self.materials(own, active_next)
-            smooth = active_next & _any([_is_smooth(bsdf) for bsdf in bsdfs])
+            is_smooth = [mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) for bsdf in bsdfs]
+            smooth = active_next & reduce(operator.or_, is_smooth)
             ds, light = self.lights.sample(scene, si, sampler.next_2d(), smooth)
             lit = smooth & (ds.pdf != 0)
             first, second = sampler.next_1d(), sampler.next_2d()
@@ -302,10 +306,6 @@ class JointPath:
         return dr.select(enabled | (importance == 0), survival, 1.0), factor
 
 
-def _camera_state(weight: mi.Float) -> PathState:
-    return PathState(mi.Color3f(0), mi.Color3f(weight), mi.Float(1), mi.Bool(True))
-
-
 def _follow(state: PathState, scattering: Scattering) -> None:
     """Update a path's state for the direction that its material sampled."""
     state.throughput = state.throughput * scattering.weight
@@ -316,18 +316,6 @@ def _follow(state: PathState, scattering: Scattering) -> None:
 def _scale(states: list[PathState], factor: mi.Float) -> None:
     for state in states:
         state.throughput *= factor
-
-
-def _is_smooth(bsdf: mi.BSDFPtr) -> mi.Bool:
-    return mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-
-
-def _all(masks: list[mi.Bool]) -> mi.Bool:
-    return reduce(operator.and_, masks)
-
-
-def _any(masks: list[mi.Bool]) -> mi.Bool:
-    return reduce(operator.or_, masks)
 
 
 @cache

@@ -136,7 +136,8 @@ def plan_lights(
     irradiance, extents = _irradiance(scene, pilot, rectangles, environment, seed)
     contributions = _contributions(irradiance[hit], int(hit[:seen].sum()))
     if not contributions.any():
-        return _uniform_plan(len(scene.emitters()), rectangles)
+        equal = np.full(len(scene.emitters()), 1 / len(scene.emitters()))
+        return LightPlan(equal, np.zeros(0), rectangles.take(np.arange(0)))
     plan, kept = _probabilities(contributions, rectangles, environment)
     plan = replace(plan, indoors=np.asarray(indoors, dtype=np.float64))
     strengths = _strengths(
@@ -156,11 +157,6 @@ def is_outdoors(points: Float64Array, indoors: Float64Array) -> BoolArray:
     return np.asarray(
         ((points < low - OUTDOOR_MARGIN) | (points > high + OUTDOOR_MARGIN)).any(axis=1)
     )
-
-
-def _uniform_plan(count: int, rectangles: Rectangles) -> LightPlan:
-    """Return the plan for a pilot that found no light: equal probabilities."""
-    return LightPlan(np.full(count, 1 / count), np.zeros(0), rectangles.take(np.arange(0)))
 
 
 def _grid_rays(view: View, lens: Lens) -> tuple[Float64Array, Float64Array]:

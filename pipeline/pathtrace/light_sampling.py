@@ -89,7 +89,8 @@ class PlannedLights:
         probabilities = self.probabilities(si.p, si.n)
         index, stretched = choose(probabilities, sample.x)
         sample = mi.Point2f(below_one(stretched), sample.y)
-        first = len(probabilities) - self.outdoor_count
+        # The last ones are those of portals and sun.
+        first = len(probabilities) - (0 if self.outdoors is None else self.outdoors.slots + 1)
         ds, light = dr.zeros(mi.DirectionSample3f), mi.Color3f(0)
         if self.emitters is not None:
             ds, light = self._sample_emitter(
@@ -146,11 +147,6 @@ class PlannedLights:
             view_share * probability + scale * weight
             for probability, weight in zip(by_view, weights, strict=True)
         ]
-
-    @property
-    def outdoor_count(self) -> int:
-        """Number of the last `probabilities`: those of portals and sun."""
-        return 0 if self.outdoors is None else self.outdoors.slots + 1
 
     def _is_outdoors(self, position: mi.Point3f) -> mi.Bool:
         """Test whether a vertex lies outside the box around the rooms."""

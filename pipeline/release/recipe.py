@@ -14,7 +14,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from pbrnet.pipeline.dataset.shards import SUMS, read_sums, write_sums
+from pbrnet.pipeline.dataset.shards import write_sums
 from pbrnet.pipeline.params import Params, build_params, read_yaml
 from pbrnet.pipeline.release.presets import files_of, find_preset
 from pbrnet.pipeline.templating import plain_markdown
@@ -182,11 +182,6 @@ def compare(record: Record, sums: Mapping[str, str]) -> Difference:
         tuple(sorted(known.keys() - sums.keys())),
         tuple(sorted(sums.keys() - known.keys())),
     )
-
-
-def sums_of(dataset: Path) -> dict[str, str]:
-    """Return the checksums that a dataset states."""
-    return read_sums(dataset / SUMS)
 
 
 def _span(seconds: float) -> str:

@@ -151,7 +151,7 @@ class _Writer:
             length = np.linalg.norm(mesh.normals, axis=1, keepdims=True)
             up = np.where(length > 1e-9, mesh.normals / np.maximum(length, 1e-9), [0.0, 0, 1])
             attributes["NORMAL"] = self._floats(up)
-        if self._has_images(piece.material):
+        if '"index":' in json.dumps(self._lists["materials"][piece.material]):  # it has images
             uvs = mesh.uvs if mesh.uvs is not None else np.zeros((len(mesh.vertices), 2))
             attributes["TEXCOORD_0"] = self._floats(uvs)
         faces = np.ascontiguousarray(mesh.faces, "<u4").reshape(-1)
@@ -164,10 +164,6 @@ class _Writer:
         if piece.id in self._content.panes:
             node["extras"] = pane_labels(self._content.panes[piece.id])
         return self._add("nodes", node)
-
-    def _has_images(self, material: int) -> bool:
-        made = json.dumps(self._lists["materials"][material])
-        return '"index":' in made
 
     def _lamp(self, lamp: Lamp) -> int:
         strength = max(lamp.intensity)

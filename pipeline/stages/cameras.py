@@ -9,12 +9,7 @@ from pathlib import Path
 
 from pbrnet.pipeline.cameras.camera_files import described_collisions
 from pbrnet.pipeline.cameras.settings import CameraParams, ViewParams
-from pbrnet.pipeline.cameras.trajectory_files import (
-    Trajectory,
-    read_trajectory,
-    trajectories_of,
-    trajectory_digests,
-)
+from pbrnet.pipeline.cameras.trajectory_files import Trajectory, read_trajectory, trajectories_of
 from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
@@ -37,7 +32,7 @@ from pbrnet.pipeline.stages.runner import (
 from pbrnet.pipeline.views import CameraFile, load_cameras
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import remove_partials
+from pbrnet.scenes.files import digest_file, exists, remove_partials
 
 
 def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Summary:
@@ -153,7 +148,8 @@ def camera_fingerprint(
     scene_id: str, params: ViewParams, seed: int, digest: str, renderer: str
 ) -> str:
     """Return the fingerprint of cameras of a scene's own; `digest` is that of the scene."""
-    given = trajectory_digests(scene_id, params.cameras)
+    files = trajectories_of(scene_id, params.cameras)
+    given = [digest_file(path) if exists(path) else "" for path in files]
     return fingerprint(
         kind="cameras",
         revision=key("cameras"),

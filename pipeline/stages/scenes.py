@@ -80,13 +80,14 @@ def plan_scenes(data: Path, params: Params) -> StagePlan:
                 "another id"
             )
         wanted[job.scene_id] = job
-    others = [one for one in scene_folders(root) if stage_fingerprint(one) is None]
+    marks = {one: stage_fingerprint(one) for one in scene_folders(root)}
+    others = [one for one, mark in marks.items() if mark is None]
     if not wanted and not plan.failures and not others:
         raise ParameterError(
             f"scenes.homes: 0 homes, no imports, and no scene in {root} leave nothing to do; "
             "raise scenes.homes, or import scenes with: pbrnet import"
         )
-    plan.orphans = old_scenes(root, set(wanted))
+    plan.orphans = [one for one, mark in marks.items() if mark and one.name not in wanted]
     for scene_id, job in wanted.items():
         if is_up_to_date(job):
             plan.kept += 1
@@ -233,9 +234,3 @@ def stage_fingerprint(folder: Path) -> str | None:
     except InputError:
         return ""
     return str(found) if found is not None else None
-
-
-def old_scenes(root: Path, wanted: set[str]) -> list[Path]:
-    """Return the folders of this stage's scenes that are not in `wanted`."""
-    folders = scene_folders(root)
-    return [one for one in folders if one.name not in wanted and stage_fingerprint(one)]

@@ -26,11 +26,6 @@ from pbrnet.scenes.geometry.directions import unit
 CHUNK = 1 << 21  # rays in flight; bounds memory
 
 
-def is_scalar() -> bool:
-    """Return True if the current variant has no wavefront arrays."""
-    return str(mi.variant()).startswith("scalar")
-
-
 def nearest(
     geometry: SceneGeometry,
     origins: npt.ArrayLike,
@@ -187,7 +182,7 @@ def sample_emitters(
 
 
 def _backend() -> ModuleType:
-    return scalar if is_scalar() else wavefront
+    return scalar if str(mi.variant()).startswith("scalar") else wavefront
 
 
 def _linear_rgb(spectra: AnyArray) -> Float64Array:

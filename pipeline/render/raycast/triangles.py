@@ -104,7 +104,8 @@ def _overlaps(
     faces = triangles.faces
     owner = owners_of(triangles)
     corners = triangles.vertices[faces].astype(np.float64)
-    normal = _cross_rows(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    edges = (corners[:, k].T - corners[:, 0].T for k in (1, 2))
+    normal: Float64Array = np.stack(_cross(*edges), axis=1)
     doubled = np.sqrt(_dot(normal.T, normal.T))
     chosen = np.flatnonzero((doubled > 2 * _SMALL) & taken[owner])
     normal = normal[chosen] / doubled[chosen, None]
@@ -193,10 +194,6 @@ def _numbered(rows: Int64Array) -> Int64Array:
     for column in rows.T[1:]:
         code = code * 1_000_003 + column  # wraps around; rows that collide are told apart later
     return np.unique(code, return_inverse=True)[1].astype(np.int64)
-
-
-def _cross_rows(a: Float64Array, b: Float64Array) -> Float64Array:
-    return np.stack(_cross(a.T, b.T), axis=1)
 
 
 def meet(origin: Vector, direction: Vector, a: Vector, b: Vector, c: Vector) -> tuple[Any, ...]:
