@@ -8,11 +8,12 @@ its paper is for classification, so it is only trained with ours.
 
 from __future__ import annotations
 
+from pbrnet.model.data.encoding import input_named
+from pbrnet.model.methods import METHODS
 from pbrnet.model.networks.pbrnet import Architecture, GuidedNet
-
-INPUTS = ("depth", "normal", "reflectance")
 
 
 def build(architecture: Architecture) -> GuidedNet:
     """U-Net of `levels` resolutions with one convolution for each input, as in our networks."""
-    return GuidedNet(INPUTS, architecture.width, architecture.levels, architecture.panorama)
+    images = tuple(name for name in METHODS["unet"].inputs if not input_named(name).whole)
+    return GuidedNet(images, architecture.width, architecture.levels, architecture.panorama)
