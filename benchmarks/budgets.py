@@ -162,9 +162,7 @@ def _measured(
 
 
 def _written(
-    bench: Bench,
-    setting: Setting,
-    views: Sequence[Sequence[Measured]],
+    bench: Bench, setting: Setting, views: Sequence[Sequence[Measured]]
 ) -> list[dict[str, Any]]:
     """Write the files of what was measured, by home and size; return the cells."""
     budgets = bench.sizes.budgets

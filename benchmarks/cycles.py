@@ -132,11 +132,7 @@ def blender(interpreter: Path, scene: Path) -> Iterator[Blender]:
     """Open the clay scene in a Blender process."""
     command = [str(interpreter), "-P", str(PROGRAM), str(scene / "cycles.json")]
     process = subprocess.Popen(
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
     try:
         found = Blender(process, scene)

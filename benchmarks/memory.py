@@ -112,8 +112,7 @@ def multiply(data: Path, count: int) -> None:
         file = cameras[original.name]
         views = tuple(replace(view, scene_id=copy.name) for view in file.views)
         save_cameras(
-            data / "cameras" / f"{copy.name}.json",
-            replace(file, scene_id=copy.name, views=views),
+            data / "cameras" / f"{copy.name}.json", replace(file, scene_id=copy.name, views=views)
         )
 
 

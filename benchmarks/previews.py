@@ -11,12 +11,7 @@ from benchmarks.timing import Spent, by_turns, ratio, spread
 from pbrnet.pipeline.passes.denoise import guides
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.passes.transport import transport_of
-from pbrnet.pipeline.passes.truth import (
-    noisy_settings,
-    noisy_trace,
-    render_noisy,
-    render_samples,
-)
+from pbrnet.pipeline.passes.truth import noisy_settings, noisy_trace, render_noisy, render_samples
 from pbrnet.pipeline.transport.guides import fast_guides
 
 

@@ -82,9 +82,7 @@ def render_rows(bench: Bench) -> Iterator[Row]:
     for work in ways.values():
         work(min(truth.spp, 2 * truth.block_spp))  # compiles, with launches as large as those timed
     spent = by_turns(
-        {name: partial(work, truth.spp) for name, work in ways.items()},
-        sizes.repeats,
-        warm=False,
+        {name: partial(work, truth.spp) for name, work in ways.items()}, sizes.repeats, warm=False
     )
     yield from _joint_rows(spent, f"{view.width}x{view.height}, {truth.spp} spp")
     yield from _cheap_rows(spent, len(bench.views[bench.home]))

@@ -84,11 +84,7 @@ class Results:
 
     def begin(self, name: str) -> None:
         """Start a topic without rows."""
-        self.topics[name] = {
-            "complete": False,
-            "measured_on": measured_on(self.sizes),
-            "rows": [],
-        }
+        self.topics[name] = {"complete": False, "measured_on": measured_on(self.sizes), "rows": []}
 
     def add(self, name: str, row: Row) -> None:
         """Add a row to a topic and write both files."""

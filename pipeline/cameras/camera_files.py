@@ -194,11 +194,7 @@ def _walk(
 
 
 def frames_of(
-    render_scene: RenderScene,
-    params: ViewParams,
-    name: str,
-    poses: Float64Array,
-    lens: Lens,
+    render_scene: RenderScene, params: ViewParams, name: str, poses: Float64Array, lens: Lens
 ) -> list[View]:
     """Return the views of a trajectory, poses (F, 4, 4), linked with their neighbours."""
     scene = render_scene.scene

@@ -311,9 +311,7 @@ def surroundings(
 
 
 def sights(
-    render_scene: RenderScene,
-    cameras: Sequence[tuple[Float64Array, Lens]],
-    params: ViewParams,
+    render_scene: RenderScene, cameras: Sequence[tuple[Float64Array, Lens]], params: ViewParams
 ) -> Iterator[Sight]:
     """Yield the sight of each camera from a small id image; a chunk of cameras per trace.
 
@@ -362,10 +360,7 @@ def _id_height(params: ViewParams) -> int:
 
 
 def _coarse_looks(
-    render_scene: RenderScene,
-    poses: Float64Array,
-    lens: Lens,
-    near: float,
+    render_scene: RenderScene, poses: Float64Array, lens: Lens, near: float
 ) -> list[CoarseLook]:
     """Return the measures of each view by a grid of rays; `poses` is (N, 4, 4).
 
@@ -443,9 +438,7 @@ def _with_structure(sight: Sight, params: ViewParams) -> Sight:
 
 
 def _choose(
-    scored: list[tuple[Candidate, Sight]],
-    furniture: dict[str, str | None],
-    options: CameraParams,
+    scored: list[tuple[Candidate, Sight]], furniture: dict[str, str | None], options: CameraParams
 ) -> tuple[list[tuple[Candidate, Sight]], Counter[str]]:
     """Return the best of each sector, then room, then scene, and the numbers of the others.
 
@@ -540,12 +533,7 @@ def _shows_nothing(render_scene: RenderScene, pose: Float64Array, sight: Sight) 
 
 
 def make_view(
-    scene: Scene,
-    lens: Lens,
-    view_id: str,
-    pose: Float64Array,
-    sight: Sight,
-    room: Room | None,
+    scene: Scene, lens: Lens, view_id: str, pose: Float64Array, sight: Sight, room: Room | None
 ) -> View:
     """Return the view of a camera with its room, its score and what it sees."""
     return View(

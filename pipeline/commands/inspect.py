@@ -6,12 +6,7 @@ from pathlib import Path
 
 import click
 
-from pbrnet.pipeline.commands.options import (
-    FILE,
-    PATH,
-    idle_seed_option,
-    json_option,
-)
+from pbrnet.pipeline.commands.options import FILE, PATH, idle_seed_option, json_option
 from pbrnet.pipeline.dataset.shards import verify_sums
 from pbrnet.pipeline.images import png_bytes
 from pbrnet.pipeline.inspection.datasets import inspect_diversity, inspect_realism

@@ -181,11 +181,7 @@ Examples:
 @farm_options
 @common_options
 def params(
-    request: Request,
-    section: str | None,
-    changed: bool,
-    complete: bool,
-    as_json: bool,
+    request: Request, section: str | None, changed: bool, complete: bool, as_json: bool
 ) -> None:
     """Print the effective parameters with their source and meaning."""
     file = request.params_file

@@ -360,10 +360,7 @@ def _mislabelled(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
 
 
 def _misaligned(
-    view: View,
-    frames: Mapping[Kind, Frame],
-    neighbours: dict[str, Channels],
-    limits: CheckParams,
+    view: View, frames: Mapping[Kind, Frame], neighbours: dict[str, Channels], limits: CheckParams
 ) -> Rejection | None:
     if "video" not in frames:
         return None
@@ -385,11 +382,7 @@ def _few_surfaces(inputs: Channels, least: float) -> Rejection | None:
 
 
 def _over(
-    reason: str,
-    what: str,
-    renders: Mapping[Kind, Float32Array],
-    measure: Any,
-    limit: float,
+    reason: str, what: str, renders: Mapping[Kind, Float32Array], measure: Any, limit: float
 ) -> Rejection | None:
     for kind, image in renders.items():
         share = measure(image)

@@ -232,10 +232,7 @@ class _Packer:
         return self._pack(folder, splits, dropped)
 
     def _pack(
-        self,
-        folder: Path,
-        splits: Mapping[str, str],
-        dropped: Collection[tuple[str, str]] = (),
+        self, folder: Path, splits: Mapping[str, str], dropped: Collection[tuple[str, str]] = ()
     ) -> Packed:
         """Write the shards; `splits`: the split of each plan. `dropped` walks are rejected."""
         params = self.params.dataset

@@ -44,11 +44,7 @@ _COLUMNS = dataset_columns(
 )
 _TYPES = {one.name: one.type for one in _COLUMNS if not one.is_image}
 _DTYPES = ("float16", "float32", "float64", "uint8", "int32")
-_NAMES = {
-    "scene_id": "a scene's id",
-    "view_id": "a view's id",
-    "trajectory": "a trajectory's name",
-}
+_NAMES = {"scene_id": "a scene's id", "view_id": "a view's id", "trajectory": "a trajectory's name"}
 _LENS = ("K", "projection", "distortion")
 _EXPOSURES = ("exposure_shading", "white_shading", "exposure_color", "white_color")
 _REMEDY = "pack it again with: pbrnet dataset"

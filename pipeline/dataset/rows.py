@@ -8,13 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.pipeline.channels import (
-    RADIANCE,
-    TRUTHS,
-    Channel,
-    column_channel,
-    dataset_channels,
-)
+from pbrnet.pipeline.channels import RADIANCE, TRUTHS, Channel, column_channel, dataset_channels
 from pbrnet.pipeline.dataset.checks import Frames, noise_of
 from pbrnet.pipeline.dataset.columns import PREVIEWS, Column, Preview, room_layout
 from pbrnet.pipeline.dataset.description.facts import attribution_of, licence_of
@@ -209,8 +203,5 @@ def preview_cells(row: Cells, width: int) -> dict[str, dict[str, Any]]:
         lossless = preview.name == "preview" or _is_labels(column_channel(preview.shows))
         content = png_bytes(picture) if lossless else jpeg_bytes(picture)
         name = "-".join([row["scene_id"], row["view_id"], *preview.name.split("_")[1:]])
-        cells[preview.name] = {
-            "bytes": content,
-            "path": f"{name}.{'png' if lossless else 'jpg'}",
-        }
+        cells[preview.name] = {"bytes": content, "path": f"{name}.{'png' if lossless else 'jpg'}"}
     return cells

@@ -94,9 +94,7 @@ def room_of(row: ViewRow, rooms: Sequence[Room]) -> Room:
     return min(rooms, key=away)
 
 
-def scene_meshes(
-    opened: RenderScene,
-) -> tuple[list[tuple[int, Float64Array, Int64Array]], int]:
+def scene_meshes(opened: RenderScene) -> tuple[list[tuple[int, Float64Array, Int64Array]], int]:
     """Return shape, vertices and faces of every shape, and how many could not be meshed.
 
     Clear panes are left out. Spheres, disks and cylinders become triangles; instances of groups

@@ -61,10 +61,7 @@ def _write(job: Job, rows: Sequence[ViewRow], path: Path, advance: Advance) -> N
         if name in job.rows.columns
     ]
     images = job.rows.image_names()
-    with (
-        temporary_folder() as folder,
-        tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar,
-    ):
+    with temporary_folder() as folder, tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
         for row, content in job.rows.read(rows, images, values):
             key = key_of(row)
             _add(tar, f"{key}.json", json.dumps(_facts(row, content.values), sort_keys=True))

@@ -10,24 +10,13 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from pbrnet.pipeline.images import Picture, contact_sheet, enlarge, read_picture
-from pbrnet.pipeline.inspection.drawings import (
-    counted,
-    draw_cameras,
-    draw_plan,
-    draw_scene,
-)
+from pbrnet.pipeline.inspection.drawings import counted, draw_cameras, draw_plan, draw_scene
 from pbrnet.pipeline.inspection.sections import Inspection, Table, facts_of, rows_of
 from pbrnet.pipeline.inspection.sizes import scene_sizes
 from pbrnet.pipeline.render.leaks import find_leaks
 from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.views import load_cameras
-from pbrnet.scenes.assets.index import (
-    PREVIEW,
-    AssetIndex,
-    IndexEntry,
-    load_asset,
-    load_index,
-)
+from pbrnet.scenes.assets.index import PREVIEW, AssetIndex, IndexEntry, load_asset, load_index
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_bytes

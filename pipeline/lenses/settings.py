@@ -111,9 +111,7 @@ class OpticsParams:
 
 
 def lens_of(
-    image: ImageParams,
-    half_fov_x: float | None = None,
-    rng: np.random.Generator | None = None,
+    image: ImageParams, half_fov_x: float | None = None, rng: np.random.Generator | None = None
 ) -> Lens:
     """Return the lens of images, or of one view.
 

@@ -36,11 +36,7 @@ def denoiser_version() -> str:
 
 
 def denoise(
-    image: Channels,
-    albedo: Image,
-    normal: Image,
-    quality: Quality = "high",
-    around: bool = False,
+    image: Channels, albedo: Image, normal: Image, quality: Quality = "high", around: bool = False
 ) -> Channels:
     """Denoise `R`, `G`, `B` (H, W), linear HDR, guided by `albedo` and `normal` (H, W, 3).
 

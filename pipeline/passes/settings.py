@@ -70,9 +70,7 @@ class LightParams:
     """Light groups, if `channels` names `light`."""
 
     groups: int = param(
-        0,
-        "lamps with a separate image, besides sky, sun and the rest; 0: none",
-        within(0, 32),
+        0, "lamps with a separate image, besides sky, sun and the rest; 0: none", within(0, 32)
     )
 
     @property

@@ -142,13 +142,7 @@ def truth_settings(
 def noisy_trace(params: GroundTruthParams, spp: int) -> GroundTruthParams:
     """Return the parameters of a trace with `spp` samples; what it does not read is fixed."""
     return replace(
-        params,
-        spp=spp,
-        block_spp=spp,
-        noise=0.0,
-        min_spp=1,
-        train_spp=0,
-        denoise="none",
+        params, spp=spp, block_spp=spp, noise=0.0, min_spp=1, train_spp=0, denoise="none"
     )
 
 

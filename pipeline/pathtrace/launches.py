@@ -32,13 +32,7 @@ from pbrnet.pipeline.pathtrace.camera_rays import (
     lens_arrays,
 )
 from pbrnet.pipeline.pathtrace.integrator import JointPath
-from pbrnet.pipeline.pathtrace.optics import (
-    Optics,
-    OpticsKind,
-    expose,
-    optics_kind,
-    optics_values,
-)
+from pbrnet.pipeline.pathtrace.optics import Optics, OpticsKind, expose, optics_kind, optics_values
 from pbrnet.pipeline.render.drjit_arrays import column
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float64Array

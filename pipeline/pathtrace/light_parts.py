@@ -152,11 +152,7 @@ class PathParts:
         self.before &= ~mirrored
 
     def add_emission(
-        self,
-        parts: Any,
-        ds: mi.DirectionSample3f,
-        throughput: mi.Color3f,
-        arriving: mi.Color3f,
+        self, parts: Any, ds: mi.DirectionSample3f, throughput: mi.Color3f, arriving: mi.Color3f
     ) -> None:
         """Add emission that BSDF sampling found: `arriving` is radiance times MIS weight.
 
@@ -206,11 +202,7 @@ class PathParts:
         self.scattered += dr.select(same, mi.UInt32(0), mi.UInt32(1))
 
     def add_to_group(
-        self,
-        parts: Any,
-        ds: mi.DirectionSample3f,
-        throughput: mi.Color3f,
-        arriving: mi.Color3f,
+        self, parts: Any, ds: mi.DirectionSample3f, throughput: mi.Color3f, arriving: mi.Color3f
     ) -> None:
         """Add a contribution to the group of its light."""
         if parts.groups is not None:

@@ -167,7 +167,7 @@ def add_to_card(dataset: Path, name: str, recipe: Recipe, record: Record | None)
         lines += [
             f"It took {_span(3600 * record.core_hours)} of a core ({parts}) on "
             f"{plain_markdown(record.machine)}, {plain_markdown(record.instruction_set)}: "
-            f"{3600 * record.core_hours / max(record.rows, 1):.1f} core-seconds a row.",
+            f"{3600 * record.core_hours / max(record.rows, 1):.1f} core-seconds a row."
         ]
     card = dataset / "README.md"
     write_text(card, read_text(card).rstrip("\n") + "\n" + "\n".join(lines) + "\n")

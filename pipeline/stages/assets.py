@@ -34,12 +34,7 @@ from pbrnet.scenes.files import remove_partials
 from pbrnet.scenes.own_assets.convert import convert_any
 from pbrnet.scenes.own_assets.table import read_table
 from pbrnet.scenes.sweethome.catalogue.packages import DOWNLOADS, find_catalogues, read_catalogues
-from pbrnet.scenes.sweethome.catalogue.pieces import (
-    PieceJob,
-    current,
-    index_of,
-    piece_jobs,
-)
+from pbrnet.scenes.sweethome.catalogue.pieces import PieceJob, current, index_of, piece_jobs
 
 _SHOWN = 10  # refused pieces listed on the terminal; the index holds all of them
 

@@ -216,10 +216,7 @@ def _by_trace(frames: dict[Path, ExpectedFrame]) -> list[list[Path]]:
 
 
 def _views(
-    data: Path,
-    expected: Mapping[str, Mapping[str, str]],
-    plan: StagePlan,
-    may_be_none: bool,
+    data: Path, expected: Mapping[str, Mapping[str, str]], plan: StagePlan, may_be_none: bool
 ) -> list[View]:
     """Return the views of all scenes, sorted; add broken camera files to the plan's failures.
 

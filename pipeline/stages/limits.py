@@ -25,12 +25,7 @@ from pbrnet.scenes.errors import InputError, MachineError, ParameterError, Pbrne
 from pbrnet.scenes.files import temporary_folder
 from pbrnet.scenes.installation import IMPORT_FOLDER
 
-_ERRORS: tuple[type[PbrnetError], ...] = (
-    ParameterError,
-    InputError,
-    MachineError,
-    PbrnetError,
-)
+_ERRORS: tuple[type[PbrnetError], ...] = (ParameterError, InputError, MachineError, PbrnetError)
 _THREADED = ("drjit", "torch", "pyarrow")  # libraries with threads that a fork loses
 _INTERVAL = 0.1  # seconds between two checks
 _LENGTH = 8  # bytes of the number of bytes that follow

@@ -158,11 +158,7 @@ def _rendered(opened: RenderScene, job: FrameJob) -> tuple[dict[Kind, Result], d
 
 
 def _write(
-    job: FrameJob,
-    kind: Kind,
-    channels: Channels,
-    stats: dict[str, Any],
-    sent: dict[str, SentFile],
+    job: FrameJob, kind: Kind, channels: Channels, stats: dict[str, Any], sent: dict[str, SentFile]
 ) -> dict[str, Any]:
     """Write one frame, or add it to `sent`; return its columns of the ledger."""
     with writing(frame_path(job.data, kind, job.view), sent, kind) as path:

@@ -208,7 +208,7 @@ def execute(plan: StagePlan, scheduler: str | None) -> dict[Path, bool]:
         return None if seconds is None else seconds / min(workers, len(plan.items))
 
     accepted = plan.accepted if plan.renders else None
-    total, workers = plan.kept + len(made), plan.params.farm.workers or cpu_count()
+    total, workers = plan.kept + len(made), plan.farm.workers or cpu_count()
     with Progress(total, plan.stage, plan.unit, plan.kept, expected(workers)) as progress:
 
         def finished(key: str) -> None:
@@ -308,9 +308,7 @@ def _record(
 
 
 def finish(
-    plan: StagePlan,
-    made: dict[Path, bool],
-    notes: Callable[[], Iterable[str]] = tuple,
+    plan: StagePlan, made: dict[Path, bool], notes: Callable[[], Iterable[str]] = tuple
 ) -> Summary:
     """Move out-of-date files that could not be made again to the trash; write the failures.
 

@@ -71,13 +71,7 @@ def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
     """
     if isinstance(job, HomeJob):
         scene = make_home(
-            job.folder,
-            job.scene_id,
-            job.params,
-            job.seed,
-            job.lighting,
-            job.variant,
-            job.assets,
+            job.folder, job.scene_id, job.params, job.seed, job.lighting, job.variant, job.assets
         )
         _stamp(job, scene)
         return {"costs": memory_columns()}

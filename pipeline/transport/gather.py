@@ -17,12 +17,7 @@ from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.pathtrace.scattering import diffuse_lobes, mis_weight, share
 from pbrnet.pipeline.render.drjit_arrays import partner
 from pbrnet.pipeline.transport.cells import CELL, LightTable
-from pbrnet.pipeline.transport.rays import (
-    ShapeTables,
-    facing_normal,
-    first_surface,
-    surface_point,
-)
+from pbrnet.pipeline.transport.rays import ShapeTables, facing_normal, first_surface, surface_point
 
 _GLOSS_ALBEDO = 0.05  # part of what the base colour absorbs that gloss reflects
 

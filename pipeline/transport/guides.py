@@ -133,12 +133,7 @@ def _trace(
 
 
 def _means(
-    scene: mi.Scene,
-    tables: ShapeTables,
-    ray: mi.Ray3f,
-    active: mi.Bool,
-    axes: mi.Float,
-    rays: int,
+    scene: mi.Scene, tables: ShapeTables, ray: mi.Ray3f, active: mi.Bool, axes: mi.Float, rays: int
 ) -> list[mi.Float]:
     """Return the bands of the guides, means over `rays` successive rays of each pixel."""
     si, _ = first_surface(scene, tables, ray, active, coherent=True)

@@ -18,12 +18,7 @@ from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.transport.cells import LightTable
 from pbrnet.pipeline.transport.gather import World
 from pbrnet.pipeline.transport.pixels import IMAGES, Kernel, Samples, gather_pixels, light_samples
-from pbrnet.pipeline.transport.radiosity import (
-    Surfels,
-    light_surfels,
-    surfels_in_view,
-    surfels_of,
-)
+from pbrnet.pipeline.transport.radiosity import Surfels, light_surfels, surfels_in_view, surfels_of
 from pbrnet.pipeline.transport.rays import ShapeTables
 from pbrnet.pipeline.transport.smoothing import smooth, spread_fireflies
 from pbrnet.pipeline.views import View

@@ -35,12 +35,7 @@ from pbrnet.pipeline.transport.gather import (
     sampler_of,
 )
 from pbrnet.pipeline.transport.radiosity import camera_ray
-from pbrnet.pipeline.transport.rays import (
-    facing_normal,
-    first_surface,
-    seen_surface,
-    surface_point,
-)
+from pbrnet.pipeline.transport.rays import facing_normal, first_surface, seen_surface, surface_point
 
 Image: TypeAlias = "dict[str, mi.Color3f | mi.Vector3f | list[mi.Float]]"  # bands by name
 

@@ -20,9 +20,7 @@ class TransportParams:
         0, "per pixel, a power of two; 0: by image size, 16 at 160x120", within(0, 64)
     )
     surfels: int = param(
-        0,
-        "number of surfels; 0: by image size, 16,000 at 160x120",
-        within(0, 32000),
+        0, "number of surfels; 0: by image size, 16,000 at 160x120", within(0, 32000)
     )
     bounces: int = param(8, "bounces of light between surfels", within(0, 64))
 

@@ -27,10 +27,7 @@ CHUNK = 1 << 21  # rays in flight; bounds memory
 
 
 def nearest(
-    geometry: SceneGeometry,
-    origins: npt.ArrayLike,
-    directions: npt.ArrayLike,
-    through: bool = True,
+    geometry: SceneGeometry, origins: npt.ArrayLike, directions: npt.ArrayLike, through: bool = True
 ) -> tuple[Int32Array, Float32Array]:
     """Return the index of the first shape along each ray (-1: none) and the distance in metres.
 
@@ -43,10 +40,7 @@ def nearest(
 
 
 def surfaces(
-    geometry: SceneGeometry,
-    origins: npt.ArrayLike,
-    directions: npt.ArrayLike,
-    colors: bool = True,
+    geometry: SceneGeometry, origins: npt.ArrayLike, directions: npt.ArrayLike, colors: bool = True
 ) -> Hits:
     """Return the first surface along each ray, with normals and reflectance.
 
@@ -85,10 +79,7 @@ def textured_surfaces(
 
 
 def objects_along(
-    geometry: SceneGeometry,
-    numbers: Int32Array,
-    origins: npt.ArrayLike,
-    directions: npt.ArrayLike,
+    geometry: SceneGeometry, numbers: Int32Array, origins: npt.ArrayLike, directions: npt.ArrayLike
 ) -> npt.NDArray[np.uint32]:
     """Return which objects each ray meets on its whole way, as if each object were alone.
 
@@ -121,9 +112,7 @@ def unoccluded(
 
 
 def object_ids(
-    geometry: SceneGeometry,
-    poses: npt.ArrayLike,
-    rays: npt.ArrayLike,
+    geometry: SceneGeometry, poses: npt.ArrayLike, rays: npt.ArrayLike
 ) -> npt.NDArray[np.uint32]:
     """Return object index + 1 along every ray, 0 for none: uint32 (N, H, W).
 
@@ -162,10 +151,7 @@ def environment_radiance(emitter: Any, directions: AnyArray) -> Float64Array:
 
 
 def sample_emitters(
-    emitters: tuple[Any, ...],
-    indices: AnyArray,
-    origin: npt.ArrayLike,
-    samples: AnyArray,
+    emitters: tuple[Any, ...], indices: AnyArray, origin: npt.ArrayLike, samples: AnyArray
 ) -> tuple[Float64Array, Float32Array, Float64Array, Float64Array]:
     """Sample points on emitters as seen from `origin`, (3,) or (N, 3), without a visibility test.
 

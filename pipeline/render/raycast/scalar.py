@@ -101,11 +101,7 @@ def oriented(
 
 
 def objects_along(
-    geometry: SceneGeometry,
-    numbers: AnyArray,
-    words: int,
-    origins: AnyArray,
-    directions: AnyArray,
+    geometry: SceneGeometry, numbers: AnyArray, words: int, origins: AnyArray, directions: AnyArray
 ) -> tuple[AnyArray, ...]:
     """Return a bit for each object that a ray meets, (N, words)."""
     met = np.zeros((len(directions), words), np.uint32)
@@ -286,8 +282,7 @@ def _partners(geometry: SceneGeometry, same_side: bool) -> tuple[AnyArray, AnyAr
     opaque = ~(geometry.clear | geometry.masked)
     clear = geometry.clear if same_side else None
     return geometry.cached(
-        f"partners_{same_side}",
-        lambda: partners_of(_triangles(geometry), opaque, same_side, clear),
+        f"partners_{same_side}", lambda: partners_of(_triangles(geometry), opaque, same_side, clear)
     )
 
 

@@ -173,11 +173,7 @@ def _recorded(geometry: SceneGeometry, function: Callable[..., list[Any]]) -> _R
 
 
 def objects_along(
-    geometry: SceneGeometry,
-    numbers: AnyArray,
-    words: int,
-    origins: AnyArray,
-    directions: AnyArray,
+    geometry: SceneGeometry, numbers: AnyArray, words: int, origins: AnyArray, directions: AnyArray
 ) -> tuple[AnyArray, ...]:
     """Return a bit for each object that a ray meets, (N, words)."""
     tables = _tables(geometry)
