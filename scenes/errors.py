@@ -18,6 +18,11 @@ class PbrnetError(Exception):
         return "\n".join(map(str, self.args))
 
 
+def in_one_line(error: Exception, most: int | None = None) -> str:
+    """Return the text of an error in one line of at most `most` characters, or its type's name."""
+    return " ".join(str(error).split())[:most] or type(error).__name__
+
+
 class ParameterError(PbrnetError):
     """A parameter is unknown, of the wrong type or impossible."""
 

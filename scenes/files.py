@@ -154,6 +154,15 @@ def remove_partials(folder: Path) -> int:
     return len(leftovers)
 
 
+def write_csv(path: Path, header: Iterable[str], lines: Iterable[Iterable[Any]]) -> None:
+    """Write a table by rename, as UTF-8 with line feeds."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(lines)
+    write_text(path, text.getvalue())
+
+
 def sweep(folder: Path, recursive: bool = True) -> int:
     """Delete partial files of killed writers in `folder` and below; returns their number.
 

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from pbrnet.scenes.checked import shown
-from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.errors import InputError, ParameterError, in_one_line
 from pbrnet.scenes.files import read_text
 
 _MAX_BYTES = 2**20
@@ -68,5 +68,5 @@ def parse_yaml(text: str, path: Path, loader: type[BoundedLoader] = BoundedLoade
     except RecursionError:
         raise ParameterError(f"{path}: not valid YAML (nested too deep)") from None
     except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())  # PyYAML writes several lines
+        reason = in_one_line(error)  # PyYAML writes several
         raise ParameterError(f"{path}: not valid YAML ({reason})") from None

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.errors import InputError, in_one_line
 from pbrnet.scenes.files import atomic_file, regular_file
 
 KEY = ("stage", "scene_id", "view_id")
@@ -74,7 +74,7 @@ def read_ledger_file(path: Path) -> pa.Table:
     try:
         table = pq.read_table(regular_file(path), schema=SCHEMA)
     except (OSError, pa.ArrowException) as error:
-        reason = " ".join(str(error).split())[:300]
+        reason = in_one_line(error, 300)
         raise InputError(
             f"{path}: not a ledger of costs ({reason}); remove it and run the command again"
         ) from None

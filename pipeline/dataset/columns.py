@@ -87,6 +87,12 @@ class Column:
         return np.dtype(self.dtype.to_pandas_dtype())
 
     @property
+    def dtype_name(self) -> str:
+        """Name of `dtype`, of numbers NumPy's."""
+        names = {"halffloat": "float16", "float": "float32", "double": "float64"}
+        return names.get(str(self.dtype), str(self.dtype))
+
+    @property
     def type(self) -> pa.DataType:
         """Arrow type of the column."""
         if self.is_image:
@@ -298,11 +304,7 @@ def _feature(column: Column) -> dict[str, Any]:
         return {"feature": {"dtype": "string", "_type": "Value"}, "length": -1, "_type": "Sequence"}
     if column.is_image:
         return {"dtype": "binary", "_type": "Value"}
-    names = {"halffloat": "float16", "float": "float32", "double": "float64"}
-    feature: dict[str, Any] = {
-        "dtype": names.get(str(column.dtype), str(column.dtype)),
-        "_type": "Value",
-    }
+    feature: dict[str, Any] = {"dtype": column.dtype_name, "_type": "Value"}
     for length in reversed(column.shape):
         # "Sequence" is understood by old and new releases of `datasets`, "List" by new ones only.
         feature = {"feature": feature, "length": length, "_type": "Sequence"}

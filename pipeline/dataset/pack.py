@@ -10,7 +10,6 @@ bounded by one row group per split and a few views in preparation, whatever the 
 
 from __future__ import annotations
 
-import csv
 import os
 import shutil
 from collections import Counter, deque
@@ -60,6 +59,7 @@ from pbrnet.scenes.files import (
     exists,
     read_json,
     remove_partials,
+    write_csv,
     write_json,
     write_text,
 )
@@ -340,7 +340,7 @@ def _in_order(
 
 
 def _write_rejected(path: Path, rejected: Iterable[Rejected]) -> None:
-    _write_csv(
+    write_csv(
         path,
         ("scene_id", "view_id", "reason", "detail"),
         (
@@ -379,14 +379,7 @@ def _write_scenes(
         )
     header = ("scene_id", "split", "plan", "source", "lighting", "rooms", "rooms_without_view")
     counts = ("candidates", "views", "rows", "rejected", "licence", "attribution")
-    _write_csv(path, header + counts, lines)
-
-
-def _write_csv(path: Path, header: Sequence[str], lines: Iterable[Sequence[Any]]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(lines)
+    write_csv(path, header + counts, lines)
 
 
 def _summarise(

@@ -33,7 +33,7 @@ from pbrnet.pipeline.splits import SPLITS
 from pbrnet.pipeline.views import check_intrinsics, check_pose
 from pbrnet.scenes.arrays import AnyArray, UInt8Array
 from pbrnet.scenes.checked import check_name, shown
-from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.errors import InputError, in_one_line
 from pbrnet.scenes.files import parse_json, regular_file
 
 MAX_BYTES = 2**34  # of a file; row groups are read one at a time
@@ -82,7 +82,7 @@ def reading(path: Path) -> Iterator[None]:
     try:
         yield
     except (pa.ArrowException, OSError) as error:
-        reason = " ".join(str(error).split())[:300] or type(error).__name__
+        reason = in_one_line(error, 300)
         raise InputError(
             f"{path}: damaged, truncated or not Parquet ({reason}); {_REMEDY}"
         ) from None

@@ -10,7 +10,6 @@ half floats hold well: `radiance_scale` in `metadata_scene.csv` restores the ren
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import math
@@ -31,7 +30,7 @@ from pbrnet.pipeline.images import depth_picture, normal_picture, png_bytes
 from pbrnet.pipeline.tonemap import to_bytes
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import write_text
+from pbrnet.scenes.files import write_csv
 
 LIGHT = ("irradiance",)
 LABELS = ("instance", "nyu40", "instances")
@@ -154,9 +153,9 @@ def _write(job: Job, scene: HypersimScene, folder: Path, advance: Advance) -> No
             advance()
         _write_trajectory(detail / camera, rows)
     _write_boxes(detail / "mesh", instances)
-    _write_csv(detail / "metadata_cameras.csv", ("camera_name",), [(c,) for c in scene.cameras])
+    write_csv(detail / "metadata_cameras.csv", ("camera_name",), [(c,) for c in scene.cameras])
     facts = [("meters_per_asset_unit", 1.0), ("radiance_scale", unit)]
-    _write_csv(detail / "metadata_scene.csv", ("parameter_name", "parameter_value"), facts)
+    write_csv(detail / "metadata_scene.csv", ("parameter_name", "parameter_value"), facts)
 
 
 def _unit(rows: Sequence[ViewRow]) -> float:
@@ -278,14 +277,14 @@ def _finish(job: Job) -> None:
         *("settings_units_info_meters_scale", "use_camera_physical", "settings_camera_fov"),
         *(*uv, *proj),
     )
-    _write_csv(job.out / "metadata_camera_parameters.csv", header, cameras)
+    write_csv(job.out / "metadata_camera_parameters.csv", header, cameras)
     header = ("scene_name", "camera_name", "frame_id", "included_in_public_release")
     header += ("exclude_reason",)
-    _write_csv(job.out / "metadata_images.csv", header, [frame[:5] for frame in frames])
+    write_csv(job.out / "metadata_images.csv", header, [frame[:5] for frame in frames])
     header += ("split_partition_name",)
-    _write_csv(job.out / "metadata_images_split_scene_v1.csv", header, frames)
+    write_csv(job.out / "metadata_images_split_scene_v1.csv", header, frames)
     header = ("scene_name", "camera_name", "frame_id", "scene_id", "view_id")
-    _write_csv(job.out / "scenes.csv", header, names)
+    write_csv(job.out / "scenes.csv", header, names)
 
 
 def _sizes(job: Job) -> tuple[int, int]:
@@ -293,14 +292,6 @@ def _sizes(job: Job) -> tuple[int, int]:
     _, content = next(iter(job.rows.read(job.rows.rows[:1], ("depth",))))
     height, width = content.images["depth"].shape
     return width, height
-
-
-def _write_csv(path: Path, header: Sequence[str], lines: Sequence[Sequence[Any]]) -> None:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(lines)
-    write_text(path, stream.getvalue())
 
 
 FORMAT = Format(

@@ -22,7 +22,7 @@ from distributed.comm import CommClosedError
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.worker import Item, Outcome, run_batch
 from pbrnet.pipeline.terminal import say
-from pbrnet.scenes.errors import MachineError
+from pbrnet.scenes.errors import MachineError, in_one_line
 
 WORKER_PATIENCE = 300.0  # seconds without a single worker before the run is given up
 FIRST_PATIENCE = 60.0  # the same for an external scheduler that has had none in this run
@@ -263,7 +263,7 @@ class Dispatch:
         except (CancelledError, CommClosedError):
             raise MachineError(f"the dask scheduler has gone; {_RESUME}") from None
         except Exception as error:
-            reason = " ".join(str(error).split())
+            reason = in_one_line(error)
             raise MachineError(
                 f"the dask scheduler or a worker cannot run the work function ({reason}); both "
                 "need the same version of pbrnet as this command"

@@ -20,7 +20,7 @@ from typing import Any
 
 from distributed import Client, get_worker
 
-from pbrnet.scenes.errors import PbrnetError
+from pbrnet.scenes.errors import PbrnetError, in_one_line
 
 PATIENCE = 120.0  # seconds that a worker waits for the next bundle
 _THREADS = 4
@@ -105,7 +105,7 @@ class _Request:
         except StopIteration:
             return _END, None
         except Exception as error:  # reading the command's files failed: the worker reports it
-            return _ERROR, " ".join(str(error).split()) or type(error).__name__
+            return _ERROR, in_one_line(error)
 
 
 def request_bundles(topic: str, request: Mapping[str, Any]) -> Iterator[Any]:

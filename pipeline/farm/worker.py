@@ -30,7 +30,7 @@ from distributed import Reschedule, get_worker
 from distributed.core import Status
 
 from pbrnet.pipeline.farm.settings import VISIBLE_CARDS
-from pbrnet.scenes.errors import MachineError
+from pbrnet.scenes.errors import MachineError, in_one_line
 
 _MAX_RETURNED = 32 << 20  # bytes of files that a batch returns; beyond that it ends early
 _rendering = threading.Lock()  # one batch at a time per process: Dr.Jit's state is the process's
@@ -161,7 +161,7 @@ def _time_limit(seconds: int) -> Iterator[None]:
 
 def _message(error: Exception) -> str:
     """Return an error as one line, with its place unless it is one of the project's own."""
-    text = " ".join(str(error).split()) or type(error).__name__
+    text = in_one_line(error)
     frames = traceback.extract_tb(error.__traceback__)
     if hasattr(error, "exit_code") or not frames:
         return text

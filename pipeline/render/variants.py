@@ -24,7 +24,7 @@ import mitsuba as mi
 
 from pbrnet.pipeline.farm.settings import VISIBLE_CARDS, Variant
 from pbrnet.pipeline.terminal import say
-from pbrnet.scenes.errors import MachineError
+from pbrnet.scenes.errors import MachineError, in_one_line
 
 PREFERRED: tuple[Variant, ...] = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
 PROBED = "PBRNET_CARDS"  # the environment variable with the answer of an earlier process
@@ -196,7 +196,7 @@ def _examined() -> Cards:
     try:
         found = _devices()
     except (OSError, RuntimeError, AttributeError) as error:
-        return Cards(problem=_one_line(error))
+        return Cards(problem=in_one_line(error))
     if not found.memory:
         return found
     problem = ""
@@ -209,7 +209,7 @@ def _examined() -> Cards:
     except OSError:
         problem = _OPTIX
     except (ImportError, RuntimeError) as error:
-        problem = _one_line(error)
+        problem = in_one_line(error)
     return Cards(found.memory, found.names, problem)
 
 
@@ -247,10 +247,6 @@ def trace_triangle() -> float:
     scene = mi.load_dict({"type": "scene", "triangle": triangle})
     ray = mi.Ray3f(mi.Point3f(0, 0, 2), mi.Vector3f(0, 0, -1))
     return float(scene.ray_intersect_preliminary(ray).t[0])
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import Trash, data_lock
-from pbrnet.pipeline.stages.runner import opened_farm
+from pbrnet.pipeline.stages.runner import StageError, opened_farm
 from pbrnet.pipeline.terminal import lines_of
 from pbrnet.scenes.assets.index import (
     OWN_TABLE,
@@ -29,7 +29,6 @@ from pbrnet.scenes.assets.index import (
     index_entry,
     save_index,
 )
-from pbrnet.scenes.errors import PbrnetError
 from pbrnet.scenes.files import remove_partials
 from pbrnet.scenes.own_assets.convert import convert_any
 from pbrnet.scenes.own_assets.table import read_table
@@ -37,12 +36,6 @@ from pbrnet.scenes.sweethome.catalogue.packages import DOWNLOADS, find_catalogue
 from pbrnet.scenes.sweethome.catalogue.pieces import PieceJob, current, index_of, piece_jobs
 
 _SHOWN = 10  # refused pieces listed on the terminal; the index holds all of them
-
-
-class AssetError(PbrnetError):
-    """Some pieces failed for reasons outside of them, and everything else is done."""
-
-    exit_code = 1
 
 
 @dataclass(frozen=True)
@@ -79,7 +72,7 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
     """Fill `data/assets` and write its index.
 
     Raises `MachineError` if a catalogue cannot be found or fetched, `InputError` if a catalogue
-    file is damaged, `AssetError` if pieces failed for reasons outside of them.
+    file is damaged, `StageError` if pieces failed for reasons outside of them.
     """
     started = time.monotonic()
     data = Path(data).resolve()
@@ -103,7 +96,7 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
         index = index_of(catalogues, {**kept, **made}, refused)
         save_index(root, index)
         if failures:
-            raise AssetError(
+            raise StageError(
                 f"assets: {len(failures)} pieces failed, {len(made)} made, {len(kept)} kept",
                 *(f"  {failure}" for failure in failures[:_SHOWN]),
                 "Everything else is done; run the same command again to retry.",

@@ -170,7 +170,4 @@ def _credits(scenes: Sequence[Scene]) -> list[tuple[Credit, int]]:
 def _type_name(column: Column) -> str:
     if column.dtype == PREVIEW:
         return "image"
-    if column.dtype == NAMES:
-        return "list of string"
-    names = {"halffloat": "float16", "float": "float32", "double": "float64"}
-    return names.get(str(column.dtype), str(column.dtype))
+    return "list of string" if column.dtype == NAMES else column.dtype_name
