@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from pbrnet.pipeline.frames import stacked
 from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.passes.groundtruth import Truth
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
@@ -176,7 +177,7 @@ def python(*arguments: str, seconds: float | None = None) -> str:
 
 def pixels(truth: Truth) -> Float64Array:
     """Return the image of a render, (H, W, 3)."""
-    return np.stack([truth[0][band] for band in "RGB"], axis=-1).astype(np.float64)
+    return stacked(truth[0]).astype(np.float64)
 
 
 class Reference:

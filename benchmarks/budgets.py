@@ -52,9 +52,8 @@ from pbrnet.model.evaluation.inference import Networks, available, load_networks
 from pbrnet.model.evaluation.metrics import flip_map, ssim
 from pbrnet.model.evaluation.predict import ViewRenderer, example_of
 from pbrnet.model.methods import MAX_SAMPLES
-from pbrnet.pipeline.channels import RGB
 from pbrnet.pipeline.farm.versions import processor
-from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.frames import Channels, stacked
 from pbrnet.pipeline.images import contact_sheet, jpeg_bytes
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality, denoise
@@ -303,8 +302,7 @@ class Home:
         return self._denoised(view, color, quality)
 
     def _denoised(self, view: View, color: Channels, quality: Quality) -> Float32Array:
-        clean = denoise(color, *sample_guides(self.clay, view), quality)
-        return np.stack([clean[band] for band in RGB], axis=-1)
+        return stacked(denoise(color, *sample_guides(self.clay, view), quality))
 
     def _settings(self, spp: int) -> GroundTruthParams:
         return replace(self.params.groundtruth, spp=spp, block_spp=min(spp, _BLOCK), denoise="none")

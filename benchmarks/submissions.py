@@ -22,7 +22,8 @@ from pbrnet.model.data.reader import Dataset, Example
 from pbrnet.model.evaluation.inference import Networks, load_networks
 from pbrnet.model.methods import METHODS
 from pbrnet.pipeline.costs.ledger import read_ledger
-from pbrnet.pipeline.export.images import rgb_planes, write_exr
+from pbrnet.pipeline.export.images import write_exr
+from pbrnet.pipeline.frames import banded
 from pbrnet.pipeline.tonemap import tonemap
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.color import decode_srgb, luminance
@@ -107,7 +108,7 @@ def _write(way: Way, examples: Sequence[Example], folder: Path) -> float:
         picture = way.picture(example)
         spent.append(time.process_time() - before)
         name = f"{example.scene_id}--{example.view_id}"
-        write_exr(folder / f"{name}.exr", rgb_planes(picture.astype(np.float32)))
+        write_exr(folder / f"{name}.exr", banded(picture.astype(np.float32)))
     return float(np.median(spent))
 
 

@@ -32,7 +32,7 @@ from __future__ import annotations
 import errno
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -86,6 +86,16 @@ class Frame:
     def rgb(self) -> Float32Array:
         """`R`, `G`, `B` as float32 (H, W, 3)."""
         return self.stack(*RGB)
+
+
+def stacked(channels: Channels, names: Sequence[str] = RGB) -> AnyArray:
+    """Return channels as one image, (H, W, len(names)); R, G and B unless named."""
+    return np.stack([channels[name] for name in names], axis=-1)
+
+
+def banded(image: AnyArray, names: Sequence[str] = RGB) -> Channels:
+    """Return the bands of an image (H, W, len(names)) as channels of these names."""
+    return {name: image[..., index] for index, name in enumerate(names)}
 
 
 def fingerprint(**determined_by: Any) -> str:

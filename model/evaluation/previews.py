@@ -10,7 +10,7 @@ import numpy as np
 
 from pbrnet.model.evaluation.predict import ViewRenderer
 from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT
-from pbrnet.pipeline.frames import Channels, write_pixels
+from pbrnet.pipeline.frames import Channels, stacked, write_pixels
 from pbrnet.pipeline.images import Picture, contact_sheet, error_picture
 from pbrnet.pipeline.passes.denoise import Quality
 from pbrnet.pipeline.passes.settings import GroundTruthParams
@@ -155,4 +155,4 @@ def write_rendering(
 
 
 def _stacked(channels: Channels) -> Float32Array:
-    return np.stack([channels[band] for band in RGB], axis=-1)
+    return stacked(channels)

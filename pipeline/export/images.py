@@ -55,11 +55,6 @@ def write_exr(path: Path, planes: Mapping[str, AnyArray]) -> None:
         file.write(str(path))
 
 
-def rgb_planes(image: AnyArray) -> dict[str, AnyArray]:
-    """Return an image (H, W, 3) as channels R, G, B."""
-    return {name: image[..., band] for band, name in enumerate("RGB")}
-
-
 def opengl_pose(pose: Float64Array) -> Float64Array:
     """Return a pose of a camera with x right, y up, z backward, from x right, y down, z forward."""
     return pose @ np.diag([1.0, -1.0, -1.0, 1.0])

@@ -20,7 +20,6 @@ from pbrnet.pipeline.export.images import (
     Points,
     exposures,
     opengl_pose,
-    rgb_planes,
     scene_points,
     write_depth,
     write_exr,
@@ -47,7 +46,7 @@ def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) ->
         if job.options.images == "png":
             write_picture(folder / image, color, exposure)
         else:
-            write_exr(folder / image, rgb_planes(color))
+            write_exr(folder / image(color))
         write_depth(folder / "depths" / f"{row.view_id}.png", depth, _MILLIMETRES)
         frames.append(_frame(row, image, depth.shape))
         depths.append(depth.astype(np.float16))

@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 
 from pbrnet.pipeline.channels import light_bands
-from pbrnet.pipeline.export.images import rgb_planes, write_exr
+from pbrnet.pipeline.export.images import write_exr
 from pbrnet.pipeline.export.parts import Advance, Format, Job, Part
 from pbrnet.pipeline.export.rows import ANY_LENS, ViewRow
+from pbrnet.pipeline.frames import banded
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import temporary_folder
@@ -76,9 +77,9 @@ def planes_of(name: str, image: AnyArray) -> dict[str, AnyArray]:
     """Return the channels of an image column as EXR names and types them."""
     if name == "lights":
         return {
-            band: group[..., index]
+            band: plane
             for number, group in enumerate(image)
-            for index, band in enumerate(light_bands(number))
+            for band, plane in banded(group, light_bands(number)).items()
         }
     if image.dtype.kind in "iu":
         return {"Y": image.astype(np.uint32)}
@@ -87,8 +88,8 @@ def planes_of(name: str, image: AnyArray) -> dict[str, AnyArray]:
     if image.shape[2] == 2:
         return {"X": image[..., 0], "Y": image[..., 1]}
     if "normal" in name:
-        return {axis: image[..., index] for index, axis in enumerate("XYZ")}
-    return rgb_planes(image)
+        return banded(image, "XYZ")
+    return banded(image)
 
 
 def _facts(row: ViewRow, values: dict[str, Any]) -> dict[str, Any]:

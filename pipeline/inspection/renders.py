@@ -21,6 +21,7 @@ from shapely.geometry import Polygon
 from pbrnet.pipeline.cameras.settings import CameraParams, ViewParams
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras
 from pbrnet.pipeline.channels import RGB
+from pbrnet.pipeline.frames import stacked
 from pbrnet.pipeline.images import Picture
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import denoise
@@ -66,7 +67,7 @@ def draw_dollhouse(scene: Scene) -> Picture:
     albedo, normal = np.clip(guides[..., -6:-3], 0, 1), guides[..., -3:]
     bands = {band: np.ascontiguousarray(color[..., index]) for index, band in enumerate(RGB)}
     clean = denoise(bands, np.ascontiguousarray(albedo), np.ascontiguousarray(normal))
-    linear = np.stack([clean[band] for band in RGB], axis=-1)
+    linear = stacked(clean)
     # Under a sky of radiance 1, radiance is about the reflectance: no exposure is needed.
     picture = to_bytes(encode_srgb(np.clip(linear, 0, 1)))
     # Antialiased edges are blended with the background.
@@ -100,7 +101,7 @@ def quick_renders(scene: Scene, views: Sequence[View], count: int = 2) -> list[t
     for view in _best_views(found, count):
         seed = derive(0, view.view_id)
         channels, _ = render(opened, _resized(view), settings, seed)["color"]
-        linear = np.stack([channels[band] for band in RGB], axis=-1).astype(np.float32)
+        linear = stacked(channels).astype(np.float32)
         pictures.append((view.view_id, photograph(linear)))
     return pictures
 
@@ -270,4 +271,4 @@ def render_view(scene: Scene | Path, view: View, params: Params | None = None) -
     opened = open_scene(scene if isinstance(scene, Scene) else load_scene(Path(scene)))
     seed = derive(params.seed, view.view_id)
     channels, _ = render(opened, view, settings_of(params, ["color"]), seed)["color"]
-    return np.stack([channels[band] for band in RGB], axis=-1).astype(np.float32)
+    return stacked(channels).astype(np.float32)

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from pbrnet.pipeline.channels import RGB
-from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.frames import Channels, banded, stacked
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
@@ -48,11 +48,11 @@ def denoise(
         wide = denoise(wide, _wrapped(albedo), _wrapped(normal), quality)
         margin = _margin(image["R"])
         return {band: values[:, margin:-margin] for band, values in wide.items()}
-    noisy = np.stack([image[band] for band in RGB], axis=-1).astype(np.float32)
+    noisy = stacked(image).astype(np.float32)
     guided = {"albedo": albedo, "normal": normal, "clean_aux": True}
     clean = _oidn().denoise(noisy, hdr=True, quality=quality, **guided)
     clean = np.maximum(np.nan_to_num(clean), 0)
-    return {band: clean[..., index] for index, band in enumerate(RGB)}
+    return banded(clean)
 
 
 def guides(render_scene: RenderScene, view: View) -> tuple[Image, Image]:
@@ -98,7 +98,7 @@ def _margin(values: AnyArray) -> int:
 
 
 def _average(channels: Channels, names: list[str]) -> Image:
-    stack = np.stack([channels[name] for name in names], axis=-1).astype(np.float32)
+    stack = stacked(channels, names).astype(np.float32)
     height, width, bands = stack.shape
     blocks = stack.reshape(height // SUBPIXELS, SUBPIXELS, width // SUBPIXELS, SUBPIXELS, bands)
     return np.ascontiguousarray(blocks.mean(axis=(1, 3)))

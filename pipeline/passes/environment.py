@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbrnet.pipeline.channels import NORMAL, RGB, Kind
-from pbrnet.pipeline.frames import Channels, Result
+from pbrnet.pipeline.frames import Channels, Result, banded
 from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.passes.denoise import SUBPIXELS, Image, denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import lens_launch, render_blocks
@@ -96,7 +96,7 @@ def _geometry(render_scene: RenderScene, view: View, width: int) -> Channels:
     shape = (width // 2, width)
     return {
         "distance.Z": metres.astype(np.float32).reshape(shape),
-        **{name: normals[:, axis].reshape(shape) for axis, name in enumerate(NORMAL)},
+        **banded(normals.reshape(*shape, 3), NORMAL),
     }
 
 

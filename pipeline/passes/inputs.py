@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from pbrnet.pipeline.channels import Kind, channels_of
-from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.frames import Channels, banded
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.render.scene_geometry import Hits
@@ -120,7 +120,7 @@ def channels_by(
     for channel in channels_of(kind):
         if channel.name in renderers:
             values = renderers[channel.name](source).reshape(*shape, len(channel.bands))
-            bands |= {name: values[..., index] for index, name in enumerate(channel.bands)}
+            bands |= banded(values, channel.bands)
     return bands
 
 

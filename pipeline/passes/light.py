@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pbrnet.pipeline.channels import DIFFUSE, DIRECT, IRRADIANCE, RGB
-from pbrnet.pipeline.frames import Channels, as_stored, frame_scale, pixels_digest
+from pbrnet.pipeline.frames import Channels, as_stored, banded, frame_scale, pixels_digest, stacked
 from pbrnet.pipeline.passes.denoise import Image, denoise, denoiser_version, grey_guide
 from pbrnet.pipeline.passes.groundtruth import REMAINDERS, Truths
 from pbrnet.pipeline.pathtrace.light_parts import LightGroups, group_names
@@ -41,7 +41,7 @@ def light_of(
     """
     scale = frame_scale("color", color)
     stored = as_stored("color", color, scale)
-    limit = np.stack([stored[band] for band in RGB], axis=-1).astype(np.float32) * np.float32(scale)
+    limit = stacked(stored).astype(np.float32) * np.float32(scale)
 
     def cleaned(name: str) -> Float32Array:
         return _denoised(truths.parts[name][0], guides, around)
@@ -49,9 +49,9 @@ def light_of(
     channels: Channels = {}
     for name, rest in zip(("direct", "diffuse"), REMAINDERS, strict=True):
         part, _ = adding_up(np.stack([cleaned(name), cleaned(rest)]), limit, scale)
-        channels |= _named(_STORED[name], part)
+        channels |= banded(part, _STORED[name])
     grey = None if guides is None else (grey_guide(guides[1], _GREY), guides[1])
-    channels |= _named(IRRADIANCE, _denoised(truths.parts["irradiance"][0], grey, around))
+    channels |= banded(_denoised(truths.parts["irradiance"][0], grey, around), IRRADIANCE)
     statistics = truths.color[1]
     facts: dict[str, Any] = {name: statistics[name] for name in ("spp", "blocks")}
     facts |= {f"noise_{name}": truths.parts[name][1]["noise"] for name in (*_STORED, *REMAINDERS)}
@@ -63,7 +63,7 @@ def light_of(
         names = group_names(len(groups.names))
         images = adding_up(np.stack([cleaned(name) for name in names]), limit, scale)
         for name, image in zip(names, images, strict=True):
-            channels |= _named(tuple(f"{name}.{band}" for band in RGB), image)
+            channels |= banded(image, tuple(f"{name}.{band}" for band in RGB))
         facts["light_names"] = list(groups.names)
         facts["noise_lights"] = [truths.parts[name][1]["noise"] for name in names]
     return channels, facts
@@ -93,8 +93,4 @@ def _denoised(channels: Channels, guides: tuple[Image, Image] | None, around: bo
     """Return an image as (H, W, 3), denoised if there are guides, and any light in it."""
     if guides is not None and any(channels[band].any() for band in RGB):
         channels = denoise(channels, *guides, "fast", around)
-    return np.stack([channels[band] for band in RGB], axis=-1)
-
-
-def _named(bands: tuple[str, ...], image: Float32Array) -> Channels:
-    return {band: image[..., index] for index, band in enumerate(bands)}
+    return stacked(channels)

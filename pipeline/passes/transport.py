@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT, Kind
-from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.frames import Channels, banded, stacked
 from pbrnet.pipeline.passes.denoise import Quality, denoise, denoiser_version
 from pbrnet.pipeline.passes.truth import Preparation, prepare
 from pbrnet.pipeline.pathtrace import integrator
@@ -143,15 +143,14 @@ def transport_of(
     samples = Samples.of(params.samples or samples_for(pixels))
     images = gathered(launcher, lights, view, surfels, samples, params.bounces, seed)
     lost = np.max([images[name] for name in LOST], axis=0)
-    noisy = {band: images["color"][..., k] for k, band in enumerate(RGB)}
-    clean = denoise(noisy, *prepared.guides, quality)
+    clean = denoise(banded(images["color"]), *prepared.guides, quality)
     return Transport(
         images["direct"],
         images["indirect"],
         images["specular"] + images["panes"],
         images["emitted"],
         images["albedo"],
-        np.stack([clean[band] for band in RGB], axis=-1),
+        stacked(clean),
         nan_pixels=int((lost > 0).sum()),
         nan_surfels=surfels.lost,
         lost_pixels=int((lost >= 1).sum()),

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from pbrnet.pipeline.channels import TINT
-from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.frames import Channels, stacked
 from pbrnet.pipeline.panorama_lights import sources, unshadowed_irradiance
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import facing_normals
@@ -47,7 +47,7 @@ def render_visibility(
     normals of the latter are rounded, which may change rays that graze an edge.
     """
     panorama = panorama or render_illumination(render_scene, view, params)
-    tint = np.stack([panorama[name] for name in TINT], axis=-1)
+    tint = stacked(panorama, TINT)
     positions, power = sources(panorama["intensity.Y"][..., None] * tint, panorama["distance.Z"])
     turn, eye = view.pose[:3, :3], view.eye
     seen, points, normals = (

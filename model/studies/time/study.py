@@ -65,7 +65,7 @@ from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.channels import TRUTHS
 from pbrnet.pipeline.commands.options import Size
 from pbrnet.pipeline.farm.versions import processor, scene_digest
-from pbrnet.pipeline.frames import Channels
+from pbrnet.pipeline.frames import Channels, stacked
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
@@ -349,7 +349,7 @@ class ViewBenchmark:
         example = self.example
         shared = self.networks.card.exposure == "shared"
         exposure = example.exposure_shading if shared else example.exposure_color
-        return tonemap(np.stack([image[band] for band in "RGB"], axis=-1), exposure)
+        return tonemap(stacked(image), exposure)
 
     def _timed(self, part: str, work: Callable[[], Any]) -> Any:
         began = self.now()

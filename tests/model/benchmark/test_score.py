@@ -12,8 +12,9 @@ from pbrnet.model.benchmark.metrics import angles, local_rmse, scale_invariant_r
 from pbrnet.model.benchmark.score import Score, score_folder
 from pbrnet.model.benchmark.views import load_views, pin_views, save_views
 from pbrnet.model.commands.score import score
-from pbrnet.pipeline.export.images import rgb_planes, write_exr
+from pbrnet.pipeline.export.images import write_exr
 from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.frames import banded
 from pbrnet.pipeline.images import normal_picture, png_bytes, reflectance_picture, tone_picture
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.exports import HEIGHT, UNIT, WIDTH, make_dataset, truths
@@ -39,7 +40,7 @@ def submitted(
     folder.mkdir(parents=True)
     for (scene, view), truth in TRUTHS.items():
         image = truth.images[column].astype(np.float32) * (UNIT if column == "color" else 1)
-        write_exr(folder / f"{scene}--{view}.exr", rgb_planes(change(image).astype(np.float32)))
+        write_exr(folder / f"{scene}--{view}.exr", banded(change(image).astype(np.float32)))
     return folder
 
 
@@ -175,14 +176,14 @@ def test_a_pinned_list_refuses_another_truth(
         (lambda folder: next(folder.glob("home-b*")).unlink(), "1 of 6 views have no image"),
         (
             lambda folder: write_exr(
-                folder / "home-b--room-0-s0.exr", rgb_planes(np.zeros((5, 7, 3), np.float32))
+                folder / "home-b--room-0-s0.exr", banded(np.zeros((5, 7, 3), np.float32))
             ),
             "7 x 5 pixels, the truth has 48 x 36",
         ),
         (
             lambda folder: write_exr(
                 folder / "home-b--room-0-s0.exr",
-                rgb_planes(np.full((HEIGHT, WIDTH, 3), np.nan, np.float32)),
+                banded(np.full((HEIGHT, WIDTH, 3), np.nan, np.float32)),
             ),
             "holds NaN",
         ),
