@@ -275,6 +275,12 @@ def rolled(pose: Float64Array, angle: float) -> Float64Array:
     return turned
 
 
+def opengl_pose(pose: Float64Array) -> Float64Array:
+    """Return a pose (4, 4) with the camera's axes x right, y up, z backward, from OpenCV's."""
+    turned: Float64Array = pose @ np.diag([1.0, -1.0, -1.0, 1.0])
+    return turned
+
+
 def camera_model(lens: Lens) -> dict[str, Any]:
     """Return the fields of views that a lens decides."""
     return {

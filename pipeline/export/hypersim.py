@@ -23,11 +23,12 @@ import numpy as np
 from PIL import Image
 
 from pbrnet.pipeline.channels import HALF_MAX
-from pbrnet.pipeline.export.images import camera_rays, opengl_pose
+from pbrnet.pipeline.export.images import camera_rays
 from pbrnet.pipeline.export.parts import Advance, Format, Job, Part, hdf5_file, library
 from pbrnet.pipeline.export.rows import Content, ViewRow
 from pbrnet.pipeline.images import depth_picture, normal_picture, png_bytes
 from pbrnet.pipeline.tonemap import to_bytes
+from pbrnet.pipeline.views import opengl_pose
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import write_csv

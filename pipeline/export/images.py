@@ -55,11 +55,6 @@ def write_exr(path: Path, planes: Mapping[str, AnyArray]) -> None:
         file.write(str(path))
 
 
-def opengl_pose(pose: Float64Array) -> Float64Array:
-    """Return a pose of a camera with x right, y up, z backward, from x right, y down, z forward."""
-    return pose @ np.diag([1.0, -1.0, -1.0, 1.0])
-
-
 def camera_rays(intrinsics: Float64Array, width: int, height: int) -> Float64Array:
     """Return the point at depth 1 through each pixel's centre, (H, W, 3), camera axes."""
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)

@@ -19,7 +19,6 @@ import numpy as np
 from pbrnet.pipeline.export.images import (
     Points,
     exposures,
-    opengl_pose,
     scene_points,
     write_depth,
     write_exr,
@@ -27,7 +26,9 @@ from pbrnet.pipeline.export.images import (
 )
 from pbrnet.pipeline.export.parts import Advance, Format, Job, scene_parts
 from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.pipeline.frames import banded
 from pbrnet.pipeline.images import tone_picture
+from pbrnet.pipeline.views import opengl_pose
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import write_json
 
@@ -46,7 +47,7 @@ def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) ->
         if job.options.images == "png":
             write_picture(folder / image, color, exposure)
         else:
-            write_exr(folder / image(color))
+            write_exr(folder / image, banded(color))
         write_depth(folder / "depths" / f"{row.view_id}.png", depth, _MILLIMETRES)
         frames.append(_frame(row, image, depth.shape))
         depths.append(depth.astype(np.float16))

@@ -20,13 +20,13 @@ import numpy as np
 import shapely
 import trimesh
 
-from pbrnet.pipeline.export.images import opengl_pose
 from pbrnet.pipeline.export.parts import Advance, Format, Job, hdf5_file, library, scene_parts
 from pbrnet.pipeline.export.room_mesh import Soup, cut_room, within_budget
 from pbrnet.pipeline.export.rows import ViewRow
 from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.boxes import shape_points
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
+from pbrnet.pipeline.views import opengl_pose
 from pbrnet.scenes.arrays import Float64Array, Int64Array
 from pbrnet.scenes.color import luminance
 from pbrnet.scenes.contract import Portal, Room, load_scene

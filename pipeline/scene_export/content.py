@@ -13,8 +13,16 @@ from xml.etree.ElementTree import Element
 import defusedxml.ElementTree
 import numpy as np
 
-from pbrnet.pipeline.scene_export.looks import Glow, Look, LookReader, Picture, numbers, transform
-from pbrnet.pipeline.views import load_cameras
+from pbrnet.pipeline.scene_export.looks import (
+    Glow,
+    Look,
+    LookReader,
+    Picture,
+    numbers,
+    transform,
+    triple,
+)
+from pbrnet.pipeline.views import load_cameras, opengl_pose
 from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.contract import Portal, Scene, SceneObject, load_scene
@@ -265,7 +273,7 @@ def _stored_views(content: Content) -> None:
                 f"{content.scene.folder}: scene.json: view {number} is damaged"
             ) from None
         name = str(view.get("name") or f"view_{number}")[:100]
-        content.eyes.append(Eye(name, _opengl(pose), half, aspect))
+        content.eyes.append(Eye(name, opengl_pose(pose), half, aspect))
 
 
 def _camera_file(content: Content, path: Path) -> None:
@@ -280,22 +288,12 @@ def _camera_file(content: Content, path: Path) -> None:
             content.lost.note("cameras that are not plain perspective were left out")
             continue
         half = math.atan(0.5 * view.width / view.K[0][0])
-        pose = _opengl(np.array(view.camera_to_world))
+        pose = opengl_pose(np.array(view.camera_to_world))
         content.eyes.append(Eye(view.view_id, pose, half, view.width / view.height))
 
 
-def _opengl(pose: Float64Array) -> Float64Array:
-    made: Float64Array = pose @ np.diag([1.0, -1, -1, 1])
-    return made
-
-
 def _vector(element: Element | None, default: Float64Array) -> Float64Array:
-    if element is None:
-        return np.asarray(default, dtype=np.float64)
-    values = numbers(element.get("value", ""))
-    if len(values) != 3:
-        values = [(numbers(element.get(axis, "0")) or [0.0])[0] for axis in "xyz"]
-    return np.array(values)
+    return np.array(default if element is None else triple(element), dtype=np.float64)
 
 
 def _is_true(element: Element | None) -> bool:

@@ -361,6 +361,14 @@ def numbers(text: str) -> list[float]:
     return found if all(map(math.isfinite, found)) else []
 
 
+def triple(element: Element) -> list[float]:
+    """Return a point or vector of `scene.xml`, stated at once or by x, y and z."""
+    values = numbers(element.get("value", ""))
+    if len(values) == 3:
+        return values
+    return [(numbers(element.get(axis, "0")) or [0.0])[0] for axis in "xyz"]
+
+
 def _to_uv(element: Element | None) -> tuple[tuple[float, float, float], ...]:
     if element is None:
         return ()

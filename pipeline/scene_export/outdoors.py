@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 from xml.etree.ElementTree import Element, tostring
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import OpenEXR
 
+from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.scene import set_variant
 from pbrnet.pipeline.scene_export.content import Content
-from pbrnet.pipeline.scene_export.looks import numbers
+from pbrnet.pipeline.scene_export.looks import numbers, triple
 from pbrnet.scenes.arrays import Float32Array, Float64Array, as_triple
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.errors import InputError
@@ -130,21 +130,9 @@ def _irradiance(sun: Any, towards: Float64Array) -> Float64Array:
 
 
 def _radiance(emitter: Any, directions: Float64Array) -> Float64Array:
-    """Radiance (N, 3) from unit directions (N, 3)."""
-    if "scalar" in mi.variant():
-        values = [_one(emitter, one) for one in directions]
-        return np.array(values, np.float64).reshape(-1, 3)
-    si = dr.zeros(mi.SurfaceInteraction3f, len(directions))
-    si.wi = mi.Vector3f(*(-directions.T.astype(np.float32)))
-    found = np.array(emitter.eval(si), dtype=np.float64).T
-    finite: Float64Array = np.where(np.isfinite(found), np.maximum(found, 0), 0)
-    return np.broadcast_to(finite, (len(directions), 3))
-
-
-def _one(emitter: Any, direction: Float64Array) -> list[float]:
-    si = mi.SurfaceInteraction3f()
-    si.wi = mi.Vector3f(*(-direction).tolist())
-    return [float(value) for value in emitter.eval(si)]
+    """Radiance (N, 3) from unit directions (N, 3); what is not finite counts as 0."""
+    found = raycast.environment_radiance(emitter, directions)
+    return np.where(np.isfinite(found), found, 0)
 
 
 def _constant(element: Element) -> list[float]:
@@ -161,10 +149,7 @@ def _sunsky(element: Element) -> dict[str, Any]:
         if name in _NUMBERS and child.tag in ("float", "integer"):
             found[name] = (numbers(child.get("value", "")) or [1.0])[0]
         elif name == "sun_direction":
-            values = numbers(child.get("value", ""))
-            if len(values) != 3:
-                values = [(numbers(child.get(axis, "0")) or [0.0])[0] for axis in "xyz"]
-            found[name] = values
+            found[name] = triple(child)
         elif name != "sampling_weight":
             return {"kind": "image"}
     return found if "sun_direction" in found else {"kind": "image"}
