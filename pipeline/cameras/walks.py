@@ -158,7 +158,7 @@ def _walked(
 ) -> tuple[Float64Array, Float64Array]:
     """Return place (F, 2) and heading (F,) of each frame of a walk along a way, smoothed."""
     ahead = round(_AHEAD / _SAMPLE)
-    chords = np.concatenate([way[ahead:], np.repeat(way[-1:], ahead, axis=0)]) - way
+    chords = way[np.minimum(np.arange(len(way)) + ahead, len(way) - 1)] - way
     headings = np.array([math.atan2(y, x) for x, y in chords.tolist()])
     # Where the way turns back, the place ahead is too near to look at: the last heading stays.
     seen = np.flatnonzero((chords**2).sum(axis=1) > (0.25 * _AHEAD) ** 2)

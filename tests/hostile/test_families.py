@@ -1,6 +1,7 @@
 """Every hostile input ends in time, within its folder, with a message and without a traceback."""
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -10,7 +11,7 @@ import pytest
 
 from tests.fixtures.paths import ROOT
 from tests.hostile.families import FAMILIES
-from tests.hostile.runner import Outcome
+from tests.hostile.runner import Outcome, _Watch
 
 CASES = 3500
 
@@ -67,3 +68,14 @@ def test_undamaged_files_of_a_family_are_read(family: str) -> None:
     found = outcomes("--only", family, "--sound")
     assert found
     assert not [(one.arguments, one.message) for one in found if one.code != 0]
+
+
+def test_reading_around_a_case_is_reported_and_elsewhere_is_not(tmp_path: Path) -> None:
+    case = tmp_path / "root" / "case"
+    with (tmp_path / "report").open("w+") as report:
+        watch = _Watch(case, tmp_path / "root", report.fileno())
+        for path in (case / "a.png", case / "../x.png", "/etc/passwd", sys.executable):
+            watch("open", (path, "r", 0))
+        report.seek(0)
+        root = os.path.realpath(tmp_path / "root")
+        assert report.read().splitlines() == [f"reads {root}/x.png", "reads /etc/passwd"]

@@ -11,7 +11,7 @@ import pytest
 from pbrnet.pipeline.cameras.camera_files import NO_WALK, make_cameras
 from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras
-from pbrnet.pipeline.cameras.walks import BODY, free_floors
+from pbrnet.pipeline.cameras.walks import BODY, _walked, free_floors
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.contract import load_scene
@@ -112,3 +112,11 @@ def test_a_scene_without_free_floor_has_no_walk(tmp_path: Path) -> None:
     file = make_cameras(full, view_params(pbrs_params(cameras=OPTIONS)), 0)
     assert file.stored_left_out == {"walk-00": NO_WALK, "walk-01": NO_WALK}
     assert not any(view.trajectory for view in file.views)
+
+
+def test_a_way_shorter_than_the_look_ahead_is_walked_looking_at_its_end() -> None:
+    way = np.stack([np.arange(0, 0.6, 0.02), np.zeros(30)], axis=1)
+    places, headings = _walked(way, 3, step=0.005, turn=0.05)
+    assert places.shape == (3, 2) and (np.diff(places[:, 0]) > 0).all()
+    np.testing.assert_allclose(headings, 0)
+    assert len(_walked(way, 3, step=0.5, turn=0.05)[0]) == 0, "too short for so long steps"
