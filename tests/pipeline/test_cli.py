@@ -19,6 +19,7 @@ from pbrnet.model.commands.doctor import examine
 from pbrnet.model.settings import Baseline
 from pbrnet.pipeline.cli import COMMANDS, cli, main
 from pbrnet.pipeline.release.presets import find_preset
+from tests.fixtures.command import exit_code
 from tests.fixtures.paths import ROOT
 
 
@@ -102,13 +103,6 @@ def test_an_unknown_command_exits_with_2(capsys: pytest.CaptureFixture[str]) -> 
         main(["rendr"])
     assert stop.value.code == 2
     assert "rendr" in capsys.readouterr().err
-
-
-def exit_code(*arguments: str) -> int:
-    """Return the exit code of a command that runs in this process."""
-    with pytest.raises(SystemExit) as end:
-        main(list(arguments))
-    return int(end.value.code or 0)
 
 
 def test_presets_replace_each_other_but_not_own_changes(

@@ -63,6 +63,7 @@ PRESETS = sorted((ROOT / "params").glob("*.yaml"))
         ("farm: {transfer: on}", ["farm.transfer", "True", "'send'", "quote it"]),
         ("farm: {variant: fast}", ["farm.variant", "'fast'"]),
         ("seed: [", ["not valid YAML"]),
+        *((f"seed: {text}", ["params.yaml"]) for text in ("[" * 3000, "7" * 5000)),
         ("a: &a {b: *a}", ["not valid YAML", "inside"]),
         ("a: &a {x: 1}\n" + doubling("<<: [*{0}, *{0}]"), ["not valid YAML", "aliases"]),
         ("a: &a {x: 1}\n" + doubling("x: *{0}, y: *{0}"), ["not valid YAML", "aliases"]),
@@ -81,6 +82,7 @@ def test_bad_parameters_name_key_value_and_what_is_allowed(
         load_params(path)
     for word in [str(path), *words]:
         assert word in str(caught.value)
+    assert len(str(caught.value)) < 1000
 
 
 def test_a_missing_file_says_how_to_get_one(tmp_path: Path) -> None:

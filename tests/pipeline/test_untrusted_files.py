@@ -22,9 +22,8 @@ from pbrnet.pipeline.dataset.parquet import (
     open_parquet,
 )
 from pbrnet.pipeline.frames import check_frame, read_frame, read_meta, view_of
-from pbrnet.pipeline.params import load_params
 from pbrnet.pipeline.views import load_cameras
-from pbrnet.scenes.errors import InputError, ParameterError
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.dataset import add_scene, small_params
 
 
@@ -76,17 +75,6 @@ def test_impossible_views(data: Path, key: str, value: Any, words: str) -> None:
     path.write_text(json.dumps(content))
     with pytest.raises(InputError, match=words):
         load_cameras(path)
-
-
-@pytest.mark.parametrize(
-    "text", ["seed: " + "[" * 3000, "seed: " + "7" * 5000, "seed: 2001-99-99", "a: &a [*a]"]
-)
-def test_impossible_yaml(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "params.yaml"
-    path.write_text(text)
-    with pytest.raises(ParameterError) as error:
-        load_params(path)
-    assert len(str(error.value)) < 1000
 
 
 def test_columns_of_another_type() -> None:

@@ -16,7 +16,6 @@ from pbrnet.scenes.contract import Credit, Room, Scene
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import parse_json, regular_file, resolved
 from pbrnet.scenes.formats.archive import HomeArchive
-from pbrnet.scenes.formats.obj import parse_obj
 from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.geometry.mesh import Mesh, creased
 from pbrnet.scenes.importing.sandbox import Sandbox
@@ -123,13 +122,6 @@ def test_impossible_lists_of_ply(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "a.ply").write_bytes(data)
     with pytest.raises(InputError, match=r"a\.ply"):
         read_ply(tmp_path / "a.ply")
-
-
-def test_words_after_the_numbers_of_a_line_do_not_matter() -> None:
-    obj = parse_obj(b"v 0 0 0 x\nv 1 0 0 x\nv 0 1 0 x\nf 1 2 3\n", "a.obj")
-    assert obj.positions.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
-    with pytest.raises(InputError, match="damaged line"):
-        parse_obj(b"v 1\nf 1 1 1\n", "a.obj")
 
 
 def test_creases_do_not_depend_on_the_size_of_the_pieces(monkeypatch: pytest.MonkeyPatch) -> None:

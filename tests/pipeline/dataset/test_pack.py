@@ -47,6 +47,7 @@ from pbrnet.scenes.files import digest_folder
 from tests.fixtures.command import Run
 from tests.fixtures.dataset import (
     add_scene,
+    all_rows,
     box_frames,
     box_scene,
     make_data,
@@ -54,7 +55,6 @@ from tests.fixtures.dataset import (
     small_params,
     write_view,
 )
-from tests.fixtures.dataset import rows_of as table_rows
 
 SIZE, PANORAMA = (32, 24), (32, 16)
 
@@ -68,12 +68,6 @@ def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return data
 
 
-def rows_of(data: Path) -> list[dict[str, Any]]:
-    """All rows of all shards, images as arrays."""
-    shards = sorted((data / "dataset").glob("*.parquet"))
-    return [row for path in shards for row in table_rows(pq.read_table(path))]
-
-
 def rejected_of(data: Path) -> list[dict[str, str]]:
     """The lines of `rejected.csv`."""
     with (data / "dataset" / "rejected.csv").open(newline="") as stream:
@@ -82,7 +76,7 @@ def rejected_of(data: Path) -> list[dict[str, str]]:
 
 def test_every_column_equals_the_frames_bit_for_bit(packed: Path) -> None:
     params = small_params()
-    rows = rows_of(packed)
+    rows = all_rows(packed)
     assert len(rows) == 12
     for row in rows:
         view = make_view(params, row["scene_id"], int(row["view_id"]))
@@ -133,7 +127,7 @@ def test_objects_are_counted_in_the_image_itself(tmp_path: Path) -> None:
     numbers[:4], numbers[10, :7] = 2, 3  # the sofa; less than 1 % of the lamp
     write_view(data, "inputs", {**channels, "object": numbers}, view)
     pack_dataset(data, params)
-    assert [row["objects"] for row in rows_of(data)] == [1] != [len(view.seen)]
+    assert [row["objects"] for row in all_rows(data)] == [1] != [len(view.seen)]
 
 
 def test_columns_come_in_the_documented_order_with_units(packed: Path) -> None:
@@ -192,7 +186,7 @@ def test_hugging_face_datasets_reads_it(
     assert isinstance(loaded["train"].features["preview"], datasets.Image)
     first = loaded["train"][0]
     assert first["preview"].size == (32, 24)
-    ours = next(row for row in rows_of(packed) if row["split"] == "train")
+    ours = next(row for row in all_rows(packed) if row["split"] == "train")
     planes = np.load(io.BytesIO(first["color"]))
     assert np.array_equal(np.stack(planes, -1).view(planes.dtype.names[0])[..., 0], ours["color"])
     assert np.array_equal(first["K"], ours["K"]) and np.shape(first["K"]) == (3, 3)
@@ -430,7 +424,7 @@ def test_a_bad_view_is_listed_with_its_reason(
     assert (line["scene_id"], line["view_id"], line["reason"]) == ("home-0000", "001", reason)
     assert word in line["detail"]
     assert str(tmp_path) not in line["detail"], "the list must not depend on where it was made"
-    assert [row["view_id"] for row in rows_of(data)] == ["000", "002"]
+    assert [row["view_id"] for row in all_rows(data)] == ["000", "002"]
     assert summary.sampled == 3 == summary.total + 1
     assert REASONS[reason] in (data / "dataset" / "README.md").read_text()
 
@@ -468,7 +462,7 @@ def test_parts_of_the_paper_are_packed_without_the_rest(tmp_path: Path) -> None:
     for kind in ("color", "shading", "illumination", "visibility"):
         shutil.rmtree(data / kind, ignore_errors=True)
     assert pack_dataset(data, params).total == 6
-    row = rows_of(data)[0]
+    row = all_rows(data)[0]
     assert {"depth", "normal", "valid", "preview_depth", "K", "renderer"} <= row.keys()
     assert not {"reflectance", "color", "shading", "intensity", "exposure_color"} & row.keys()
     assert not {"preview", "spp", "seed", "noise_color", "visibility"} & row.keys()
@@ -557,7 +551,7 @@ def test_rejections_that_empty_a_split_deal_the_rest_again(tmp_path: Path) -> No
     params = small_params()
     data = make_data(tmp_path, params, scenes=5, views=1)
     pack_dataset(data, params)
-    (victim,) = {row["scene_id"] for row in rows_of(data) if row["split"] == "test"}
+    (victim,) = {row["scene_id"] for row in all_rows(data) if row["split"] == "test"}
     shutil.rmtree(data / "color" / victim)
     summary = pack_dataset(data, params)
     assert summary.rows == {"train": 2, "validation": 1, "test": 1}

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -15,8 +14,7 @@ from pbrnet.pipeline.frames import Channels, frame_path
 from pbrnet.pipeline.inspection.describe import inspect_path
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.views import View, as_matrix, load_cameras, look, save_cameras
-from tests.fixtures.dataset import box_frames, make_data, small_params, write_view
-from tests.fixtures.dataset import rows_of as table_rows
+from tests.fixtures.dataset import all_rows, box_frames, make_data, small_params, write_view
 
 X, Y, HIDDEN, OUTSIDE = VIDEO_BANDS["forward"]
 
@@ -69,15 +67,10 @@ def filmed(folder: Path) -> tuple[Path, Params, list[View]]:
     return data, params, film
 
 
-def rows_of(data: Path) -> list[dict[str, Any]]:
-    shards = sorted((data / "dataset").glob("*.parquet"))
-    return [row for shard in shards for row in table_rows(pq.read_table(shard))]
-
-
 def test_a_trajectory_is_rows_with_flow(tmp_path: Path) -> None:
     data, params, film = filmed(tmp_path)
     assert pack_dataset(data, params).total == 7
-    rows = rows_of(data)
+    rows = all_rows(data)
     assert {row["plan"] for row in rows} == {"villa"}
     frames = [row for row in rows if row["trajectory"] == "walk-00"]
     assert [row["frame"] for row in frames] == [0, 1, 2, 3]

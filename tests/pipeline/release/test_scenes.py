@@ -16,14 +16,8 @@ from pbrnet.pipeline.scene_export.export import Exported
 from pbrnet.scenes.contract import Credit, load_scene, save_scene
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.dataset import make_data
+from tests.pipeline.release.test_release import RECIPE
 
-RECIPE = """
-title: Two rooms
-version: 1.0.0
-parameters:
-  image: {width: 32, height: 24}
-  illumination: {width: 32}
-"""
 MINE = Credit("everything", "Two | rooms", "A. Nybody", "CC-BY-4.0")
 
 

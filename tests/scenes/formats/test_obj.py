@@ -57,6 +57,7 @@ def area(data: str | bytes) -> float:
         "mixed": SQUARE.replace("2/2/1 3/3/1 4/4/1", "2/2 3 4//1"),
         "open ends": SQUARE.replace("/1 ", "/ ").replace("4/4/1", "4/4/"),
         "colours at the vertices": SQUARE.replace("v 1 0 0", "v 1 0 0 0.5 0.5 0.5"),
+        "words after numbers": SQUARE.replace("v 1 0 0", "v 1 0 0 x"),
         "no end of line": SQUARE.rstrip(),
     }.items(),
     ids=lambda item: item[0],
