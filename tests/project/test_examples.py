@@ -144,6 +144,13 @@ def test_a_network_learns_its_task(script: str, task: Callable[..., list[float]]
     assert after > before if script == "segmentation.py" else after < before
 
 
+@pytest.mark.parametrize("page", ["index.md", "tasks.md"])
+def test_the_first_example_shows_an_improvement_on_other_homes(page: str) -> None:
+    """Depth needs more views than the sample has, as docs/tasks.md says."""
+    first = re.search(r"examples/tasks/(\w+)\.py", (ROOT / "docs" / page).read_text())
+    assert first and first[1] == "denoise"
+
+
 def test_all_lights_at_one_are_the_colour(task: Callable[..., list[float]], tmp_path: Path) -> None:
     (percent,) = task("relight.py")
     assert percent <= 0.1
@@ -153,7 +160,7 @@ def test_all_lights_at_one_are_the_colour(task: Callable[..., list[float]], tmp_
     halves = np.frombuffer(base64.b64decode(data["lights"]), "<f2")
     images = halves.astype(float).reshape(len(data["labels"]), -1)
     assert images.shape[1] == 3 * data["width"] * data["height"]
-    assert images.sum(1).min() > 1e-3 * images.sum(), "each slider changes the picture"
+    assert images.sum(1).min() > 0.009 * images.sum(), "each light reaches the view"
     assert any("lamp" in label for label in data["labels"])
 
 
