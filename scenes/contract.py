@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from pbrnet.scenes.checked import build, check_name, plain
+from pbrnet.scenes.checked import OPTIONAL, build, check_name, plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_directory, read_json, write_json
 
@@ -28,6 +28,7 @@ SCHEMA = 1
 MAX_EXTENT = 1e6  # metres across, skies and grounds included
 Point2 = tuple[float, float]
 Point3 = tuple[float, float, float]
+Box = tuple[Point3, Point3]  # least and greatest corner
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,24 @@ class Portal:
 
 
 @dataclass(frozen=True)
+class Joint:
+    """A hinge or slide of an object: its connected bodies within one of the `boxes` move.
+
+    `axis` and boxes (low, high) are in axes turned by `yaw` degrees about Z; boxes are from the
+    pivot, with the joint closed. A greater `value` opens.
+    """
+
+    object: str
+    kind: Literal["hinge", "slide"]
+    pivot: Point3
+    axis: Point3  # unit, right-handed
+    limits: tuple[float, float]  # degrees, of slides metres, from closed
+    value: float  # at present
+    boxes: tuple[Box, ...]
+    yaw: float = 0.0
+
+
+@dataclass(frozen=True)
 class Scene:
     """`scene.json`."""
 
@@ -105,6 +124,7 @@ class Scene:
     credits: tuple[Credit, ...]
     lighting: str = "unknown"  # "day", "evening", "night", "mixed", "pbrs" or "unknown"
     plan: str = ""  # scenes with the same plan never fall into different splits
+    joints: tuple[Joint, ...] = field(default=(), metadata=OPTIONAL)
     changes: tuple[str, ...] = ()  # what an importer changed or lost, a sentence each
     schema: int = SCHEMA
     units: str = "metres, Z up, right-handed"
@@ -138,6 +158,9 @@ class Scene:
             places = [*(value for point in room.floor for value in point), room.ceiling_z]
             if not all(abs(value) <= MAX_EXTENT for value in places):
                 raise ValueError(f"{prefix}: room {room.id!r} lies more than {MAX_EXTENT:g} m away")
+        strange = {joint.object for joint in self.joints} - {thing.id for thing in self.objects}
+        if strange:
+            raise ValueError(f"{prefix}: a joint of {min(strange)!r}, which is no object")
 
 
 @contextmanager
@@ -158,7 +181,7 @@ def save_scene(folder: Path, scene: Scene) -> None:
         scene.verify("")
     except ValueError as error:
         raise InputError(str(error)) from None
-    write_json(Path(folder) / "scene.json", plain(scene))
+    write_json(Path(folder) / "scene.json", plain(scene, brief=True))
 
 
 def load_scene(folder: Path) -> Scene:

@@ -68,7 +68,7 @@ def processor() -> str:
 
 
 def scene_digest(folder: Path) -> str:
-    """Return 64 hex digits over all files of a scene folder, but for the stage's own keys.
+    """Return 64 hex digits over a scene folder, but for the stage's own keys and what may move.
 
     Raises `InputError` for a scene that cannot be read.
     """
@@ -76,7 +76,7 @@ def scene_digest(folder: Path) -> str:
     source = {
         key: value for key, value in scene.source.items() if key not in (STAGE_KEY, STAGE_FILES_KEY)
     }
-    bare = replace(scene, source=source)
+    bare = replace(scene, source=source, joints=())
     files = sorted(file for file in folder.rglob("*") if file.is_file())
     contents = {
         file.relative_to(folder).as_posix(): digest_file(file)

@@ -25,7 +25,7 @@ from pbrnet.pipeline.scene_export.looks import (
 from pbrnet.pipeline.views import load_cameras, opengl_pose
 from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import Color
-from pbrnet.scenes.contract import Portal, Scene, SceneObject, load_scene
+from pbrnet.scenes.contract import Joint, Portal, Scene, SceneObject, load_scene
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import exists
 from pbrnet.scenes.formats.ply import read_ply
@@ -78,18 +78,12 @@ class Eye:
 
 
 @dataclass(frozen=True)
-class Joint:
-    """A hinge between the frame and the leaf of a door.
+class Leaf:
+    """What a joint moves: a door, a drawer."""
 
-    `pivot` (3,) lies at the bottom; a positive angle about `axis` (3,) opens the door. Angles are
-    degrees from closed.
-    """
-
-    pivot: Float64Array
-    axis: Float64Array
-    limits: tuple[float, float]
-    current: float
-    moving: tuple[str, ...]  # names of the pieces that turn
+    joint: Joint
+    axis: Float64Array  # (3,), of the joint in the world
+    moving: tuple[str, ...]  # names of pieces
 
 
 @dataclass
@@ -98,7 +92,7 @@ class Content:
 
     scene: Scene
     pieces: dict[str, Piece] = field(default_factory=dict)
-    joints: dict[str, Joint] = field(default_factory=dict)  # by object
+    leaves: dict[str, tuple[Leaf, ...]] = field(default_factory=dict)  # by object
     panes: dict[str, Portal] = field(default_factory=dict)  # by piece: sheets of glass
     materials: list[tuple[str, Look, Glow | None]] = field(default_factory=list)
     lamps: list[Lamp] = field(default_factory=list)
@@ -109,14 +103,21 @@ class Content:
 
     def fixed(self, thing: SceneObject) -> list[Piece]:
         """Return the pieces of an object that no joint moves."""
-        joint = self.joints.get(thing.id)
-        moving = joint.moving if joint is not None else ()
-        return [self.pieces[name] for name in thing.shapes if name not in moving]
+        moving = {name for leaf in self.leaves.get(thing.id, ()) for name in leaf.moving}
+        names = (name for name in thing.shapes if name in self.pieces and name not in moving)
+        return [self.pieces[name] for name in names]
+
+    def whole(self, thing: SceneObject) -> list[Piece]:
+        """Return all pieces of an object."""
+        leaves = self.leaves.get(thing.id, ())
+        return [*self.fixed(thing), *(self.pieces[name] for leaf in leaves for name in leaf.moving)]
 
     def unowned(self) -> list[Piece]:
         """Return the pieces that belong to no object."""
         owned = {shape for one in self.scene.objects for shape in one.shapes}
-        owned |= {name for joint in self.joints.values() for name in joint.moving}
+        owned |= {
+            name for leaves in self.leaves.values() for leaf in leaves for name in leaf.moving
+        }
         return [piece for name, piece in self.pieces.items() if name not in owned]
 
 

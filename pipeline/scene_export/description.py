@@ -32,7 +32,7 @@ def description(content: Content, outdoors: Outdoors | None) -> dict[str, Any]:
 
 def _bounded(thing: SceneObject, content: Content) -> SceneObject:
     """The object with the bounds of its triangles: without vertices that none uses."""
-    bounds = np.array([content.pieces[name].mesh.bounds for name in thing.shapes])
+    bounds = np.array([piece.mesh.bounds for piece in content.whole(thing)])
     if not len(bounds):
         return thing
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)

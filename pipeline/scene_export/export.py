@@ -27,8 +27,6 @@ from pbrnet.scenes.files import (
 )
 from pbrnet.scenes.installation import optional
 
-_ALWAYS = ("drawers and the doors of furniture have no joints: scenes do not say how they open",)
-
 
 @dataclass(frozen=True)
 class Exported:
@@ -103,7 +101,7 @@ def export_scene(
         lit = [(one, outdoors_of(one)) for one in variants]
         write = _write_usd if name == "usd" else _write_usdz
         files = write((content, outdoors), out, lit, unchanged)
-    lost = (*_ALWAYS, *content.lost.sentences())
+    lost = content.lost.sentences()
     write_json(notes, {"scene": content.scene.scene_id, "format": name, "not held": list(lost)})
     return Exported((*files, notes), len(content.scene.objects), lost)
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pbrnet.pipeline.scene_export import pictures
-from pbrnet.pipeline.scene_export.content import Content, Eye, Joint, Lamp, Piece
+from pbrnet.pipeline.scene_export.content import Content, Eye, Lamp, Leaf, Piece
 from pbrnet.pipeline.scene_export.description import (
     SUN,
     description,
@@ -112,7 +112,6 @@ class _Writer:
     def _object(self, thing: SceneObject) -> int:
         low, high = np.array(thing.bbox_min), np.array(thing.bbox_max)
         pivot = np.round([*(0.5 * (low + high))[:2], low[2]] * np.array(_STEP)) / _STEP
-        joint = self._content.joints.get(thing.id)
         node: dict[str, Any] = {
             "name": thing.id,
             "translation": pivot.tolist(),
@@ -120,27 +119,31 @@ class _Writer:
         }
         pieces = self._content.fixed(thing)
         children = [self._shape(piece, pivot) for piece in pieces]
-        if joint is not None:
-            children.append(self._leaf(thing, joint, pivot))
+        leaves = self._content.leaves.get(thing.id, ())
+        children += [
+            self._leaf(f"{thing.id}.leaf{k}", leaf, pivot) for k, leaf in enumerate(leaves, 1)
+        ]
         if children:
             node["children"] = children
         return self._add("nodes", node)
 
-    def _leaf(self, thing: SceneObject, joint: Joint, pivot: Float64Array) -> int:
-        """The node of what turns about a hinge, with the hinge as its origin."""
+    def _leaf(self, name: str, leaf: Leaf, pivot: Float64Array) -> int:
+        """The node of what a joint moves, with the joint as its origin."""
+        joint, at = leaf.joint, np.array(leaf.joint.pivot)
+        slides = joint.kind == "slide"
         stated = {
-            "kind": "revolute",
-            "axis": joint.axis.tolist(),
+            "kind": "prismatic" if slides else "revolute",
+            "axis": leaf.axis.tolist(),
             "limits": list(joint.limits),
-            "current": joint.current,
-            "unit": "degrees",
+            "current": joint.value,
+            "unit": "metres" if slides else "degrees",
         }
-        pieces = [self._content.pieces[name] for name in joint.moving]
+        pieces = [self._content.pieces[name] for name in leaf.moving]
         node = {
-            "name": f"{thing.id}.leaf",
-            "translation": (joint.pivot - pivot).tolist(),
+            "name": name,
+            "translation": (at - pivot).tolist(),
             "extras": {"joint": stated},
-            "children": [self._shape(piece, joint.pivot) for piece in pieces],
+            "children": [self._shape(piece, at) for piece in pieces],
         }
         return self._add("nodes", node)
 

@@ -19,7 +19,7 @@ import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade, UsdUtils, Vt
 
 from pbrnet.pipeline.scene_export import pictures
-from pbrnet.pipeline.scene_export.content import Content, Eye, Joint, Lamp, Piece
+from pbrnet.pipeline.scene_export.content import Content, Eye, Lamp, Leaf, Piece
 from pbrnet.pipeline.scene_export.description import (
     SUN,
     description,
@@ -149,31 +149,34 @@ class _Writer:
             prim.SetCustomDataByKey(f"pbrnet:{key}", value)
         for piece in self.content.fixed(thing):
             self._shape(piece, path, pivot)
-        if thing.id in self.content.joints:
-            self._joint(path, self.content.joints[thing.id], pivot)
+        for leaf in self.content.leaves.get(thing.id, ()):
+            self._leaf(path, leaf, pivot)
 
-    def _joint(self, path: str, joint: Joint, pivot: Float64Array) -> None:
-        """The part that turns about a hinge, as a rigid body, and its joint with its frame."""
+    def _leaf(self, path: str, leaf: Leaf, pivot: Float64Array) -> None:
+        """What a joint moves, as a rigid body, and its joint with the rest of the object."""
+        joint, at = leaf.joint, np.array(leaf.joint.pivot)
+        slides = joint.kind == "slide"
         name = self._path(path, "leaf")
-        leaf = UsdGeom.Xform.Define(self.stage, name)
-        place = joint.pivot - pivot
-        leaf.AddTranslateOp().Set(Gf.Vec3d(*place.tolist()))
-        UsdPhysics.RigidBodyAPI.Apply(leaf.GetPrim())
-        for moving in joint.moving:
-            self._shape(self.content.pieces[moving], name, joint.pivot)
-        hinge = UsdPhysics.RevoluteJoint.Define(self.stage, self._path(path, "hinge"))
-        hinge.CreateBody0Rel().SetTargets([Sdf.Path(path)])
-        hinge.CreateBody1Rel().SetTargets([Sdf.Path(name)])
-        hinge.CreateAxisAttr(UsdGeom.Tokens.z)
-        hinge.CreateLowerLimitAttr(joint.limits[0])
-        hinge.CreateUpperLimitAttr(joint.limits[1])
-        # The angle is that of the leaf's axes against those of the frame, about their Z.
-        up = Gf.Rotation(Gf.Vec3d(1, 0, 0), 0.0 if joint.axis[2] > 0 else 180.0)
-        closed = Gf.Rotation(Gf.Vec3d(0, 0, 1), -joint.current) * up
-        hinge.CreateLocalPos0Attr(Gf.Vec3f(*place.tolist()))
-        hinge.CreateLocalRot0Attr(Gf.Quatf(closed.GetQuat()))
-        hinge.CreateLocalPos1Attr(Gf.Vec3f(0))
-        hinge.CreateLocalRot1Attr(Gf.Quatf(up.GetQuat()))
+        body = UsdGeom.Xform.Define(self.stage, name)
+        body.AddTranslateOp().Set(Gf.Vec3d(*(at - pivot).tolist()))
+        UsdPhysics.RigidBodyAPI.Apply(body.GetPrim())
+        for moving in leaf.moving:
+            self._shape(self.content.pieces[moving], name, at)
+        kind = UsdPhysics.PrismaticJoint if slides else UsdPhysics.RevoluteJoint
+        made = kind.Define(self.stage, self._path(path, joint.kind))
+        made.CreateBody0Rel().SetTargets([Sdf.Path(path)])
+        made.CreateBody1Rel().SetTargets([Sdf.Path(name)])
+        made.CreateAxisAttr(UsdGeom.Tokens.z)
+        made.CreateLowerLimitAttr(joint.limits[0])
+        made.CreateUpperLimitAttr(joint.limits[1])
+        # Both frames have the joint's axis as their Z; at 0, closed, they are the same.
+        along = Gf.Rotation(Gf.Vec3d(0, 0, 1), Gf.Vec3d(*leaf.axis.tolist()))
+        closed = Gf.Rotation(Gf.Vec3d(0, 0, 1), 0.0 if slides else -joint.value) * along
+        start = at - pivot - (joint.value if slides else 0.0) * leaf.axis
+        made.CreateLocalPos0Attr(Gf.Vec3f(*start.tolist()))
+        made.CreateLocalRot0Attr(Gf.Quatf(closed.GetQuat()))
+        made.CreateLocalPos1Attr(Gf.Vec3f(0))
+        made.CreateLocalRot1Attr(Gf.Quatf(along.GetQuat()))
 
     def _shape(self, piece: Piece, parent: str, pivot: Float64Array) -> None:
         mesh = piece.mesh
@@ -293,6 +296,8 @@ class _Writer:
         wrap = _WRAPS.get(picture.wrap, "repeat")
         for name, value in (("wrapS", wrap), ("wrapT", wrap), ("sourceColorSpace", space)):
             texture.CreateInput(name, Sdf.ValueTypeNames.Token).Set(value)
+        if picture.nearest:  # UsdUVTexture knows no filter
+            texture.GetPrim().SetCustomDataByKey("pbrnet:nearest", True)
         reader = UsdShade.Shader.Define(self.stage, f"{path}/{key}_st")
         reader.CreateIdAttr("UsdPrimvarReader_float2")
         reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")

@@ -7,6 +7,7 @@ objects and categories are those described, as long as they fit the file's shape
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -42,7 +43,8 @@ from pbrnet.scenes.reconstruction.rooms import FoundRoom
 _MOVED = 0.01  # metres that parts of the building may differ from their description
 _IMAGE_TO_WORLD = np.array([[-1.0, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 _SUN = "sun"  # name of the light that stands for the sun
-LEAF_SUFFIX = ".leaf"  # of the name of the part of a shape that moves with a door
+LEAF_SUFFIX = ".leaf"  # of the name of a part of a shape that moves, before the joint's number
+_LEAF = re.compile(rf"{re.escape(LEAF_SUFFIX)}\d*$")
 PANE_PREFIX = "pane-"  # of the name of a sheet of glass in a portal, before the portal's
 
 
@@ -118,7 +120,10 @@ def restore(
     write_scene_xml(folder, shapes, lit, emitters, sensor_of(camera), described.max_depth)
     objects = tuple(_bounded(thing, by_id) for thing in scene.objects)
     notes = (*scene.changes, *changes.sentences())
-    made = replace(scene, scene_id=scene_id, objects=objects, changes=tuple(dict.fromkeys(notes)))
+    stayed = {one.id for one, was in zip(objects, scene.objects, strict=True) if _is_at(one, was)}
+    joints = tuple(joint for joint in scene.joints if joint.object in stayed)
+    notes = tuple(dict.fromkeys(notes))
+    made = replace(scene, scene_id=scene_id, objects=objects, joints=joints, changes=notes)
     save_scene(folder, made)
     return True
 
@@ -130,18 +135,18 @@ def _local_name(name: str, id_: str) -> str:
 
 
 def _with_leaves(parts: Iterable[Shape]) -> list[Shape]:
-    """The shapes of which an export parted what moves with a door, whole again."""
-    shapes: list[Shape] = []
-    place: dict[str, int] = {}
-    for part in sorted(parts, key=lambda one: one.id.endswith(LEAF_SUFFIX)):  # stable
-        whole = place.get(part.id.removesuffix(LEAF_SUFFIX))
-        if whole is not None and part.id.endswith(LEAF_SUFFIX):
-            mesh = _joined(shapes[whole].mesh, part.mesh)
-            shapes[whole] = replace(shapes[whole], mesh=mesh)
-            continue
-        place[part.id] = len(shapes)
-        shapes.append(part)
-    return shapes
+    """The shapes of which an export parted what a joint moves, whole again."""
+    shapes: dict[str, Shape] = {}
+    doubled: list[Shape] = []
+    for part in parts:
+        name = _LEAF.sub("", part.id)
+        if name not in shapes:
+            shapes[name] = replace(part, id=name)
+        elif name != part.id:
+            shapes[name] = replace(shapes[name], mesh=_joined(shapes[name].mesh, part.mesh))
+        else:
+            doubled.append(part)
+    return [*shapes.values(), *doubled]
 
 
 def _joined(first: Mesh, second: Mesh) -> Mesh:
@@ -179,6 +184,12 @@ def _bounded(thing: SceneObject, by_id: dict[str, Shape]) -> SceneObject:
     """The object with the bounds of its shapes."""
     low, high = bounds_of([by_id[name] for name in thing.shapes])
     return replace(thing, bbox_min=as_triple(low), bbox_max=as_triple(high))
+
+
+def _is_at(thing: SceneObject, stated: SceneObject) -> bool:
+    """Test whether an object has the place and size that its description states."""
+    boxes = [(one.bbox_min, one.bbox_max) for one in (thing, stated)]
+    return bool(np.allclose(*boxes, atol=_MOVED))
 
 
 def _sensor(cameras: list[Camera], scene: Scene) -> Camera:

@@ -143,6 +143,7 @@ def write_home(
             credits=(*_credits(furniture), *origin.credits),
             lighting=lighting,
             plan=origin.plan,
+            joints=tuple(joint for item in items for joint in item.joints),
             changes=origin.changes,
         )
         standing = [*furniture, *(item for item in building if item.category == "stairs")]

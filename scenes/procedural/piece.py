@@ -7,7 +7,7 @@ mounted pieces, where the wall is the plane y = 0). Its back is towards +Y, its 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from pbrnet.scenes.arrays import Float64Array, Int64Array
 from pbrnet.scenes.assets.free_space import SupportSurface
 from pbrnet.scenes.color import Color
+from pbrnet.scenes.contract import Joint
 
 MaterialKind = Literal[
     "wood",  # grain along u
@@ -204,6 +205,7 @@ class FurniturePiece:
     mount_height: float = 0.0  # on_wall: height of the origin above the floor
     boxes: Float64Array | None = None  # (N, 2, 3), cover the piece; None: see `bodies`
     credit: CatalogueCredit | None = None  # None: generated
+    joints: tuple[Joint, ...] = ()  # in its own frame, of no object yet
 
     @cached_property
     def bounds(self) -> Float64Array:
@@ -226,6 +228,11 @@ class FurniturePiece:
         if self.boxes is not None:
             return self.boxes
         return np.concatenate([_body_bounds(part) for part in self.parts])
+
+
+def shifted(joint: Joint, x: float, y: float = 0.0, z: float = 0.0) -> Joint:
+    """The joint moved by metres."""
+    return replace(joint, pivot=(joint.pivot[0] + x, joint.pivot[1] + y, joint.pivot[2] + z))
 
 
 def _sums(places: Int64Array, values: Float64Array, count: int) -> Float64Array:

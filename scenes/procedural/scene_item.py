@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
+from pbrnet.scenes.contract import Joint
 from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, merge
 from pbrnet.scenes.procedural.piece import (
     CatalogueCredit,
@@ -28,6 +29,7 @@ class SceneItem:
     is_structure: bool
     room: str | None = None
     credit: CatalogueCredit | None = None
+    joints: tuple[Joint, ...] = ()
 
     @property
     def bounds(self) -> Float64Array:
@@ -94,7 +96,15 @@ def place_piece(
         name, category = (own.name, own.category) if own else (piece.name, piece.category)
         one = f"{carrier}-{name.replace(' ', '_')}-{number}" if own else item_id
         items.append(SceneItem(one, name, category, tuple(parts), False, room, piece.credit))
-    return items
+    joints = tuple(_placed(joint, pose, item_id) for joint in piece.joints)
+    return [replace(items[0], joints=joints), *items[1:]]
+
+
+def _placed(joint: Joint, pose: Pose, item_id: str) -> Joint:
+    """The joint of a piece in the world."""
+    at = np.round(pose.apply(np.array([joint.pivot]))[0], 6)
+    yaw = round((joint.yaw + pose.yaw) % 360, 6)
+    return replace(joint, object=item_id, pivot=as_triple(at), yaw=yaw)
 
 
 def outdoor_item(name: str, category: str, *parts: PiecePart) -> SceneItem:

@@ -7,6 +7,7 @@ only. Windows have frames but no panes: a clear pane is a portal (see `pbrnet.sc
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -14,10 +15,11 @@ import numpy as np
 import shapely
 from shapely.geometry import MultiPolygon, Polygon
 
-from pbrnet.scenes.arrays import Int64Array
-from pbrnet.scenes.contract import Portal
+from pbrnet.scenes.arrays import Int64Array, as_triple
+from pbrnet.scenes.contract import Joint, Portal
 from pbrnet.scenes.geometry.regions import buffered, difference, union
 from pbrnet.scenes.procedural.finishes import Finishes, RoomFinish
+from pbrnet.scenes.procedural.furniture.parts.build import WIDEST
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     bar,
@@ -565,21 +567,51 @@ def _door(opening: Opening, finishes: Finishes) -> SceneItem:
         inner = (s0 + wide, s1 - wide, 0.004, z1 - wide)
         lining += _edge_frame(leaf_edge, (s0, s1, 0.004, z1), inner, *back)
         parts[0] = make_part("casing", finishes.casing, *lining)
-    return _structure_item(opening.id, "door", opening.rooms[0], parts)
+    made = _structure_item(opening.id, "door", opening.rooms[0], parts)
+    return made if opening.kind == "archway" else replace(made, joints=(_hinge(opening),))
+
+
+def _hinge(opening: Opening) -> Joint:
+    """The hinge of a door, at the corner of its leaf; axes along the closed leaf."""
+    start, width, bottom, top = _leaf_place(opening)
+    edge, at_start = opening.edge_in(opening.swing), _at_start(opening)
+    (x, y) = edge.along
+    sign = 1.0 if at_start else -1.0
+    at = edge.at(start if at_start else opening.width - start, 0.0)
+    # Seen along the leaf from its hinge, the room it swings into is left for one at the start.
+    faces = (-LEAF, 0.0) if at_start else (0.0, LEAF)
+    lever = width - 0.065
+    boxes = (
+        ((0.0, faces[0] - 0.007, 0.0), (width, faces[1] + 0.007, top - bottom)),
+        ((lever - 0.13, faces[0] - 0.065, 0.93 - bottom), (lever + 0.03, faces[1] + 0.065, 1.13)),
+    )
+    yaw = math.degrees(math.atan2(sign * y, sign * x))
+    limits = (0.0, max(WIDEST, opening.angle))
+    axis = (0.0, 0.0, sign)
+    pivot = as_triple(np.round([*at, bottom], 6))
+    return Joint(opening.id, "hinge", pivot, axis, limits, opening.angle, boxes, round(yaw, 6))
+
+
+def _at_start(opening: Opening) -> bool:
+    """Test whether the hinge is at the start of the wall of the room that the door swings into."""
+    return opening.hinge_at_start == (opening.swing == opening.rooms[0])
+
+
+def _leaf_place(opening: Opening) -> tuple[float, float, float, float]:
+    """Distance of the hinge from the opening's end, width, bottom and top of the leaf, metres."""
+    gap, bottom = 0.003, 0.008
+    width = opening.width - 2 * (LINING + gap)
+    if opening.kind == "entrance":
+        # It is closed and fills its lining without a gap: no light leaks in.
+        gap, bottom, width = -0.002, 0.0, opening.width - 2 * LINING + 0.004
+    return LINING + gap, width, bottom, opening.z1 - LINING - gap
 
 
 def _leaf(
     opening: Opening, edge: WallEdge, material: Material, finishes: Finishes | None
 ) -> list[PiecePart]:
     """Door leaf, rotated about its hinge by the opening's angle, with a lever on each side."""
-    gap = 0.003
-    width = opening.width - 2 * (LINING + gap)
-    # The entrance door is closed and fills its lining without a gap: no light leaks in.
-    tight = opening.kind == "entrance"
-    if tight:
-        width = opening.width - 2 * LINING + 0.004
-        gap = -0.002
-    bottom, top = (0.0 if tight else 0.008), opening.z1 - LINING - gap
+    start, width, bottom, top = _leaf_place(opening)
     bodies = [span((0, -LEAF, bottom), (width, 0, top), grain="z")]
     panels = finishes.door_panels if finishes else "flat"
     rows: dict[str, list[tuple[float, float]]] = {
@@ -606,10 +638,8 @@ def _leaf(
             bar((handle_x, face, handle_z), (handle_x, out, handle_z), 0.009, 10),
             bar(*ends, 0.009, 10),
         ]
-    swing = opening.swing == opening.rooms[0]
-    at_start = opening.hinge_at_start == swing  # seen from the room that the door swings into
+    at_start = _at_start(opening)
     angle = np.radians(opening.angle)
-    start = LINING + gap
 
     def hung(mesh: BodyMesh) -> BodyMesh:
         x, y, z = mesh.vertices.T

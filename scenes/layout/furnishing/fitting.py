@@ -11,15 +11,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.checked import build
-from pbrnet.scenes.contract import Point3
+from pbrnet.scenes.contract import Joint, Point3
 from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, Style
 from pbrnet.scenes.procedural.furniture.parts.geometry import box
 from pbrnet.scenes.procedural.furniture.things.kinds import THINGS
-from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece, PiecePart
+from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece, PiecePart, shifted
 from pbrnet.scenes.procedural.scene_item import make_part
 from pbrnet.scenes.seeds import Draw
 
@@ -185,15 +185,17 @@ def _candidates(
 def _row(pieces: list[FurniturePiece]) -> FurniturePiece:
     """Pieces side by side as one."""
     left = -0.5 * sum(piece.size[0] for piece in pieces)
-    parts, surfaces = [], []
+    parts, surfaces, joints = [], [], []
     for number, piece in enumerate(pieces):
         shift = left - float(piece.bounds[0, 0])
         for part in piece.parts:
             moved = part.vertices + np.array([shift, 0.0, 0.0])
             parts.append(replace(part, name=f"{part.name}_{number}", vertices=moved))
         surfaces += [replace(each, x=each.x + shift) for each in piece.surfaces]
+        joints += [shifted(each, shift) for each in piece.joints]
         left += piece.size[0]
-    return replace(pieces[0], parts=tuple(parts), surfaces=tuple(surfaces), boxes=None)
+    made = replace(pieces[0], parts=tuple(parts), surfaces=tuple(surfaces), boxes=None)
+    return replace(made, joints=tuple(joints))
 
 
 def _sized(rng: Draw, style: Style, kind: str, wanted: Float64Array) -> Iterable[FurniturePiece]:
@@ -271,7 +273,24 @@ def scaled(piece: FurniturePiece, factors: Float64Array) -> FurniturePiece:
         ),
         mount_height=piece.mount_height,
         boxes=None if piece.boxes is None else piece.boxes * factors,
+        joints=tuple(_scaled_joint(one, factors) for one in piece.joints if _stays(one, x == y)),
     )  # fmt: skip
+
+
+def _stays(joint: Joint, even: bool) -> bool:
+    """Test whether a joint remains one: not a hinge that is open, unless the scale is even."""
+    return joint.kind == "slide" or joint.value == 0 or even
+
+
+def _scaled_joint(joint: Joint, factors: Float64Array) -> Joint:
+    def scale(point: Point3) -> Point3:
+        return as_triple(np.array(point) * factors)
+
+    reach = float(factors[1]) if joint.kind == "slide" else 1.0  # along y
+    boxes = tuple((scale(low), scale(high)) for low, high in joint.boxes)
+    limits = (reach * joint.limits[0], reach * joint.limits[1])
+    made = replace(joint, pivot=scale(joint.pivot), boxes=boxes, limits=limits)
+    return replace(made, value=reach * joint.value)
 
 
 def _own_kinds() -> Mapping[str, tuple[str, ...]]:

@@ -205,9 +205,9 @@ def _statement(text: Any, name: str) -> Statement | None:
 
 def _bitmap(stored: str, given: dict[str, Any], raw: bool | None) -> Element:
     wrap = _WRAPS.get(str(given.get("wrap")))
-    return plugin(
-        "texture", "bitmap", filename=stored, wrap_mode=wrap, raw=raw, to_uv=_to_uv(given)
-    )
+    filter_type = "nearest" if given.get("nearest") else None
+    return plugin("texture", "bitmap", filename=stored, wrap_mode=wrap, raw=raw,
+                  filter_type=filter_type, to_uv=_to_uv(given))  # fmt: skip
 
 
 def _to_uv(given: dict[str, Any]) -> Float64Array | None:

@@ -131,6 +131,7 @@ def _texture(shader: Any, channel: str, time: Any) -> dict[str, Any] | None:
         given = _input(shader.GetInput(name), time)
         if given is not None and "value" in given:
             made[key] = given["value"]
+    made["nearest"] = bool(shader.GetPrim().GetCustomDataByKey("pbrnet:nearest"))
     if "image" in kind and channel == "out":  # MaterialX
         made["channel"] = "rgb"
     coordinates = shader.GetInput("st") or shader.GetInput("texcoord")

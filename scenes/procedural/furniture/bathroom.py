@@ -290,6 +290,8 @@ class Shower(Spec, piece=("shower", "shower", "corner"), front_clearance=0.6):
             knob = cylinder(0.014, 0.002, 0.03, 16, bevel=0.003).turned("x", 90.0 * side)
             knob = knob.moved(length - 0.06, 0, 1.05).turned("z", -self.ajar).moved(*hinge)
             b.add(CHROME, knob, name="knob")
+        box = (0.0, -0.04, 0.0), (length, 0.04, height)
+        b.hinge((*hinge, 0.058), (0.0, 0.0, -1.0), self.ajar, box)
         low, high = (edge - 0.02, half - 0.02, 0.05), (edge + 0.012, half, height + 0.002)
         hung = span((-half, -edge - 0.01, 0.05), (-half + 0.022, -edge + 0.02, height + 0.002))
         x, z = edge - 0.004, height - 0.02
@@ -421,6 +423,8 @@ class WashingMachine(
         window = Material("plastic", hex_color("#15171a"), 0.06)
         b.add(window, lens.turned("x", 90).moved(0.0, f + 0.01, 0.43), name="window")
         b.add(IRON, box((0.03, 0.03, 0.07), (0.162, f - 0.02, 0.395), 0.006), name="handle")
+        swings = (0.0, -0.05, -0.19), (0.38, 0.02, 0.19)
+        b.hinge((-0.19, f + 0.01, 0.43), (0.0, 0.0, -1.0), 0.0, swings)
         low, high = (-half + 0.01, f + 0.002, height - 0.125), (half - 0.01, f + 0.02)
         b.add(WHITE_PLASTIC, span(low, (*high, height - 0.012), 0.004), name="panel")
         display = span((0.1, f, height - 0.1), (0.26, f + 0.004, height - 0.045))

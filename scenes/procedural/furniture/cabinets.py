@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from pbrnet.scenes.contract import Joint
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     CORNERS,
@@ -29,6 +30,8 @@ from pbrnet.scenes.seeds import Draw
 BOARD = 0.018  # metres
 FRONT = 0.019
 GAP = 0.003  # between neighbouring fronts
+_GRIP = 0.037  # that handles stand out
+_REACH = 0.75  # of the length of a drawer, that it comes out
 
 
 def carcass(width: float, depth: float, z0: float, z1: float, top: bool = True) -> list[BodyMesh]:
@@ -146,6 +149,10 @@ def add_door(
     b.add(
         style.metal, *(place(mesh.moved(grip_x, -FRONT, grip_z)) for mesh in grips), name="handle"
     )
+    across = (0.0, width) if hinge == "left" else (-width, 0.0)
+    edge = (x0 + GAP / 2 if hinge == "left" else x1 - GAP / 2, -depth / 2 + FRONT, z0 + GAP / 2)
+    box = (across[0], -FRONT - _GRIP, 0.0), (across[1], 0.0, height)
+    b.hinge(edge, (0.0, 0.0, -side), angle, box)
 
 
 def add_drawer(
@@ -168,9 +175,13 @@ def add_drawer(
         for mesh in handle(style, False, width):
             grip = mesh.moved(offset * width, -FRONT, height / 2).moved(**at)
             b.add(style.metal, grip, name="handle")
+    half, wall, length = width / 2 - 0.025, 0.012, depth - 0.1
+    inner = length if pulled > 0 else 0.0  # closed ones are fronts alone
+    box = (-width / 2, -FRONT - _GRIP, 0.0), (width / 2, inner, height)
+    pivot, out = (at["x"], -depth / 2 + FRONT, at["z"]), (0.0, -1.0, 0.0)
+    b.joints.append(Joint("", "slide", pivot, out, (0.0, _REACH * length), pulled, (box,)))
     if pulled <= 0:
         return
-    half, wall, length = width / 2 - 0.025, 0.012, depth - 0.1
     low, high = 0.02, max(0.05, height - 0.04)
     walls = (
         span((-half, 0.001, low), (-half + wall, length, high)),

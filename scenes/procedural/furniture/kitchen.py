@@ -279,6 +279,8 @@ class HobUnit(Unit, piece=("hob and oven", "kitchen unit", "wall"), front_cleara
         z = high - 0.035
         ends, feet = (((-x, z), (x, z)) for x in (half - 0.06, half - 0.09))
         add_grip(b, ends, feet, (f + 0.002, f - 0.042), (0.009, 0.007))
+        swings = (-half, -0.055, 0.0), (half, 0.02, high - low)
+        b.hinge((0.0, f, low), (1.0, 0.0, 0.0), 0.0, swings)
         b.add(self.style.kitchen, board(PLINTH + 0.002, low - 0.004, 0.0015), name="front")
 
     def _add_burner(self, b: Builder, x: float, y: float, high: float, radius: float) -> None:
@@ -355,6 +357,9 @@ class Fridge(Spec, piece=("fridge", "fridge", "wall"), front_clearance=0.9):
             ends = ((x, start), (x, start + length))
             feet = ((x, start + 0.03), (x, start + length - 0.03))
             add_grip(b, ends, feet, (f + 0.003, f - 0.035), (0.009, 0.006))
+            left, right = (-2 * half, 0.0) if self.side < 0 else (0.0, 2 * half)
+            swings = (left, -0.05, 0.0), (right, 0.061, z1 - z0)
+            b.hinge((-self.side * half, f, z0), (0.0, 0.0, -self.side), 0.0, swings)
         for note in self.notes:
             note.add_to(b, f, split)
         b.surface(0, 0.03, height, half - 0.05, depth / 2 - 0.08)
@@ -508,6 +513,8 @@ class Microwave(Spec, piece=("microwave", "microwave", "on_top")):
         x = half - 0.14
         ends, feet = ((x, 0.05), (x, height - 0.05)), ((x, 0.07), (x, height - 0.07))
         add_grip(b, ends, feet, (f + 0.002, f - 0.025), (0.007, 0.005), segments=8)
+        swings = (0.0, -0.035, 0.0), (2 * half - 0.121, 0.012, height)
+        b.hinge((-half, f, 0.014), (0.0, 0.0, -1.0), 0.0, swings)
         for sx, sy in CORNERS:
             foot = cylinder(0.014, 0, 0.013, 12).moved(sx * (half - 0.04), sy * (depth / 2 - 0.05))
             b.add(BLACK_PLASTIC, foot, name="feet")

@@ -11,11 +11,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pbrnet.scenes.assets.free_space import SupportSurface
+from pbrnet.scenes.contract import Box, Joint, Point3
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.procedural.furniture.parts.geometry import Axis, BodyMesh, merge
 from pbrnet.scenes.procedural.furniture.style import SCREEN, Style
-from pbrnet.scenes.procedural.piece import Anchor, Contained, FurniturePiece, Material, PiecePart
+from pbrnet.scenes.procedural.piece import (
+    Anchor,
+    Contained,
+    FurniturePiece,
+    Material,
+    PiecePart,
+    shifted,
+)
 from pbrnet.scenes.seeds import Draw
+
+WIDEST = 90.0  # degrees that doors open, unless they stand open wider
 
 
 class Shown(NamedTuple):
@@ -36,6 +46,7 @@ class Builder:
     side_clearance: float = 0.0
     mount_height: float = 0.0
     surfaces: list[SupportSurface] = field(default_factory=list)
+    joints: list[Joint] = field(default_factory=list)
     _groups: dict[tuple[str, Material, bool, float, float, Contained | None], list[BodyMesh]] = (
         field(default_factory=dict)
     )
@@ -72,6 +83,7 @@ class Builder:
         for (name, material, smooth, lumens, kelvin, own), meshes in other._groups.items():
             key = (name, material, smooth, lumens, kelvin, own or self._own)
             self._groups.setdefault(key, []).extend(mesh.moved(x, y, z) for mesh in meshes)
+        self.joints += [shifted(joint, x, y, z) for joint in other.joints]
 
     def turned(self, axis: Axis, degrees: float) -> Builder:
         """Return a builder with all meshes rotated about an axis through the origin."""
@@ -89,6 +101,7 @@ class Builder:
         """Translate all meshes by metres."""
         for key, meshes in self._groups.items():
             self._groups[key] = [mesh.moved(x, y, z) for mesh in meshes]
+        self.joints = [shifted(joint, x, y, z) for joint in self.joints]
 
     def show(self, mesh: BodyMesh, shown: Shown) -> None:
         """Add a display, a one-sided mesh with uvs [0, 1], that shows something."""
@@ -104,6 +117,11 @@ class Builder:
     ) -> None:
         """Add a support surface for other pieces, metres."""
         self.surfaces.append(SupportSurface(x, y, z, half_x, half_y, headroom))
+
+    def hinge(self, pivot: Point3, axis: Point3, angle: float, *boxes: Box) -> None:
+        """Add a hinge, open by `angle` degrees; see `Joint` for axis and boxes."""
+        limits = (0.0, max(WIDEST, angle))
+        self.joints.append(Joint("", "hinge", pivot, axis, limits, angle, boxes))
 
     def piece(self) -> FurniturePiece:
         """Return the finished piece; its part names are unique."""
@@ -134,6 +152,7 @@ class Builder:
             side_clearance=self.side_clearance,
             surfaces=tuple(self.surfaces),
             mount_height=self.mount_height,
+            joints=tuple(self.joints),
         )
 
 
