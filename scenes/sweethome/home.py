@@ -125,6 +125,21 @@ class Cut:
 
 
 @dataclass(frozen=True)
+class Sash:
+    """A leaf of a door or window: axis and width as fractions of the piece's size.
+
+    `y` counts from its back; angles are radians in the piece, counter-clockwise from above, of the
+    closed leaf and of the open one.
+    """
+
+    x: float
+    y: float
+    width: float
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
 class HomePiece:
     """A piece of furniture, a door or window (`cut`), or a lamp (`bulbs`)."""
 
@@ -155,6 +170,7 @@ class HomePiece:
     transformations: tuple[tuple[str, Matrix], ...] = ()
     staircase: str | None = None
     cut: Cut | None = None
+    sashes: tuple[Sash, ...] = ()
     power: float = 0.0
     bulbs: tuple[Bulb, ...] = ()
     emissive_materials: tuple[str, ...] = ()  # names of the materials of a lamp that emit light

@@ -111,6 +111,7 @@ def import_sweethome(
             credits=credits.all(changes),
             lighting=_lighting(built.sky, bool(lights)),
             plan=scene_id,
+            joints=tuple(joint for item in built.items for joint in item.joints),
             changes=changes.sentences(),
         )
         save_scene(folder, scene)

@@ -21,6 +21,7 @@ from pbrnet.scenes.sweethome.furnishing.items import PlacedItem
 from pbrnet.scenes.sweethome.furnishing.lamps import lit_parts
 from pbrnet.scenes.sweethome.furnishing.missing import MissingPiece, missing_piece
 from pbrnet.scenes.sweethome.furnishing.models import Models
+from pbrnet.scenes.sweethome.furnishing.sashes import hinges
 from pbrnet.scenes.sweethome.home import HomePiece
 from pbrnet.scenes.sweethome.options import SweetHomeOptions
 
@@ -82,6 +83,7 @@ def furniture_items(
                     None,
                     lumens,
                     level.storey.number,
+                    hinges(piece, name, parts),
                 )
             )
     return items, missing

@@ -26,6 +26,7 @@ from pbrnet.scenes.sweethome.home import (
     Matrix,
     NamedMaterial,
     RoomShape,
+    Sash,
     StoredCamera,
     Surface,
     Texture,
@@ -299,6 +300,7 @@ class _Reader:
             ),
             staircase=staircase if staircase and staircase.lower() != "false" else None,
             cut=self.cut(get) if opening else None,
+            sashes=tuple(self.sash(child) for child in element.findall("sash")),
             power=min(max(get.number("power", 0.5), 0.0), 1.0) if element.tag == "light" else 0.0,
             bulbs=tuple(self.bulb(child) for child in element.findall("lightSource")),
             emissive_materials=tuple(
@@ -324,6 +326,11 @@ class _Reader:
             top=get.number("wallTop", 0.0),
             height=get.number("wallHeight", 1.0),
         )
+
+    def sash(self, element: Element) -> Sash:
+        get = self.attributes(element)
+        names = ("xAxis", "yAxis", "width", "startAngle", "endAngle")
+        return Sash(*(get.number(name, 0.0) for name in names))
 
     def bulb(self, element: Element) -> Bulb:
         get = self.attributes(element)

@@ -10,6 +10,7 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import Color
+from pbrnet.scenes.contract import Joint
 from pbrnet.scenes.geometry.mesh import Mesh, face_areas
 
 
@@ -55,6 +56,7 @@ class PlacedItem:
     room: str | None = None
     lumens: float = 0.0
     level: int = 0
+    joints: tuple[Joint, ...] = ()
 
     @property
     def bounds(self) -> Float64Array:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.scene_export.content import Content, Leaf, Piece
-from pbrnet.pipeline.scene_export.joints import add_joints, moved
+from pbrnet.pipeline.scene_export.joints import add_joints
 from pbrnet.pipeline.scene_export.panes import add_panes
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Credit, Portal, Scene, SceneObject
+from pbrnet.scenes.geometry.joints import moved
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.models.stated import Statement
 from pbrnet.scenes.procedural.finishes import make_finishes
@@ -138,14 +139,17 @@ def test_an_oven_opens_downwards() -> None:
                                   "night_table", "desk", "wash_basin", "washing_machine", "shower",
                                   "microwave", "wall_cupboard", "built_in_wardrobe"])  # fmt: skip
 def test_every_joint_moves_something_and_every_front_is_moved(kind: str) -> None:
+    count = 0
     for seed in range(4):
         content, leaves, pose = _made(kind, seed)
         joints = content.scene.joints
-        assert [leaf.joint for leaf in leaves] == list(joints) and leaves
+        assert [leaf.joint for leaf in leaves] == list(joints)
+        count += len(leaves)
         for leaf in leaves:  # closed or wide open, it never stands behind the piece
             points = _points(content, leaf.moving)
             reach = [_own(moved(points, leaf.joint, value), pose) for value in leaf.joint.limits]
             assert reach[1][:, 1].min() < reach[0][:, 1].min() - 0.1
+    assert count >= 2
 
 
 def test_doors_without_a_stated_hinge_stay_as_they_are() -> None:
