@@ -81,8 +81,9 @@ class OpticsParams:
     focus_distance: float = param(
         0.0, "metres along the optical axis; 0: by autofocus", within(0, 10_000)
     )
-    autofocus: Literal["centre", "median"] = param(
-        "centre", "median depth of the middle tenth of the image; or median, of the whole image"
+    autofocus: Literal["centre", "median", "subject"] = param(
+        "centre",
+        "median depth of the middle tenth of the image; median, of all; subject, of one object",
     )
     exposure: float = param(
         0.0, "share of the time between frames, for motion blur of trajectories", within(0, 1)

@@ -28,15 +28,15 @@ from pbrnet.pipeline.frames import EXPOSURE_TIME
 from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.lenses.settings import OpticsParams
 from pbrnet.pipeline.pathtrace.camera_rays import entry
-from pbrnet.pipeline.render import raycast
 from pbrnet.pipeline.render.drjit_arrays import column
-from pbrnet.pipeline.render.scene import RenderScene
+from pbrnet.pipeline.render.scene import RenderScene, cast
 from pbrnet.pipeline.views import Matrix, View, as_matrix
-from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.arrays import BoolArray, Float64Array, Int32Array
 from pbrnet.scenes.geometry.directions import turned
 
 _GRID = 24  # rays per axis that measure the distance of the focus
 _SPOT = 0.1  # share of the image's width and height that a focus in the centre goes by
+_SUBJECT = 0.2  # standard deviation of the weight of a subject's places, share of the image
 _INFINITY = 1e4  # metres, focus where no surface is seen
 
 
@@ -91,15 +91,32 @@ def optics_of(scene: RenderScene, view: View, params: OpticsParams) -> Optics:
 
 
 def _autofocus(scene: RenderScene, view: View, params: OpticsParams) -> float:
-    """Return the median depth in the middle of the image, or of all of it, metres."""
+    """Return the median depth in the middle, in all of the image or of the subject, metres."""
     share = _SPOT if params.autofocus == "centre" else 1.0
     steps = 0.5 + share * ((np.arange(_GRID) + 0.5) / _GRID - 0.5)
     columns, rows = np.meshgrid(steps * view.width, steps * view.height)
     rays = view.lens.rays(np.stack([columns.ravel(), rows.ravel()], axis=-1))
     directions = turned(rays.directions[rays.valid], view.pose[:3, :3])
-    _, distances = raycast.nearest(scene.geometry, view.eye, directions)
+    distances, objects = cast(scene, view.eye, directions)
     along = 1.0 if view.lens.depth_is_distance else rays.directions[rays.valid][:, 2]
-    return min(float(np.median(distances * along)), _INFINITY)
+    chosen = np.ones(len(objects), bool)
+    if params.autofocus == "subject":
+        places = np.stack([columns.ravel() / view.width, rows.ravel() / view.height], axis=-1)
+        chosen = _subject(scene, objects, places[rays.valid] - 0.5)
+    return min(float(np.median((distances * along)[chosen])), _INFINITY)
+
+
+def _subject(scene: RenderScene, objects: Int32Array, places: Float64Array) -> BoolArray:
+    """Rays (N,) of the piece of furniture that covers most of the image, more so in the middle.
+
+    `objects` (N,) are what they hit, `places` (N, 2) shares of the image from its middle. All rays
+    where no furniture is seen.
+    """
+    fixed = np.array([*(thing.is_structure for thing in scene.scene.objects), True])
+    weight = np.exp(-0.5 * (places**2).sum(axis=1) / _SUBJECT**2) * ~fixed[objects]
+    if not weight.any():
+        return np.ones(len(objects), bool)
+    return np.asarray(objects == np.bincount(np.maximum(objects, 0), weight).argmax())
 
 
 def facts_of(optics: Optics, params: OpticsParams) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from pbrnet.pipeline.pathtrace.optics import optics_of
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import as_matrix, look
 from pbrnet.scenes.checked import plain
+from pbrnet.scenes.contract import load_scene, save_scene
 from pbrnet.scenes.errors import InputError, ParameterError
 from tests.fixtures.dataset import make_data, small_params, write_view
 from tests.fixtures.params import pbrs_params, plain_truth
@@ -116,6 +117,25 @@ def test_the_aperture_follows_from_k_and_the_sensor(room: RenderScene) -> None:
     assert near is not None and near.focus == 0.7
     whole = optics_of(room, VIEW, replace(LENS.optics, autofocus="median")).aperture
     assert whole is not None and 2 < whole.focus <= 3.6 + 1e-3
+
+
+@pytest.mark.usefixtures("wavefront")
+def test_the_subject_is_the_largest_piece_near_the_middle(tmp_path: Path) -> None:
+    walls, _ = room_walls(diffuse("0.6,0.5,0.4"))
+    body, near = walls, VIEW.pose[:3, 3]
+    things = {"vase": (-0.25, 1.0, 0.2), "shelf": (1.3, 2.0, 0.5), "door": (0.0, 3.0, 0.6)}
+    for name, (x, y, half) in things.items():  # metres right of and ahead of the camera
+        body += quad(name, (near[0] + x, near[1] + y, 1.5), (0, -1, 0), (half, half), up=(0, 0, 1))
+    scene = write_scene(tmp_path / "room", body, {name: (name,) for name in things})
+    fixed = tuple(replace(one, is_structure=one.id == "door") for one in scene.objects)
+    save_scene(scene.folder, replace(scene, objects=fixed))
+    params = replace(LENS.optics, autofocus="subject")
+    opened = open_scene(load_scene(scene.folder))
+    lens = optics_of(opened, VIEW, params).aperture
+    assert lens is not None and lens.focus == pytest.approx(1.0, abs=1e-3)
+    right = replace(VIEW, camera_to_world=as_matrix(look((1.1, -1.6, 1.5), (0, 1, 0))))
+    lens = optics_of(opened, right, params).aperture
+    assert lens is not None and lens.focus == pytest.approx(2.0, abs=1e-3)
 
 
 def test_the_scalar_variant_says_what_it_lacks(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import struct
 import zipfile
 from collections import Counter
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import mitsuba as mi
