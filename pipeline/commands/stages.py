@@ -25,7 +25,7 @@ from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
 from pbrnet.pipeline.stages.runner import StageError
-from pbrnet.pipeline.stages.scenes import describe_homes, run_scenes
+from pbrnet.pipeline.stages.scenes import describe_homes, describe_scenes, run_scenes
 from pbrnet.pipeline.terminal import lines_of, say
 from pbrnet.scenes.errors import PbrnetError
 
@@ -73,25 +73,33 @@ def assets(request: Request) -> None:
 Examples:
   pbrnet scenes                            the scenes of params.yaml
   pbrnet scenes --seed 7 --data /tmp/seven
-  pbrnet scenes --describe layouts         the homes of params.yaml as layouts"""
+  pbrnet scenes --describe layouts         the homes of params.yaml as layouts
+  pbrnet scenes --describe layouts data/scenes/studio"""
 )
+@click.argument("described", metavar="[SCENE]...", nargs=-1, type=FOLDER)
 @click.option(
     "--describe",
     type=FOLDER,
-    help="Write the procedural homes as layouts (docs/layouts.md) to this folder; make no scene.",
+    help="Write the procedural homes, or the scene folders SCENE, to this folder as layouts "
+    "(docs/layouts.md); make no scene.",
 )
 @stage_options
 @common_options
-def scenes(request: Request, describe: Path | None) -> None:
+def scenes(request: Request, describe: Path | None, described: tuple[Path, ...]) -> None:
     """Generate procedural homes and import the scenes listed in scenes.imports.
 
     Keeps scenes that are up to date, and scenes that 'pbrnet import' wrote to DATA/scenes.
     """
     if describe is None:
+        if described:
+            raise click.UsageError("SCENE needs --describe")
         _run(request, "scenes")
         return
     params = request.params
-    written = describe_homes(request.data, params.scenes, params.seed, describe)
+    if described:
+        written = describe_scenes(described, describe)
+    else:
+        written = describe_homes(request.data, params.scenes, params.seed, describe)
     say(f"{len(written)} layouts in {describe}; change one and read it with: pbrnet import")
 
 

@@ -23,6 +23,7 @@ from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import digest_file, exists, remove_partials, resolved, write_text
 from pbrnet.scenes.layout.describe import described, layout_text
+from pbrnet.scenes.layout.from_scene import described_scene
 from pbrnet.scenes.opened_files import unchanged
 from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.procedural.design import HomeSeeds, design_home
@@ -61,6 +62,19 @@ def describe_homes(data: Path, wanted: SceneParams, seed: int, out: Path) -> lis
         place = Path(out) / f"{job.scene_id}.layout.json"
         place.parent.mkdir(parents=True, exist_ok=True)
         write_text(place, layout_text(described(design, job.scene_id, job.seed)))
+        written.append(place)
+    return written
+
+
+def describe_scenes(folders: Iterable[Path], out: Path) -> list[Path]:
+    """Write scene folders as layouts to a folder; returns the files."""
+    written = []
+    for scene in map(load_scene, folders):
+        if not scene.rooms:
+            raise InputError(f"{scene.folder}: has no rooms, so no layout")
+        place = Path(out) / f"{scene.scene_id}.layout.json"
+        place.parent.mkdir(parents=True, exist_ok=True)
+        write_text(place, layout_text(described_scene(scene)))
         written.append(place)
     return written
 

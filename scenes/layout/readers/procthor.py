@@ -208,7 +208,7 @@ def _objects(
     name = node["id"].text()
     asset = node["assetId"].text("") or node["objectType"].text("")
     words = re.split(r"[|(]", node["object_name"].text("") or name)[0]
-    category, usual = _kind(asset, words, changes)
+    category, usual, kind = _kind(asset, words, changes)
     position = node["position"]
     x, y = _place(position)
     z = position["y"].number()
@@ -220,6 +220,7 @@ def _objects(
         size,
         yaw=(180.0 - node["rotation"]["y"].number(0.0)) % 360.0,
         name=asset,
+        kind=kind,
         on=on,
     )
     for child in node["children"].items():
@@ -236,17 +237,17 @@ def _lamps(lights: Node, ceiling: float) -> Iterator[LayoutObject]:
             )
 
 
-def _kind(asset: str, words: str, changes: Changes) -> tuple[str, Point3]:
-    """Category and usual size of an object, from the names of its asset and itself."""
+def _kind(asset: str, words: str, changes: Changes) -> tuple[str, Point3, str]:
+    """Category, usual size and known kind of an object, from the names of its asset and itself."""
     names = [text for text in (words, asset) if not _HASH.fullmatch(text)]
     for name in names:
         if known := [_TYPE_OF_WORDS[run] for run in _runs(name) if run in _TYPE_OF_WORDS]:
-            return _TYPES[known[0]]
+            return *_TYPES[known[0]], _TABLE["kinds"].get(known[0], "")
     category = category_of(*names)
     if category == "other":
         changes.note("kinds of objects that are not known became plain boxes: {}", words or asset)
     alike = (size for told, size in _TYPES.values() if told == category)
-    return category, next(alike, _UNKNOWN)
+    return category, next(alike, _UNKNOWN), ""
 
 
 def _runs(name: str) -> list[str]:

@@ -211,19 +211,30 @@ class Television(Spec, piece=("television", "television", "on_top")):
     shown: Shown = showing(20, 60, is_film=True)
 
     def assemble(self, b: Builder) -> None:
-        width, height, z = self.width, self.width * 0.575, 0.07
-        panel = span((-width / 2, -0.012, z), (width / 2, 0.014, z + height), 0.003)
-        size, at = (0.7 * width, 0.05, 0.5 * height), (0, 0.03, z + 0.1 * height)
-        b.add(BLACK_PLASTIC, panel, rounded_box(size, at, 0.015, inner=1), name="case")
-        low, high = (-width / 2 + 0.009, -0.0135, z + 0.018), (width / 2 - 0.009, -0.0115)
-        b.add(SCREEN, span(low, (*high, z + height - 0.009)), name="screen")
+        self._add_panel(b, 0.0, 0.07)
         for side, sy in CORNERS:
-            x = side * 0.32 * width
-            leg = bar((x, 0, z + 0.01), (x + side * 0.02, sy * 0.12, 0.0075), 0.007, 8)
+            x = side * 0.32 * self.width
+            leg = bar((x, 0, 0.08), (x + side * 0.02, sy * 0.12, 0.0075), 0.007, 8)
             pad = cylinder(0.008, 0, 0.008, 10).moved(x + side * 0.02, sy * 0.12)
             b.add(BLACK_PLASTIC, leg, pad, name="feet")
+
+    def _add_panel(self, b: Builder, y: float, z: float) -> None:
+        """Add case and screen, their lower edge at z."""
+        width, height = self.width, self.width * 0.575
+        panel = span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003)
+        size, at = (0.7 * width, 0.05, 0.5 * height), (0, y + 0.03, z + 0.1 * height)
+        b.add(BLACK_PLASTIC, panel, rounded_box(size, at, 0.015, inner=1), name="case")
+        low, high = (-width / 2 + 0.009, y - 0.0135, z + 0.018), (width / 2 - 0.009, y - 0.0115)
+        b.add(SCREEN, span(low, (*high, z + height - 0.009)), name="screen")
         w, h, middle = width / 2 - 0.012, height / 2 - 0.0165, z + height / 2 + 0.0045
-        b.show(display(w, h).moved(0, -0.0138, middle), self.shown)
+        b.show(display(w, h).moved(0, y - 0.0138, middle), self.shown)
+
+
+class WallTelevision(Television, piece=("television", "television", "on_wall"), mount_height=1.1):
+    """A flat television at a wall."""
+
+    def assemble(self, b: Builder) -> None:
+        self._add_panel(b, -0.056, 0.0)
 
 
 class Monitor(Spec, piece=("computer monitor", "monitor", "on_top")):

@@ -60,6 +60,16 @@ def test_pieces_fill_usual_boxes() -> None:
     assert np.median(list(found.values())) >= 0.95 and min(found.values()) > 0.75, found
 
 
+def test_televisions_have_feet_unless_their_box_hangs_at_a_wall() -> None:
+    thin = fit_piece(generator(0), STYLE, "television", (1.2, 0.07, 0.69), "raised")
+    deep = fit_piece(generator(0), STYLE, "television", (1.15, 0.25, 0.75), "raised")
+    assert thin is not None and deep is not None
+    assert (thin.kind, deep.kind) == ("wall_television", "television")
+    assert thin.piece.bounds[1, 1] == pytest.approx(0.0, abs=2e-3)  # the wall
+    feet = [any(part.name == "feet" for part in one.piece.parts) for one in (thin, deep)]
+    assert feet == [False, True]
+
+
 def test_round_things_stay_round_and_scales_are_bounded() -> None:
     fit = fit_piece(generator(0), STYLE, "lamp", (0.5, 0.3, 1.6))
     assert fit is not None and fit.kind == "floor_lamp"

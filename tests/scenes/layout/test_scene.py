@@ -19,6 +19,8 @@ from pbrnet.scenes.layout.describe import described, layout_text
 from pbrnet.scenes.layout.furnishing.furnish import furnish_layout
 from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.procedural.design import Design, HomeSeeds, design_home
+from pbrnet.scenes.procedural.home import make_home
+from pbrnet.scenes.procedural.plan import Plan
 from pbrnet.scenes.registry import import_scene
 from pbrnet.scenes.seeds import generator
 from tests.fixtures.layouts import FLAT, changed, checked, write_layout
@@ -110,6 +112,37 @@ def test_a_described_home_is_read_back(home: Design) -> None:
     kinds = Counter(each.placed.kind for each in made.placed)
     assert kinds == Counter(one.kind for one in layout.objects)
     assert made.record["median_iou"] >= 0.97 and not made.record["plain_boxes"]
+
+
+def test_a_scene_folder_is_described_like_its_home(tmp_path: Path) -> None:
+    params = SceneParams(rooms_min=3, rooms_max=3, texture_size=64, outdoors="none")
+    home = design_home(params, HomeSeeds(8), None)
+    make_home(tmp_path / "home", "home", params, 8, "day")
+    done = CliRunner().invoke(
+        cli, ["scenes", "--describe", str(tmp_path / "out"), str(tmp_path / "home")]
+    )
+    assert done.exit_code == 0, done.output
+    layout = checked(json.loads((tmp_path / "out" / "home.layout.json").read_text()))
+    plan, _ = plan_of(layout, home.plan.ground, Changes())
+    for room, own in zip(plan.rooms, home.plan.rooms, strict=True):
+        assert (room.id, room.type) == (own.id, own.type)
+        assert room.shape.hausdorff_distance(own.shape) < 1e-3
+
+    def places(each: Plan) -> list[tuple]:
+        return sorted((one.kind.replace("patio", "window"),
+                       *np.round(one.edge.at(one.width / 2), 2),
+                       round(one.width, 2), round(one.z0, 2), round(one.z1, 2))
+                      for one in each.openings if one.kind not in ("open", "archway"))  # fmt: skip
+
+    ours, theirs = places(plan), places(home.plan)
+    assert [one[0] for one in ours] == [one[0] for one in theirs]
+    for one, own in zip(ours, theirs, strict=True):
+        assert one[1:] == pytest.approx(own[1:], abs=0.35)  # on either face of the wall
+        assert one[3:] == pytest.approx(own[3:], abs=0.011)
+    kinds = Counter(each.placed.kind for each in home.furniture)
+    told = Counter(one.kind for one in layout.objects)
+    assert told == Counter({kind: n for kind, n in kinds.items() if kind in told})
+    assert sum(told.values()) > 0.9 * sum(kinds.values())
 
 
 def test_the_command_describes_the_homes_of_the_parameters(tmp_path: Path) -> None:

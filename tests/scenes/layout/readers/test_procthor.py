@@ -8,6 +8,8 @@ import pytest
 
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.layout.readers import procthor
+from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS
+from pbrnet.scenes.procedural.furniture.things.kinds import THINGS
 from tests.fixtures.layout_formats import house, thing
 
 
@@ -33,6 +35,17 @@ def test_objects_face_what_unity_calls_forward() -> None:
     assert (picture.category, picture.yaw) == ("picture", 270)  # -x
     assert vase.on == dresser.id
     assert vase.center == (1, 0.3, 0.9)
+
+
+def test_small_things_are_those_of_their_type() -> None:
+    content = house()
+    content["objects"] = [thing("Apple_4", 1, 1, 1, 0), thing("Teddy_Bear_1", 2, 1, 1, 0)]
+    assert [one.kind for one in procthor.read(content, Path("h.json")).objects] == [
+        "apple",
+        "teddy",
+    ]
+    assert {*procthor._TABLE["kinds"].values()} <= THINGS.keys() | FURNITURE_KINDS.keys()
+    assert procthor._TABLE["kinds"].keys() <= procthor._TYPES.keys()
 
 
 def test_usual_sizes_yield_to_the_floor_and_the_wall() -> None:
