@@ -79,7 +79,7 @@ class Eye:
 
 @dataclass(frozen=True)
 class Leaf:
-    """What a joint moves: a door, a drawer."""
+    """The part of an object that a joint moves: a door, a drawer."""
 
     joint: Joint
     axis: Float64Array  # (3,), of the joint in the world
