@@ -153,7 +153,7 @@ class _Writer:
             self._leaf(path, leaf, pivot)
 
     def _leaf(self, path: str, leaf: Leaf, pivot: Float64Array) -> None:
-        """The part that a joint moves, as a rigid body, and its joint with the rest of the object."""
+        """The part that a joint moves, as a rigid body, and its joint with the object."""
         joint, at = leaf.joint, np.array(leaf.joint.pivot)
         slides = joint.kind == "slide"
         name = self._path(path, "leaf")
