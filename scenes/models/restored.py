@@ -188,8 +188,8 @@ def _bounded(thing: SceneObject, by_id: dict[str, Shape]) -> SceneObject:
 
 def _is_at(thing: SceneObject, stated: SceneObject) -> bool:
     """Test whether an object has the place and size that its description states."""
-    boxes = [(one.bbox_min, one.bbox_max) for one in (thing, stated)]
-    return bool(np.allclose(*boxes, atol=_MOVED))
+    box, was = (np.array([one.bbox_min, one.bbox_max]) for one in (thing, stated))
+    return bool(np.allclose(box, was, atol=_MOVED))
 
 
 def _sensor(cameras: list[Camera], scene: Scene) -> Camera:
