@@ -30,6 +30,7 @@ from pbrnet.model.studies.photographs.sheet import sheet
 from pbrnet.model.studies.photographs.summary import Scores, Tested, summary
 from pbrnet.model.studies.photographs.training import BATCH, SCHEDULE, predict, train
 from pbrnet.model.training.weights import write_weights
+from pbrnet.pipeline.photograph import PhotoVariation
 from pbrnet.pipeline.progress import Progress
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError
@@ -147,7 +148,8 @@ class PhotographStudy:
     def _fingerprint(self, row: Row, seed: int) -> str:
         """Digest of everything that determines the weights but for code."""
         sets = [[(self._set(one.path).fingerprint(), one.views) for one in s] for s in row.stages]
-        settings = (self.config.steps, self.config.root, seed, SCHEDULE, FOCAL, VARIATIONS)
+        ranges = tuple(plain(PhotoVariation()).values())
+        settings = (self.config.steps, self.config.root, seed, SCHEDULE, FOCAL, VARIATIONS, ranges)
         return digest_bytes(repr((_REVISION, sets, row.varied, settings)).encode())
 
     def _trained(self, row: Row, seed: int) -> Training:
