@@ -75,6 +75,6 @@ def _photograph(row: ViewRow, content: Content) -> Photograph:
 
 
 def _folder(path: Path) -> Path:
-    """Return the folder of the shards: `path`, or `dataset` in it."""
+    """Return the folder of the shards: `dataset` in a data folder, else `path`."""
     inner = path / "dataset"
-    return inner if inner.is_dir() and not any(path.glob("*.parquet")) else path
+    return inner if inner.is_dir() else path
