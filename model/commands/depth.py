@@ -11,7 +11,13 @@ import click
 import numpy as np
 from PIL import Image
 
-from pbrnet.pipeline.commands.options import FILE, FOLDER, PATH, NumberRange
+from pbrnet.pipeline.commands.options import (
+    FILE,
+    FOLDER,
+    PATH,
+    NumberRange,
+    idle_seed_option,
+)
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.arrays import AnyArray, Float32Array, UInt8Array
 from pbrnet.scenes.checked import plain
@@ -58,12 +64,13 @@ of 129 pixels, so images of it are smooth. Exit code 1 if a photograph could not
     help="Horizontal field of view.  [default: by EXIF, else that of a 28 mm lens]",
 )
 @click.option("--weights", type=FILE, help="Weights.  [default: the pretrained ones]")
+@idle_seed_option
 def depth(photos: tuple[Path, ...], out: Path, fov: float | None, weights: Path | None) -> None:
     """Estimate depth, normals and classes of photographs of rooms.
 
     The network is trained on rendered images alone; docs/photographs.md has its errors.
     """
-    from pbrnet.model.release.depth import load_depth
+    from pbrnet.model.studies.photographs.release import load_depth
 
     network, failed = load_depth(weights), 0
     files = _files(photos)

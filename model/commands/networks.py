@@ -194,7 +194,7 @@ def pretrained(
 ) -> None:
     """Pack trained networks for release, in half precision and with a model card."""
     if training is not None:
-        from pbrnet.model.release.depth import pack_depth
+        from pbrnet.model.studies.photographs.release import pack_depth
 
         card = pack_depth(training, metrics, out)
         say(f"{out / DEPTH_FILES[0]}: {card.row}, {card.pictures} pictures")
@@ -270,7 +270,7 @@ values, or radiance and colour for plus and hybrid. Requires: pip install 'pbrne
 def export(request: Request, models: Path | None, method: str, out: Path) -> None:
     """Export the trained networks of a method as one ONNX file."""
     if method == DEPTH:
-        from pbrnet.model.release.depth import export_depth, load_depth
+        from pbrnet.model.studies.photographs.release import export_depth, load_depth
 
         export_depth(load_depth(models and models / DEPTH_FILES[0]), out)
         say(f"{out}: {out.stat().st_size / 1e6:.1f} MB, image, rays to depth, normal, classes")

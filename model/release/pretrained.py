@@ -29,7 +29,7 @@ from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_directory, digest_file, read_json, write_json
 
-DEPTH = "depth"  # name of the network of photographs, packed by `pbrnet.model.release.depth`
+DEPTH = "depth"  # network of photographs, from `pbrnet.model.studies.photographs.release`
 DEPTH_FILES = (f"{DEPTH}.safetensors", f"{DEPTH}.json")
 LIMIT = 16_000_000  # maximum size of the folder in bytes
 # Maximum and mean difference allowed between predictions of a packed and the original network, in

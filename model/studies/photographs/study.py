@@ -12,8 +12,8 @@ import numpy as np
 import torch
 from safetensors.torch import load_file
 
-from pbrnet.model.networks.photographs import PhotographNetwork, new_network
 from pbrnet.model.studies.photographs.measures import LABELS, MEASURES, confusion, measured
+from pbrnet.model.studies.photographs.network import PhotographNetwork, new_network
 from pbrnet.model.studies.photographs.results import FILE, PLOTS, PhotographsResult, figures
 from pbrnet.model.studies.photographs.rows import Row, Source
 from pbrnet.model.studies.photographs.samples import (

@@ -13,13 +13,13 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from pbrnet.model.networks.photographs import (
+from pbrnet.model.studies.photographs.measures import Prediction
+from pbrnet.model.studies.photographs.network import (
     Output,
     PhotographNetwork,
     new_network,
     thirteen,
 )
-from pbrnet.model.studies.photographs.measures import Prediction
 from pbrnet.model.studies.photographs.samples import Pool, Sample, display
 from pbrnet.pipeline.progress import Progress
 from pbrnet.scenes.arrays import AnyArray

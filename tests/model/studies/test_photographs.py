@@ -10,7 +10,6 @@ import pytest
 import torch
 from PIL import Image
 
-from pbrnet.model.networks.photographs import new_network, thirteen
 from pbrnet.model.report.page import Places, write_report
 from pbrnet.model.studies.photographs import study, training
 from pbrnet.model.studies.photographs.measures import (
@@ -21,6 +20,7 @@ from pbrnet.model.studies.photographs.measures import (
     measured,
     scaled,
 )
+from pbrnet.model.studies.photographs.network import new_network, thirteen
 from pbrnet.model.studies.photographs.results import PhotographsResult, figures
 from pbrnet.model.studies.photographs.rows import parse_row, read_rows
 from pbrnet.model.studies.photographs.samples import (

@@ -16,8 +16,8 @@ import torch
 from safetensors.torch import load_file
 from torch import nn
 
-from pbrnet.model.networks.photographs import PhotographNetwork, new_network
 from pbrnet.model.release.pretrained import DEPTH, DEPTH_FILES
+from pbrnet.model.studies.photographs.network import PhotographNetwork, new_network
 from pbrnet.model.studies.photographs.results import FILE, HEADINGS, PhotographsResult
 from pbrnet.model.studies.photographs.rows import row_folder
 from pbrnet.model.studies.photographs.samples import FOCAL

@@ -12,9 +12,10 @@ from PIL import Image
 from safetensors.torch import save_file
 
 from pbrnet.model.commands.depth import read_photo
-from pbrnet.model.networks.photographs import new_network
-from pbrnet.model.release import depth, pretrained
-from pbrnet.model.release.depth import export_depth, load_depth, pack_depth
+from pbrnet.model.release import pretrained
+from pbrnet.model.studies.photographs import release as depth
+from pbrnet.model.studies.photographs.network import new_network
+from pbrnet.model.studies.photographs.release import export_depth, load_depth, pack_depth
 from pbrnet.model.studies.photographs.rows import parse_row
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.command import exit_code, printed, refused
