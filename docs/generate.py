@@ -36,6 +36,7 @@ BENCHMARK = ROOT / "docs" / "data" / "benchmark.json"
 PLAN = ROOT / "docs" / "data" / "plan.json"
 REALISM = ROOT / "docs" / "data" / "realism.json"
 BUDGETS = ROOT / "docs" / "data" / "budgets.json"
+SHORT_MEASURES = ("absrel_scaled", "normal_mean", "miou13")  # columns of the README
 SHORT = ("pbrnet", "unet", "denoised", "radiosity", "plus", "hybrid")  # rows of the README
 
 
@@ -221,6 +222,7 @@ def main() -> int:
         record_quick_start(options.quick_start)
     quick = json.loads(QUICK_START.read_text())
     reference = json.loads((ROOT / "metrics" / "reference.json").read_text())
+    photographs = json.loads((ROOT / "metrics" / "photographs.json").read_text())
     tables = study_tables(ROOT / "docs" / "data")
     readme, results = ROOT / "README.md", ROOT / "docs" / "results.md"
     wanted = {
@@ -228,6 +230,7 @@ def main() -> int:
             readme,
             {
                 "quick-start-time": quick_start_time(quick),
+                "photographs-short": _table(photographs_table(photographs, SHORT_MEASURES)),
                 "reference-short": reference_short(reference),
             },
         ).encode(),
@@ -258,7 +261,6 @@ def main() -> int:
     realism = realism_table(json.loads(REALISM.read_text()))
     wanted[page] = filled(page, {"realism": realism}).encode()
     page = ROOT / "docs" / "photographs.md"
-    photographs = json.loads((ROOT / "metrics" / "photographs.json").read_text())
     wanted[page] = filled(page, {"photographs": photographs_part(photographs)}).encode()
     stale = [
         path for path, data in wanted.items() if not path.is_file() or path.read_bytes() != data

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from statistics import mean
@@ -49,16 +49,16 @@ def study_tables(folder: Path) -> dict[str, Rows]:
     return tables
 
 
-def photographs_table(found: dict[str, Any]) -> Rows:
+def photographs_table(found: dict[str, Any], measures: Sequence[str] = tuple(HEADINGS)) -> Rows:
     """Rows of the study of photographs, with intervals over runs of photographs."""
-    rows = [["trained on", "pictures", "trainings", *HEADINGS.values()]]
+    rows = [["trained on", "pictures", "trainings", *(HEADINGS[name] for name in measures)]]
     for name in found["order"]:
         row = found["rows"][name]
         cells = [
             "–"
             if (one := row[measure]) is None
             else with_interval(one["mean"], one["low"], one["high"], digits(measure))
-            for measure in HEADINGS
+            for measure in measures
         ]
         rows.append([name, str(row["views"]), str(row["seeds"]), *cells])
     return rows
