@@ -19,7 +19,7 @@ from pbrnet.scenes.checked import build, within
 from pbrnet.scenes.contract import Point2, Point3
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import data_beside
-from pbrnet.scenes.importing.categories import room_type
+from pbrnet.scenes.importing.categories import CATEGORIES, category_of, room_type
 from pbrnet.scenes.layout.layout import (
     MAX_PLACE,
     MAX_SIZE,
@@ -251,7 +251,8 @@ def _object(
     rooms: Mapping[str, LayoutRoom],
 ) -> LayoutObject:
     where = f"objects[{number}]"
-    size = stated.size or _USUAL.sizes.get(stated.category)
+    category = _category(stated.category)
+    size = stated.size or _USUAL.sizes.get(category)
     if size is None:
         raise InputError(f"{where}.size: missing; {stated.category[:60]!r} has no usual one")
     if len(stated.at) not in (2, 3):
@@ -260,7 +261,7 @@ def _object(
         raise InputError(f"{where}.on: {stated.on[:60]!r} is the id of no object before it")
     room = None if stated.room is None else rooms.get(stated.room)
     floor = 0.0 if room is None else room.floor_z
-    bottom = floor + _USUAL.bottoms.get(stated.category, 0.0)
+    bottom = floor + _USUAL.bottoms.get(category, 0.0)
     if stated.on is not None:
         carrier = others[stated.on]
         bottom = carrier.center[2] + 0.5 * carrier.size[2]
@@ -268,7 +269,7 @@ def _object(
         bottom = stated.at[2]
     return LayoutObject(
         id=stated.id or f"object-{number}",
-        category=stated.category,
+        category=category,
         center=(stated.at[0], stated.at[1], bottom + 0.5 * size[2]),
         size=size,
         yaw=stated.yaw,
@@ -277,6 +278,14 @@ def _object(
         room=stated.room,
         on=stated.on,
     )
+
+
+def _category(stated: str) -> str:
+    """Return the category that a word means: "tv" is a television. Unknown words stay."""
+    if stated in CATEGORIES:
+        return stated
+    found = category_of(stated)
+    return stated if found == "other" else found
 
 
 def line_of(text: str, message: str) -> str:

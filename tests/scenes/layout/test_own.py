@@ -29,6 +29,13 @@ def test_what_is_left_out_has_a_usual_value() -> None:
     assert toilet.size == (0.38, 0.67, 0.85) and toilet.yaw == -90
 
 
+def test_usual_words_mean_categories() -> None:
+    words = ("tv", "dresser", "night table", "thing of its own")
+    sized = [{"category": word, "at": [1.0, 1.0], "size": [0.4, 0.4, 0.4]} for word in words]
+    found = [one.category for one in checked({**FLAT, "objects": sized}).objects]
+    assert found == ["television", "chest", "night table", "thing of its own"]
+
+
 def test_a_door_between_two_rooms_lies_in_the_wall_they_share() -> None:
     door = checked(FLAT).openings[0]
     assert (door.start, door.end) == ((pytest.approx(0.375), 4), (pytest.approx(1.225), 4))
