@@ -174,7 +174,10 @@ def views_curve(result: PhotographsResult) -> MatplotlibFigure | None:
     alone = {name: points for name, points in series.items() if len(points) == 1}
     figure = line_figure({**lined, **alone}, "pictures trained on", HEADINGS["absrel_scaled"])
     if figure is not None:
+        counts = sorted({views for points in series.values() for views, _ in points})
         figure.axes[0].set_xscale("log")
+        figure.axes[0].minorticks_off()
+        figure.axes[0].set_xticks(counts, [f"{count:,g}" for count in counts])
     return figure
 
 
