@@ -198,7 +198,7 @@ def write_pixels(path: Path, pixels: Channels, view: View, meta: dict[str, Any])
             with OpenEXR.File(header, pixels) as file:
                 file.write(str(partial))
         except (RuntimeError, ValueError) as error:
-            raise _write_error(path, error) from error
+            raise write_error(path, error) from error
 
 
 def read_frame(path: Path, verify: bool = True) -> Frame:
@@ -330,7 +330,8 @@ def _read_name(stream: BinaryIO) -> bytes:
     return name
 
 
-def _write_error(path: Path, error: Exception) -> Exception:
+def write_error(path: Path, error: Exception) -> MachineError:
+    """Return the error of an OpenEXR file that could not be written."""
     message = str(error).lower()
     if "no space" in message or getattr(error, "errno", None) == errno.ENOSPC:
         return MachineError(f"{path}: the disk is full; free some space and run again")

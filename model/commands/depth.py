@@ -6,6 +6,7 @@ import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -24,6 +25,9 @@ from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_file, regular_file, write_json
 from pbrnet.scenes.image_files import open_image
+
+if TYPE_CHECKING:
+    from pbrnet.model.studies.photographs.network import PhotographNetwork
 
 ASSUMED = 28.0  # millimetres on film of 36 x 24 mm, where a photograph states no focal length
 _DIAGONAL = math.hypot(36, 24)
@@ -74,6 +78,9 @@ def depth(photos: tuple[Path, ...], out: Path, fov: float | None, weights: Path 
 
     network, failed = load_depth(weights), 0
     files = _files(photos)
+    for file in files:
+        if (out / f"{file.stem}.png").resolve() == file.resolve():
+            raise InputError(f"{file}: would be replaced by its picture; choose another --out")
     for file in files:
         try:
             photo = read_photo(file, fov)
@@ -133,7 +140,7 @@ def _focal_of(image: Image.Image) -> float | None:
     return found if 4 <= found <= 1000 else None
 
 
-def _written(file: Path, photo: Photo, network: object, out: Path) -> str:
+def _written(file: Path, photo: Photo, network: PhotographNetwork, out: Path) -> str:
     """Predict for a photograph and write all files; returns the line about it."""
     import torch
 
@@ -162,7 +169,7 @@ def _written(file: Path, photo: Photo, network: object, out: Path) -> str:
             intrinsics=camera,
         )
     )
-    found = predict(network, sample, torch.device("cpu"))  # type: ignore[arg-type]
+    found = predict(network, sample, torch.device("cpu"))
     metres = _enlarged(found.depth, width, height)
     normal = np.stack([_enlarged(found.normal[..., k], width, height) for k in range(3)], -1)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6)

@@ -13,6 +13,7 @@ from PIL import Image
 
 from pbrnet.pipeline.export.parts import ExportOptions
 from pbrnet.pipeline.export.rows import ViewRow
+from pbrnet.pipeline.frames import write_error
 from pbrnet.pipeline.images import png_bytes, tone_picture
 from pbrnet.pipeline.tonemap import Exposure
 from pbrnet.scenes.arrays import AnyArray, BoolArray, Float64Array, Int64Array, UInt8Array
@@ -48,11 +49,17 @@ def write_depth(path: Path, depth: AnyArray, units_a_metre: float) -> None:
 
 
 def write_exr(path: Path, planes: Mapping[str, AnyArray]) -> None:
-    """Write an OpenEXR file of these channels, each (H, W)."""
+    """Write an OpenEXR file of these channels, each (H, W).
+
+    Raises `MachineError` for a full disk.
+    """
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     stored = {name: np.ascontiguousarray(values) for name, values in planes.items()}
-    with OpenEXR.File(header, stored) as file:
-        file.write(str(path))
+    try:
+        with OpenEXR.File(header, stored) as file:
+            file.write(str(path))
+    except (RuntimeError, ValueError) as error:
+        raise write_error(path, error) from error
 
 
 def camera_rays(intrinsics: Float64Array, width: int, height: int) -> Float64Array:

@@ -107,6 +107,9 @@ def test_wrong_use_is_one_line(tmp_path, weights):
     one = picture(tmp_path / "a.jpg")
     again = picture(tmp_path / "a.png")
     assert "two photographs are named a" in refused("depth", one, again, "--weights", weights)
+    before = again.read_bytes()
+    assert "would be replaced" in refused("depth", again, "--out", tmp_path, "--weights", weights)
+    assert again.read_bytes() == before
     missing = tmp_path / "none.safetensors"
     assert "no such file" in refused("depth", one, "--weights", missing)
     missing.write_bytes(b"\xff" * 64)
