@@ -234,7 +234,7 @@ class WallTelevision(Television, piece=("television", "television", "on_wall"), 
     """A flat television at a wall."""
 
     def assemble(self, b: Builder) -> None:
-        self._add_panel(b, -0.056, 0.0)
+        self._add_panel(b, -0.055, 0.0)
 
 
 class Monitor(Spec, piece=("computer monitor", "monitor", "on_top")):

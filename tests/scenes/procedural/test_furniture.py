@@ -104,6 +104,7 @@ SIZES = {
     "wall_mirror": ((0.4, 0.8), (0.01, 0.06), (0.4, 1.4)),
     "floor_mirror": ((0.4, 0.8), (0.05, 0.4), (1.4, 2.0)),
     "television": ((0.8, 1.4), (0.1, 0.35), (0.5, 0.95)),
+    "wall_television": ((0.8, 1.4), (0.05, 0.12), (0.5, 0.85)),
     "monitor": ((0.45, 0.75), (0.25, 0.55), (0.3, 0.6)),
     "laptop": ((0.28, 0.4), (0.2, 0.45), (0.15, 0.3)),
     "books_stack": ((0.12, 0.35), (0.12, 0.35), (0.03, 0.25)),
@@ -420,7 +421,8 @@ def test_only_lamps_the_hood_and_screens_emit() -> None:
         emits = any(part.lumens > 0 and part.picture is None for part in parts)
         assert emits == (kind in LAMPS or kind == "extractor_hood"), kind
         shows = any(part.picture is not None for part in parts)
-        assert shows == (kind in ("television", "monitor", "laptop")), kind
+        screens = ("television", "wall_television", "monitor", "laptop")
+        assert shows == (kind in screens), kind
 
 
 @pytest.mark.parametrize(
