@@ -170,9 +170,9 @@ def test_exported_network_predicts_the_same(tmp_path, weights):
     assert found[2] == pytest.approx(output.classes[0].numpy(), abs=1e-3)
     photo = picture(tmp_path / "room.png")
     run_example("depth_onnx.py", tmp_path, path, photo, "70", "example.png")
-    printed("depth", photo, "--fov", 70, "--out", tmp_path, "--weights", weights)
+    printed("depth", photo, "--fov", 70, "--out", tmp_path / "out", "--weights", weights)
     own, command = (
         np.asarray(Image.open(tmp_path / name).resize((40, 30)), np.float64)
-        for name in ("example.png", "room-depth.png")
+        for name in ("example.png", "out/room-depth.png")
     )
     assert np.mean(own / command) == pytest.approx(1, abs=0.05)
