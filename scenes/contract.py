@@ -13,6 +13,7 @@ World: metres, right-handed, Z up. Clear window panes are portals here, never gl
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -109,6 +110,11 @@ class Joint:
     value: float  # at present
     boxes: tuple[Box, ...]
     yaw: float = 0.0
+
+    def verify(self, where: str) -> None:
+        """Check axis and boxes; raises ValueError."""
+        if not math.isclose(math.hypot(*self.axis), 1, abs_tol=1e-3) or not self.boxes:
+            raise ValueError(f"{where}: a joint needs an axis of unit length and a box")
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from pbrnet.scenes.image_files import open_image
 if TYPE_CHECKING:
     from pbrnet.model.studies.photographs.network import PhotographNetwork
 
+MOST = 1024  # pixels, longer side of what is written
 ASSUMED = 28.0  # millimetres on film of 36 x 24 mm, where a photograph states no focal length
 _DIAGONAL = math.hypot(36, 24)
 _EXIF, _FOCAL_35MM = 0x8769, 0xA405  # directory of EXIF, and its FocalLengthIn35mmFilm
@@ -37,7 +38,10 @@ _ENDINGS = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff")
 
 @dataclass(frozen=True)
 class Photo:
-    """A photograph, uint8 sRGB (H, W, 3), and its focal length in pixels, with where it is from."""
+    """A photograph of at most `MOST` pixels a side, and its focal length in pixels.
+
+    `image` is uint8 sRGB (H, W, 3); `stated` says where the focal length is from.
+    """
 
     image: UInt8Array
     focal: float
@@ -55,9 +59,10 @@ Examples:
 
 Writes NAME.png (photograph, depth, normals, classes), NAME.exr (Z: z-depth in metres; N.X, N.Y,
 N.Z: normals in camera axes, x right, y down, z forward; class: of NYU40), NAME-depth.png (z-depth
-in millimetres, 16 bits) and NAME.json (camera). The focal length comes from --fov, or from the
-photograph's EXIF, or is assumed; a wrong one scales all depths. The network works at a focal length
-of 129 pixels, so images of it are smooth. Exit code 1 if a photograph could not be read.""",
+in millimetres, 16 bits) and NAME.json (camera), with at most 1024 pixels a side. The focal length
+comes from --fov, or from the photograph's EXIF, or is assumed; a wrong one scales all depths. The
+network works at a focal length of 129 pixels, so images of it are smooth. Exit code 1 if a
+photograph could not be read.""",
 )
 @click.argument("photos", type=PATH, nargs=-1, required=True)
 @click.option("--out", type=FOLDER, default=Path("depth"), show_default=True, help="Folder.")
@@ -117,10 +122,11 @@ def read_photo(file: Path, fov: float | None) -> Photo:
     try:
         regular_file(file)
         opened = open_image(file, upright=True)
-        image = np.array(opened.convert("RGB"))
+        share = min(1.0, MOST / max(opened.size))
+        width, height = (max(1, round(share * side)) for side in opened.size)
+        image = np.array(opened.convert("RGB").resize((width, height), Image.Resampling.BOX))
     except (InputError, OSError) as error:
         raise InputError(f"{file}: {error}") from None
-    height, width = image.shape[:2]
     if fov is not None:
         focal = width / 2 / math.tan(math.radians(fov) / 2)
         return Photo(image, focal, f"field of view of {fov:g} degrees")

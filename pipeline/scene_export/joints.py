@@ -32,6 +32,8 @@ def add_joints(content: Content) -> None:
 
 def _leaves(content: Content, thing: SceneObject, joints: list[Joint]) -> tuple[Leaf, ...]:
     pieces = [content.pieces[name] for name in thing.shapes if name in content.pieces]
+    if not pieces:
+        return ()
     corners = np.concatenate([piece.mesh.corners for piece in pieces])
     label = bodies(corners)
     owner = np.zeros(len(corners), int)  # of each face: 0 where it stays, else the joint's number

@@ -73,6 +73,8 @@ def describe_scenes(folders: Iterable[Path], out: Path) -> list[Path]:
         if not scene.rooms:
             raise InputError(f"{scene.folder}: has no rooms, so no layout")
         place = Path(out) / f"{scene.scene_id}.layout.json"
+        if place in written:
+            raise InputError(f"{scene.folder}: a second scene with the id {scene.scene_id!r}")
         place.parent.mkdir(parents=True, exist_ok=True)
         write_text(place, layout_text(described_scene(scene)))
         written.append(place)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.ndimage import maximum, minimum
 
 from pbrnet.scenes.arrays import Float64Array, Int64Array, as_triple
 from pbrnet.scenes.contract import Joint
@@ -19,18 +20,22 @@ from pbrnet.scenes.sweethome.home import HomePiece, Sash
 _SLACK = 0.02  # of the width of the piece, that a leaf may differ from its sash
 _THICK = 0.13  # metres to both sides of the axis, handles included
 _TALL = 0.5  # of the height of the piece, that the body of a leaf has at least
+_MOST = 32  # sashes of a piece, and bodies that may be leaves
 _LEAST = math.radians(10)  # between closed and open; smaller ones are no hinges
 
 
 def hinges(piece: HomePiece, name: str, parts: tuple[ItemPart, ...]) -> tuple[Joint, ...]:
     """Return the hinges of a placed piece, of the object `name`; none where no leaf is found."""
-    wanted = [sash for sash in piece.sashes if abs(sash.end - sash.start) > _LEAST]
+    wanted = [one for one in piece.sashes[:_MOST] if abs(one.end - one.start) > _LEAST]
     if not wanted or piece.pitch or piece.roll:
         return ()
     corners = np.concatenate([part.mesh.corners for part in parts])
     label = bodies(corners)
-    heights = [np.ptp(corners[label == k][..., 2]) for k in range(int(label.max()) + 1)]
-    tall = np.flatnonzero(np.array(heights) > _TALL * 0.01 * piece.height)
+    count = int(label.max()) + 1
+    heights = maximum(corners[..., 2].max(axis=1), label, np.arange(count)) - minimum(
+        corners[..., 2].min(axis=1), label, np.arange(count)
+    )
+    tall = np.flatnonzero(heights > _TALL * 0.01 * piece.height)[:_MOST]
     made = (_hinge(piece, sash, name, corners, label, tall) for sash in wanted)
     return tuple(joint for joint in made if joint is not None)
 

@@ -52,6 +52,8 @@ def test_camera_comes_from_the_option_then_from_exif_then_from_an_assumption(tmp
     guessed = read_photo(picture(tmp_path / "b.jpg"), None)
     assert guessed.focal == pytest.approx(28 / math.hypot(36, 24) * 200)
     assert "--fov" in guessed.stated
+    large = read_photo(picture(tmp_path / "large.jpg", 3200, 2400), 90.0)
+    assert large.image.shape == (768, 1024, 3) and large.focal == pytest.approx(512)
     turned = read_photo(picture(tmp_path / "c.jpg", focal=24, turn=6), None)
     assert turned.image.shape == (160, 120, 3) and turned.focal == pytest.approx(found.focal)
 

@@ -21,7 +21,12 @@ from pbrnet.model.studies.photographs.measures import (
     scaled,
 )
 from pbrnet.model.studies.photographs.network import new_network, thirteen
-from pbrnet.model.studies.photographs.results import PhotographsResult, figures
+from pbrnet.model.studies.photographs.results import (
+    Figure,
+    PhotographsResult,
+    RowResult,
+    figures,
+)
 from pbrnet.model.studies.photographs.rows import parse_row, read_rows
 from pbrnet.model.studies.photographs.samples import (
     CROP,
@@ -346,15 +351,17 @@ def test_study_from_end_to_end_and_again(place: Path, monkeypatch: pytest.Monkey
     assert 'id="study-photographs"' in page and "ours, then real" in page
 
 
-def test_rows_of_one_set_draw_a_line_over_views(place: Path) -> None:
-    path = place / "metrics" / "photographs.json"
-    if not path.is_file():
-        pytest.skip("needs the result of the study")
-    result = build(PhotographsResult, json.loads(path.read_text()))
-    ours = result.rows["ours"]
-    more = {**result.rows, "fewer": replace(ours, views=2)}
-    wider = replace(result, rows=more, order=(*result.order, "fewer"))
-    assert len(figures(result)) == 1 and len(figures(wider)) == 2
+def test_rows_of_one_set_draw_a_line_over_views() -> None:
+    row = RowResult((("ours",),), 4, 1, True, 0.1, absrel_scaled=Figure(0.2))
+    result = PhotographsResult(
+        "photos", 2, 1, 0.5, 7, 8, FOCAL, 0, "ours", ("ours", "fewer"),
+        {"ours": row, "fewer": replace(row, views=2, absrel_scaled=Figure(0.3))},
+    )  # fmt: skip
+    alone = replace(result, order=("ours",), rows={"ours": row})
+    assert len(figures(alone)) == 1
+    (_, curve) = figures(result)
+    labels = [label.get_text() for label in curve.axes[0].get_xticklabels()]
+    assert labels == ["2", "4"]
 
 
 @pytest.mark.parametrize(

@@ -176,3 +176,19 @@ def test_a_pane_fills_its_portal_and_faces_outdoors() -> None:
     assert (normals[:, 1] > 0).all()
     _, look, _ = content.materials[content.pieces["pane-p"].material]
     assert look.opacity == 0.08 and look.stated == Statement("thindielectric")
+
+
+def test_a_joint_of_an_object_without_shapes_moves_nothing() -> None:
+    content, _, _ = _made("wardrobe")
+    (thing,) = content.scene.objects
+    bare = replace(content.scene, objects=(replace(thing, shapes=()),))
+    empty = Content(bare, {})
+    add_joints(empty)
+    assert empty.leaves == {thing.id: ()}
+
+
+@pytest.mark.parametrize("wrong", [{"axis": (0.0, 0.0, 0.0)}, {"boxes": ()}])
+def test_joints_need_an_axis_and_a_box(wrong: dict[str, Any]) -> None:
+    joint = replace(_made("wardrobe")[0].scene.joints[0], **wrong)
+    with pytest.raises(ValueError, match="a joint needs an axis of unit length and a box"):
+        joint.verify("scene.json")

@@ -23,6 +23,7 @@ from pbrnet.scenes.procedural.home import make_home
 from pbrnet.scenes.procedural.plan import Plan
 from pbrnet.scenes.registry import import_scene
 from pbrnet.scenes.seeds import generator
+from tests.fixtures.command import refused
 from tests.fixtures.layouts import FLAT, changed, checked, write_layout
 
 
@@ -143,6 +144,8 @@ def test_a_scene_folder_is_described_like_its_home(tmp_path: Path) -> None:
     told = Counter(one.kind for one in layout.objects)
     assert told == Counter({kind: n for kind, n in kinds.items() if kind in told})
     assert sum(told.values()) > 0.9 * sum(kinds.values())
+    twice = ("scenes", "--describe", tmp_path / "out", tmp_path / "home", tmp_path / "home")
+    assert "a second scene with the id 'home'" in refused(*twice)
 
 
 def test_the_command_describes_the_homes_of_the_parameters(tmp_path: Path) -> None:
