@@ -22,9 +22,10 @@ from pbrnet.pipeline.scene_export.looks import LookReader
 from pbrnet.pipeline.scene_export.outdoors import outdoors_of
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import luminance
-from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.contract import Joint, Scene, load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError
 from pbrnet.scenes.geometry.directions import unit
+from pbrnet.scenes.geometry.joints import world_axis
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.photometry import LUMEN
@@ -116,10 +117,23 @@ def test_glb_holds_labels_lights_and_all_images(home: Scene, exported: Path) -> 
     assert any("no sky" in line for line in held["not held"])
     kinds = [node["extras"].get("kind") for node in nodes if "extras" in node]
     assert kinds.count("window pane") == sum(portal.panes > 0 for portal in home.portals) > 0
-    joints = [node["extras"]["joint"] for node in nodes if "joint" in node.get("extras", {})]
-    stated = {(1 if joint.kind == "slide" else 0, *joint.limits) for joint in home.joints}
-    assert {(joint["kind"] == "prismatic", *joint["limits"]) for joint in joints} == stated
-    assert len(joints) == len(home.joints) and (0, 0, 90) in stated
+    parents = {child: node for node in nodes for child in node.get("children", ())}
+    leaves = [k for k, node in enumerate(nodes) if "joint" in node.get("extras", {})]
+    for number, joint in zip(leaves, _in_order(home), strict=True):
+        node, parent = nodes[number], parents[number]
+        stated = node["extras"]["joint"]
+        assert parent["name"] == joint.object
+        place = np.add(parent["translation"], node["translation"])
+        assert np.allclose(place, joint.pivot, atol=1e-6)
+        assert "rotation" not in node and np.allclose(stated["axis"], world_axis(joint), atol=1e-9)
+        assert stated["kind"] == ("prismatic" if joint.kind == "slide" else "revolute")
+        assert (*stated["limits"], stated["current"]) == (*joint.limits, joint.value)
+    assert (0, 90) in {joint.limits for joint in home.joints}
+
+
+def _in_order(scene: Scene) -> list[Joint]:
+    """The joints of a scene, in the order of its objects."""
+    return [joint for thing in scene.objects for joint in scene.joints if joint.object == thing.id]
 
 
 def test_lamps_shine_in_candela_per_square_metre(tmp_path: Path) -> None:
