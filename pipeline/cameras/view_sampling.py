@@ -365,6 +365,7 @@ def _coarse_looks(
     """Return the measures of each view by a grid of rays; `poses` is (N, 4, 4).
 
     Those of a panorama are even on the sphere. A view without rays at some pixels is never flat.
+    Parallel rays that begin where the eye does not see, as in a wall, are as short as can be.
     """
     columns, rows = _COARSE
     if lens.is_panorama:
@@ -377,6 +378,8 @@ def _coarse_looks(
     directions = np.concatenate([turned(local, pose[:3, :3]) for pose in poses])
     origins = np.concatenate([pose[:3, 3] + turned(starts, pose[:3, :3]) for pose in poses])
     distance, hit = cast(render_scene, origins, directions, through_glass=True)
+    if not lens.is_central:
+        distance[_are_hidden(render_scene, poses, origins)] = 0.0
     is_ground = [item.category == "ground" for item in render_scene.scene.objects]
     outdoors = np.isinf(distance) | np.array([*is_ground, False])[hit]
     length = np.where(outdoors, near, np.clip(distance, near, _FARTHEST))
@@ -391,6 +394,15 @@ def _coarse_looks(
         )
         for part in (slice(k, k + len(local)) for k in range(0, len(distance), len(local)))
     ]
+
+
+def _are_hidden(render_scene: RenderScene, poses: Float64Array, origins: Float64Array) -> BoolArray:
+    """Test whether something hides each of `origins` (P, 3), as many a pose, from its eye."""
+    eyes = np.repeat(poses[:, :3, 3], len(origins) // len(poses), axis=0)
+    ways = origins - eyes
+    length = np.sqrt((ways**2).sum(axis=1))
+    found = cast(render_scene, eyes, ways / np.maximum(length, 1e-9)[:, None], through_glass=True)
+    return np.asarray(found[0] < length)
 
 
 def _is_flat(points: Float64Array) -> bool:

@@ -13,7 +13,7 @@ from pbrnet.pipeline.channels import NORMAL, RGB, VIDEO_BANDS
 from pbrnet.pipeline.dataset.agreement import flow_fault, label_fault, world_points
 from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.frames import Frame
-from pbrnet.pipeline.lenses.model import Lens
+from pbrnet.pipeline.lenses.model import Lens, world_rays
 from pbrnet.pipeline.params import build_params
 from pbrnet.pipeline.passes.groundtruth import render_both, render_color, render_truth
 from pbrnet.pipeline.passes.inputs import render_inputs
@@ -220,6 +220,23 @@ def test_sampled_views_have_the_lens(tmp_path: Path, wavefront: str) -> None:
     for view in views:
         view.verify("view")
         assert view.projection == "fisheye" and view.half_fov_x == pytest.approx(1.4, abs=1e-6)
+
+
+def test_orthographic_views_begin_in_their_room(tmp_path: Path, wavefront: str) -> None:
+    write_room(tmp_path / "living")
+    scene = open_scene(load_scene(tmp_path / "living"))
+    image = {"width": WIDTH, "height": HEIGHT, "projection": "orthographic"}
+    own = build_params({"image": {**image, "lens": {"half_width": 1.2}}}).image
+    chosen = pbrs_cameras(views_per_room=6, max_near=0.1, near=0.05)
+    params = pbrs_params(image=own, cameras=chosen)
+    views = sample_cameras(scene, view_params(params), 0).views
+    assert len(views) > 1
+    (living,) = scene.scene.rooms
+    low = [*np.min(living.floor, axis=0), living.floor_z]
+    high = [*np.max(living.floor, axis=0), living.ceiling_z]
+    for view in views:
+        starts = world_rays(view.lens, view.pose)[0]
+        assert ((starts < low) | (starts > high)).any(axis=1).mean() < 0.15
 
 
 def test_a_stored_field_of_view_is_that_of_a_pinhole() -> None:
