@@ -32,6 +32,7 @@ from pbrnet.pipeline.pathtrace.optics import Optics
 from pbrnet.pipeline.pathtrace.panes import panes_of, with_panes
 from pbrnet.pipeline.render.drjit_arrays import partner_table
 from pbrnet.pipeline.render.material_sets import MaterialSets
+from pbrnet.pipeline.render.raycast.meshes import triangles_of
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.render.variants import cards, on_card
 from pbrnet.pipeline.views import View
@@ -122,8 +123,7 @@ def render_both(
     table = partner_table(render_scene.materials.twins(albedo))
     parts = LightParts(render_scene.materials.lobes(), groups) if light else NoParts()
     lights = _view_lights(render_scene, view, params, seed)
-    panes = panes_of(render_scene.scene.portals)
-    path = JointPath(table, params.max_depth, params.rr_depth, lights, parts, panes)
+    path = _joint_path(render_scene, table, params, lights, parts=parts)
     launch = _joint_launch(render_scene, view, path)
     if not light:
         blocks = trace_blocks(launch, view, params, seed, 2)
@@ -171,8 +171,7 @@ def color_blocks(
     """Path-trace colour alone, with the lens and shutter of `optics`; as `render_color`."""
     table = _own(render_scene.materials)
     lights = _view_lights(render_scene, view, params, seed, planned)
-    panes = panes_of(render_scene.scene.portals)
-    path = JointPath(table, params.max_depth, params.rr_depth, lights, panes=panes, alone=True)
+    path = _joint_path(render_scene, table, params, lights, alone=True)
     launch = _joint_launch(render_scene, view, path, optics)
 
     def launch_color(copies: int, spp: int, seed: int) -> Any:
@@ -201,6 +200,17 @@ def _joint_launch(
     return launch
 
 
+def _joint_path(
+    render_scene: RenderScene, table: Any, params: GroundTruthParams, lights: Any, **more: Any
+) -> JointPath:
+    """Return the joint path tracer of a scene; `table` and `lights` are its first arguments."""
+    panes = panes_of(render_scene.scene.portals)
+    meshes = triangles_of(render_scene.geometry.scene)
+    return JointPath(
+        table, params.max_depth, params.rr_depth, lights, panes=panes, meshes=meshes, **more
+    )
+
+
 def _own(materials: MaterialSets) -> Any:
     """Return a table in which every material is its own twin."""
     return partner_table([(bsdf, bsdf) for bsdf in materials.own])
@@ -223,11 +233,8 @@ def lens_launch(
             scene, path, view.pose, lens, copies, spp, seed
         )
     lights = _lights(render_scene, scene, view, params, seed, lens)
-    panes = panes_of(render_scene.scene.portals)
     materials = render_scene.materials
-    joint = JointPath(
-        _own(materials), params.max_depth, params.rr_depth, lights, panes=panes, alone=True
-    )
+    joint = _joint_path(render_scene, _own(materials), params, lights, alone=True)
     tracer, version = materials.kept(RayTracer), materials.version
     camera = (view.pose, lens, None)
     return lambda copies, spp, seed: tracer.launch(scene, version, camera, copies, joint, spp, seed)

@@ -43,6 +43,7 @@ from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLight
 from pbrnet.pipeline.pathtrace.panes import Panes
 from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering, mis_weight
 from pbrnet.pipeline.render.drjit_arrays import partner
+from pbrnet.pipeline.render.raycast.meshes import Triangles, ray_intersect
 from pbrnet.pipeline.render.variants import best_variant
 
 # Squared distance up to which two unit directions are the same one, computed twice.
@@ -73,6 +74,7 @@ class JointPath:
     lights: UniformLights | PlannedLights = field(default_factory=UniformLights)
     parts: LightParts | NoParts = field(default_factory=NoParts)
     panes: Panes | None = None
+    meshes: Triangles | None = None  # triangles of the scene, if all its shapes are meshes
     alone: bool = False  # colour without neutral image; `twins` tells a recording which BSDFs exist
 
     def integrator(self) -> mi.SamplingIntegrator:
@@ -107,9 +109,7 @@ class JointPath:
         active = mi.Bool(active)  # paths that are still traced
 
         while dr.hint(active, exclude=[self]):  # the arrays of `self` do not change
-            si = scene.ray_intersect(
-                ray, ray_flags=mi.RayFlags.All, coherent=(depth == 0), active=active
-            )
+            si = ray_intersect(scene, self.meshes, ray, depth == 0, active)
 
             # Emission at the vertex that BSDF sampling found
             ds = mi.DirectionSample3f(scene, si=si, ref=previous)

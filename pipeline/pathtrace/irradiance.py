@@ -19,7 +19,7 @@ from pbrnet.pipeline.pathtrace.portals import (
     sample_rectangles,
 )
 from pbrnet.pipeline.render.drjit_arrays import column, to_numpy, vector
-from pbrnet.pipeline.render.meshes import triangles_of
+from pbrnet.pipeline.render.raycast.meshes import triangles_of
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.color import luminance
 

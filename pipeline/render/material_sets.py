@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import cached_property
 from typing import Any, TypeVar, cast
 
 import mitsuba as mi
 
-from pbrnet.pipeline.render.neutral import NeutralTwins, diffuse_lobe
+from pbrnet.pipeline.render.bsdfs import BsdfMaker, describe
+from pbrnet.pipeline.render.neutral import diffuse_lobe, neutral_twin, reflectance_twin
 from pbrnet.pipeline.render.scenegraph import Graph, create, shapes_of
 from pbrnet.scenes.errors import InputError
 
@@ -30,19 +32,37 @@ class MaterialSets:
     third. Therefore one neutral set always exists. Its albedo is data, not code.
     """
 
-    def __init__(self, graph: Graph, reflectances: dict[int, Any]) -> None:
-        """Make the materials of a scene; `reflectances` are reflectance twins by BSDF node."""
+    def __init__(self, graph: Graph) -> None:
+        """Make the own materials of a scene's shapes, before its shapes are made."""
         self._graph = graph
-        self._reflectances = reflectances
-        self._own = _material_set(graph, None)
+        self._described = {node: describe(graph, node) for node in sorted(graph.shaders)}
+        self._maker = BsdfMaker(graph)
+        self._made = self._maker.make(self._described)
+        graph.made.update(self._made.made)
+        self._own: MaterialSet = []
         self._neutral: MaterialSet = []
         self._neutral_albedo: float | None = None
         self._applied: float | None = None  # the albedo of the applied set; None: own materials
         self._lobes: Lobes | None = None
         self._kept: dict[Callable[..., Any], tuple[int, Any]] = {}
         self.version = 0  # counts the sets of BSDFs made; launches recorded before are void
+
+    def know_shapes(self) -> None:
+        """Note which shapes there are, once they are made."""
+        self._maker.tables.number_shapes()
+        self._own = [
+            (shape, shape.bsdf()) for shape in map(self._graph.make, dict(_shapes(self._graph)))
+        ]
         with suppress(InputError):  # raised again when the neutral set is needed
             self._make_neutral(_INITIAL_ALBEDO)
+
+    @cached_property
+    def reflectances(self) -> dict[int, Any]:
+        """Reflectance twin of each BSDF node of a shape; of -1, Mitsuba's default material's."""
+        twins = {
+            node: reflectance_twin(self._graph, bsdf) for node, bsdf in self._described.items()
+        }
+        return {-1: create(mi.Properties("diffuse")), **self._maker.make(twins, (self._made,)).made}
 
     @property
     def own(self) -> list[Any]:
@@ -98,38 +118,30 @@ class MaterialSets:
         return cast(T, found)
 
     def _make_lobes(self) -> Lobes:
-        made: dict[int, tuple[Any, Any]] = {}
+        lobes = {node: diffuse_lobe(bsdf) for node, bsdf in self._described.items()}
+        made = self._maker.make(lobes, (self._made,)).made
         found = []
         for (_, material), (_, own) in zip(_shapes(self._graph), self._own, strict=True):
-            if material not in made:
-                made[material] = (own, own)  # Mitsuba's default material is diffuse
-                if material >= 0:
-                    lobe = diffuse_lobe(self._graph, material)
-                    made[material] = lobe, self._reflectances[material]
-            found.append((own, *made[material]))
+            if material < 0:  # Mitsuba's default material is diffuse
+                found.append((own, own, own))
+            else:
+                found.append((own, made[material], self.reflectances[material]))
         return found
 
     def _make_neutral(self, albedo: float) -> None:
         self._neutral_albedo = None
-        self._neutral = _material_set(self._graph, albedo)
+        twins = {
+            node: neutral_twin(self._graph, bsdf, albedo) for node, bsdf in self._described.items()
+        }
+        made = self._maker.make(twins, (self._made,)).made
+        if any(material < 0 for _, material in _shapes(self._graph)):
+            made[-1] = _diffuse(albedo)
+        self._neutral = [
+            (shape, made[material])
+            for (shape, _), (_, material) in zip(self._own, _shapes(self._graph), strict=True)
+        ]
         self.version += 1
         self._neutral_albedo = albedo
-
-
-def _material_set(graph: Graph, albedo: float | None) -> MaterialSet:
-    """Return every shape with its own BSDF (`albedo` None) or its neutral twin."""
-    twins: dict[int, Any] = {}
-    made = NeutralTwins(graph, albedo or 0.0)
-    pairs = []
-    for node, material in _shapes(graph):
-        shape = graph.make(node)
-        if albedo is None:
-            pairs.append((shape, shape.bsdf()))
-            continue
-        if material not in twins:
-            twins[material] = made.twin(material) if material >= 0 else _diffuse(albedo)
-        pairs.append((shape, twins[material]))
-    return pairs
 
 
 def _shapes(graph: Graph) -> Iterator[tuple[int, int]]:

@@ -239,7 +239,7 @@ class _Leaf:
         }
         self._points = points
         self.count = len(points.towards_eye)
-        self._object = graph.make(index)
+        self._object = graph.leaf(index)
         self._params = mi.traverse(self._object)
 
     def scalar(self, name: str, default: float) -> Float64Array:

@@ -1,8 +1,8 @@
 """Twins of a BSDF: neutral (every colour one grey), reflectance (colour only), diffuse lobe.
 
-All are made from the scene file's nodes and share textures with the original. A table here names
-the properties that hold colour. Everything else (roughness, metalness, index of refraction, glass,
-alpha masks, bump and normal maps, blend weights) stays unchanged in the neutral twin.
+All are descriptions (`pbrnet.pipeline.render.bsdfs`) with the original's textures. A table here
+names the properties that hold colour. Everything else (roughness, metalness, index of refraction,
+glass, alpha masks, bump and normal maps, blend weights) stays unchanged in the neutral twin.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
+from pbrnet.pipeline.render.bsdfs import Bsdf
 from pbrnet.pipeline.render.scene_geometry import Mirror
-from pbrnet.pipeline.render.scenegraph import Graph, create
+from pbrnet.pipeline.render.scenegraph import Graph
 from pbrnet.scenes.errors import InputError
 
 _WRAPPERS = ("twosided", "mask", "bumpmap", "normalmap", "blendbsdf")
@@ -34,70 +35,35 @@ _TINTS = ("specular_transmittance", "spec_tint", "sheen_tint")
 _DEFAULT_BASE = 0.5
 
 
-class NeutralTwins:
-    """Neutral twins of a scene's BSDFs, with every colour replaced by the grey `albedo`.
+def neutral_twin(graph: Graph, bsdf: Bsdf, albedo: float) -> Bsdf:
+    """Return the neutral twin of a BSDF: every colour replaced by the grey `albedo`.
 
-    BSDFs that differ in colour alone have one twin: kernels are traced through each BSDF.
+    Metals become grey mirrors of that reflectance, tinted glass becomes clear. A colourless
+    constant `specular_reflectance` is gloss, not colour, and stays. Raises `InputError` for a BSDF
+    that the table does not hold.
     """
-
-    def __init__(self, graph: Graph, albedo: float) -> None:
-        self._graph = graph
-        self._albedo = albedo
-        self._made: dict[tuple[str, ...], Any] = {}
-
-    def twin(self, index: int, held: bool = False) -> Any:
-        """Return the neutral twin of node `index`; `held` is one that only other BSDFs hold.
-
-        Metals become grey mirrors of that reflectance, tinted glass becomes clear. A colourless
-        constant `specular_reflectance` is gloss, not colour, and stays. Raises `InputError` for a
-        BSDF that the table does not hold.
-        """
-        graph, albedo = self._graph, self._albedo
-        plugin, props = graph.plugin(index), graph.props(index)
-        if plugin == "null":
-            return graph.make(index)
-        if plugin in _WRAPPERS:
-            for name, child in graph.references(index).items():
-                if graph.kind(child) == "BSDF":
-                    props[name] = self.twin(child, held=True)
-            return self._make(index, props, held)
-        if plugin in _CONDUCTORS:
-            _drop(props, "eta", "k", "material", "specular_reflectance")
-            props["material"] = "none"
-            props["specular_reflectance"] = albedo
-            return self._make(index, props, held)
-        if plugin in _BASE:
-            _drop(props, _BASE[plugin])
-            props[_BASE[plugin]] = albedo
-        elif plugin not in _DIELECTRICS:
-            raise InputError(
-                f"{graph.where(index)}: this material has no neutral twin; "
-                f"use one of {', '.join(sorted({*_BASE, *_CONDUCTORS, *_DIELECTRICS}))}"
-            )
-        _drop(props, *_TINTS)
-        gloss = "specular_reflectance"
-        if gloss in props and not _colourless(props[gloss]):
-            del props[gloss]
-        return self._make(index, props, held)
-
-    def _make(self, index: int, props: Any, held: bool) -> Any:
-        """Return the BSDF of these properties; the one made before if they are equal.
-
-        One that is held is out of the reach of virtual calls, so shapes have others.
-        """
-        names = sorted(props.keys())
-        key = (
-            props.plugin_name(),
-            str(held),
-            *(f"{name} = {_described(props[name])}" for name in names),
-        )
-        if key not in self._made:
-            self._made[key] = self._graph.make_from(index, props)
-        return self._made[key]
+    plugin, gloss = bsdf.plugin, "specular_reflectance"
+    if plugin == "null":
+        return bsdf
+    if plugin in _WRAPPERS:
+        twins = {name: neutral_twin(graph, held, albedo) for name, held in bsdf.held.items()}
+        return bsdf.changed(twins)
+    if plugin in _CONDUCTORS:
+        return bsdf.changed({"material": "none", gloss: albedo}, ("eta", "k"))
+    tinted = gloss in bsdf.properties and not _colourless(bsdf.properties[gloss])
+    dropped = (*_TINTS, gloss) if tinted else _TINTS
+    if plugin in _BASE:
+        return bsdf.changed({_BASE[plugin]: albedo}, dropped)
+    if plugin in _DIELECTRICS:
+        return bsdf.changed({}, dropped)
+    raise InputError(
+        f"{graph.where(bsdf.node)}: this material has no neutral twin; "
+        f"use one of {', '.join(sorted({*_BASE, *_CONDUCTORS, *_DIELECTRICS}))}"
+    )
 
 
-def diffuse_lobe(graph: Graph, index: int) -> Any:
-    """Return a BSDF whose diffuse lobes are those of node `index`, for evaluation only.
+def diffuse_lobe(bsdf: Bsdf) -> Bsdf:
+    """Return a BSDF whose diffuse lobes are those of another, for evaluation only.
 
     To be evaluated in a `mi.BSDFContext` of diffuse lobes. Most materials obey that context and
     are returned themselves. The principled ones evaluate all their lobes in any context, so here
@@ -105,49 +71,36 @@ def diffuse_lobe(graph: Graph, index: int) -> Any:
     reflected specularly, and transmission is replaced by a blend with black. Where a material has
     transmission, its sheen is scaled with the other diffuse lobes.
     """
-    plugin, props = graph.plugin(index), graph.props(index)
-    if plugin in _WRAPPERS:
-        for name, child in graph.references(index).items():
-            if graph.kind(child) == "BSDF":
-                props[name] = diffuse_lobe(graph, child)
-        return graph.make_from(index, props)
-    if plugin not in _PRINCIPLED:
-        return graph.make(index)
-    transmission = _value(graph, index, "spec_trans", 0.0)
-    _drop(props, "spec_trans", "clearcoat", "clearcoat_gloss", "spec_tint", "specular", "eta")
-    if plugin == "principled":
-        props["eta"] = 1.0
-    opaque = graph.make_from(index, props)
+    if bsdf.plugin in _WRAPPERS:
+        lobes = {name: diffuse_lobe(held) for name, held in bsdf.held.items()}
+        return bsdf.changed(lobes)
+    if bsdf.plugin not in _PRINCIPLED:
+        return bsdf
+    transmission = bsdf.properties.get("spec_trans", 0.0)
+    dropped = ("spec_trans", "clearcoat", "clearcoat_gloss", "spec_tint", "specular", "eta")
+    opaque = bsdf.changed({"eta": 1.0} if bsdf.plugin == "principled" else {}, dropped)
     if isinstance(transmission, float | int) and transmission == 0:
         return opaque
-    black = mi.Properties("diffuse")
-    black["reflectance"] = 0.0
-    blend = mi.Properties("blendbsdf")
-    blend["weight"], blend["bsdf_0"], blend["bsdf_1"] = transmission, opaque, create(black)
-    return graph.compose(blend)
+    black = Bsdf(bsdf.node, "diffuse", {"reflectance": 0.0})
+    parts = {"weight": transmission, "bsdf_0": opaque, "bsdf_1": black}
+    return Bsdf(bsdf.node, "blendbsdf", parts)
 
 
-def reflectance_twin(graph: Graph, index: int) -> Any:
-    """Return a BSDF whose `eval_diffuse_reflectance` is the base colour of node `index`.
+def reflectance_twin(graph: Graph, bsdf: Bsdf) -> Bsdf:
+    """Return a BSDF whose `eval_diffuse_reflectance` is the base colour of another.
 
     Diffuse, plastic, principled: the base colour or its texture. Metals: reflectance at normal
     incidence (times `specular_reflectance`; where that is a texture, the texture alone).
     Rough glass: its transmittance. Bump maps and masks are handled by the ray caster. Materials
     without a base colour (measured, hair) give 0.5.
     """
-    plugin, references = graph.plugin(index), graph.references(index)
-    children = graph.nested(index, "BSDF")
-    if plugin == "blendbsdf" or (plugin == "twosided" and len(children) == 2):
-        props = graph.props(index)
-        for name, child in references.items():
-            if graph.kind(child) == "BSDF":
-                props[name] = reflectance_twin(graph, child)
-        return graph.make_from(index, props)
-    if plugin in _WRAPPERS and children:
-        return reflectance_twin(graph, children[0])
-    twin = mi.Properties("diffuse")
-    twin["reflectance"] = _base_colour(graph, index)
-    return create(twin)
+    held = bsdf.held
+    if bsdf.plugin == "blendbsdf" or (bsdf.plugin == "twosided" and len(held) == 2):
+        twins = {name: reflectance_twin(graph, child) for name, child in held.items()}
+        return bsdf.changed(twins)
+    if bsdf.plugin in _WRAPPERS and held:
+        return reflectance_twin(graph, next(iter(held.values())))
+    return Bsdf(bsdf.node, "diffuse", {"reflectance": _base_colour(graph, bsdf)})
 
 
 def passes_light(graph: Graph, index: int) -> bool:
@@ -187,29 +140,23 @@ def has_mask(graph: Graph, index: int) -> bool:
     )
 
 
-def _base_colour(graph: Graph, index: int) -> Any:
-    plugin = graph.plugin(index)
+def _base_colour(graph: Graph, bsdf: Bsdf) -> Any:
+    plugin, properties = bsdf.plugin, bsdf.properties
     if plugin in _BASE:
-        return _value(graph, index, _BASE[plugin], _DEFAULT_BASE)
+        return properties.get(_BASE[plugin], _DEFAULT_BASE)
     if plugin in _DIELECTRICS:
-        return _value(graph, index, "specular_transmittance", 1.0)
+        return properties.get("specular_transmittance", 1.0)
     if plugin in _CONDUCTORS:
-        tint = _value(graph, index, "specular_reflectance", 1.0)
-        metal = normal_incidence(graph.make(index))
-        if isinstance(tint, float | int):
-            return mi.ScalarColor3d(metal * tint)
-        if "specular_reflectance" in graph.references(index):
+        tint = properties.get("specular_reflectance", 1.0)
+        if isinstance(tint, mi.Properties.ResolvedReference):
             return tint
+        metal = normal_incidence(graph.leaf(bsdf.node))
         return mi.ScalarColor3d(metal * np.array(tint, dtype=np.float64).ravel())
     return _DEFAULT_BASE
 
 
 def _value(graph: Graph, index: int, name: str, default: float) -> Any:
-    references = graph.references(index)
-    if name in references:
-        return graph.make(references[name])
-    props = graph.props(index)
-    return props.get(name, default)
+    return graph.props(index).get(name, default)
 
 
 def normal_incidence(conductor: Any) -> np.ndarray:
@@ -222,26 +169,6 @@ def normal_incidence(conductor: Any) -> np.ndarray:
     if not (eta.any() or k.any()):
         return np.ones(3)
     return np.clip(((eta - 1) ** 2 + k**2) / ((eta + 1) ** 2 + k**2), 0, 1)
-
-
-def _described(value: Any) -> str:
-    """Return a property's value as text; of an object, which one it is."""
-    if isinstance(value, mi.Properties.ResolvedReference):
-        return f"node {value.index()}"
-    if isinstance(value, mi.Object):
-        return f"object {value.ptr}"
-    if isinstance(value, bool | int | float | str):
-        return repr(value)
-    try:
-        return repr(np.array(value, dtype=np.float64).tolist())
-    except (TypeError, ValueError):
-        return f"object {id(value)}"
-
-
-def _drop(props: Any, *names: str) -> None:
-    for name in names:
-        if name in props:
-            del props[name]
 
 
 def _colourless(value: Any) -> bool:

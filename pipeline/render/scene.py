@@ -17,7 +17,7 @@ import psutil
 
 from pbrnet.pipeline.farm.settings import Variant
 from pbrnet.pipeline.keys import key
-from pbrnet.pipeline.render import meshes, raycast, variants
+from pbrnet.pipeline.render import raycast, variants
 from pbrnet.pipeline.render.boxes import ObjectBoxes
 from pbrnet.pipeline.render.dispatch import level_ids
 from pbrnet.pipeline.render.drjit_arrays import bounds_of
@@ -28,11 +28,11 @@ from pbrnet.pipeline.render.neutral import (
     has_mask,
     mirrored_sides,
     passes_light,
-    reflectance_twin,
     transmitted_share,
 )
+from pbrnet.pipeline.render.raycast import meshes
 from pbrnet.pipeline.render.scene_geometry import SceneGeometry
-from pbrnet.pipeline.render.scenegraph import Graph, create, parse, shapes_of
+from pbrnet.pipeline.render.scenegraph import Graph, parse, shapes_of
 from pbrnet.scenes.arrays import Float32Array, Float64Array, Int32Array
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError, MachineError
@@ -121,21 +121,20 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
     if mi.variant() is None:
         raise RuntimeError("call set_variant before open_scene")
     graph = parse(scene.xml)
+    materials = MaterialSets(graph)
     root = graph.make(0)
+    materials.know_shapes()
     bounds = bounds_of(root)
     if not np.isfinite(bounds).all():
         raise InputError(f"{scene.xml}: there is no geometry, or some vertices are not finite")
     index_of = {shape: i for i, item in enumerate(scene.objects) for shape in item.shapes}
-    rows, materials = [], []
-    made: dict[int, Any] = {}
+    rows, bsdfs_of_shapes = [], []
     for node in shapes_of(graph):
         if graph.plugin(node) == "shapegroup":
             continue
         shape = graph.make(node)
         bsdfs, own = _bsdfs_of(graph, node), graph.nested(node, "BSDF")
-        materials.append((shape.id(), bsdfs))
-        if own and own[0] not in made:
-            made[own[0]] = reflectance_twin(graph, own[0])
+        bsdfs_of_shapes.append((shape.id(), bsdfs))
         rows.append(
             (
                 shape,
@@ -144,7 +143,7 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
                 any(has_mask(graph, bsdf) for bsdf in bsdfs),
                 mirrored_sides(graph, own[0]) if own else "",
                 transmitted_share(graph, own[0]) if own else 0.0,
-                made[own[0]] if own else _default_reflectance(made),
+                materials.reflectances[own[0] if own else -1],
             )
         )
     columns: Any = zip(*rows, strict=True) if rows else ((),) * 7
@@ -170,8 +169,8 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         geometry,
         collect_lights(graph, geometry),
         bounds,
-        MaterialSets(graph, made),
-        MaterialTable(graph, materials),
+        materials,
+        MaterialTable(graph, bsdfs_of_shapes),
         ObjectBoxes(geometry),
         neutral_albedo,
     )
@@ -208,12 +207,6 @@ def cast(
         render_scene.geometry, origins, unit(np.asarray(directions)), through_glass
     )
     return distance, np.append(render_scene.geometry.objects, -1)[shape].astype(np.int32)
-
-
-def _default_reflectance(made: dict[int, Any]) -> Any:
-    if -1 not in made:
-        made[-1] = create(mi.Properties("diffuse"))
-    return made[-1]
 
 
 def _bsdfs_of(graph: Graph, node: int) -> list[int]:

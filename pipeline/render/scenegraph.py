@@ -95,6 +95,19 @@ class Graph:
         except RuntimeError as error:
             raise InputError(f"{self.where(index)}: {_first_words(error)}") from None
 
+    def leaf(self, index: int) -> Any:
+        """Return the BSDF of a node with 0.5 instead of each texture, for its constants.
+
+        No shape has it, and no call meets it.
+        """
+        props = self.props(index)
+        for name, child in self.references(index).items():
+            if self.kind(child) == "Texture":
+                props[name] = 0.5
+        made = self.make_from(index, props)
+        keep_from_calls(made)
+        return made
+
     def compose(self, props: Any) -> Any:
         """Return `create(props)`; if a BSDF, those that it holds are kept from virtual calls."""
         made = create(props)

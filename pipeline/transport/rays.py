@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.render.drjit_arrays import reflectance_table, shape_table
+from pbrnet.pipeline.render.raycast.meshes import Triangles, ray_intersect, triangles_of
 from pbrnet.pipeline.render.scene_geometry import MAX_LAYERS, SceneGeometry
 
 _WHOLE = 1 << 16  # unit of `ShapeTables.transmitted`
@@ -31,6 +32,7 @@ class ShapeTables:
     mirrored: bool  # whether any shape is one
     transmitted: mi.UInt32  # of 2^16, the part of its diffuse light that goes through
     translucent: bool  # whether any shape transmits light so
+    meshes: Triangles | None  # all shapes' triangles, if all are meshes
 
     def __init__(self, geometry: SceneGeometry) -> None:
         sides = [("", "front", "both").index(mirror) for mirror in geometry.mirrors]
@@ -43,6 +45,7 @@ class ShapeTables:
         self.mirrored = any(sides)
         self.transmitted = shape_table(geometry.shapes, through)
         self.translucent = bool(geometry.transmitted.any())
+        self.meshes = triangles_of(geometry.scene)
 
     def reflectance_at(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Color3f:
         """Return the base colour in [0, 1] of the surface at `si`, `mi.Color3f`."""
@@ -95,7 +98,7 @@ def first_surface(
 
     And whether the ray passed any: no shadow ray does.
     """
-    si = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=coherent, active=active)
+    si = ray_intersect(scene, tables.meshes, ray, coherent, active)
     if not tables.passable:
         return si, mi.Bool(False)
 
@@ -103,9 +106,7 @@ def first_surface(
         passing: mi.Bool, si: mi.SurfaceInteraction3f, layer: mi.UInt32
     ) -> tuple[mi.Bool, mi.SurfaceInteraction3f, mi.UInt32]:
         onward = si.spawn_ray(ray.d)
-        behind = scene.ray_intersect(
-            onward, ray_flags=mi.RayFlags.All, coherent=coherent, active=passing
-        )
+        behind = ray_intersect(scene, tables.meshes, onward, coherent, passing)
         return tables.passes(behind, passing) & (layer < MAX_LAYERS), behind, layer + 1
 
     _, si, layer = dr.while_loop(

@@ -24,6 +24,7 @@ from pbrnet.pipeline.render.drjit_arrays import (
     to_numpy,
     vector,
 )
+from pbrnet.pipeline.render.raycast import meshes
 from pbrnet.pipeline.render.raycast.triangles import (
     ASIDE,
     Triangles,
@@ -87,7 +88,11 @@ def _surfaces(
     """
     shape, distance, hit, ray = _first_hit(geometry, ray, True)
     valid = shape >= 0
-    si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
+    meshes = _tables(geometry)["meshes"]
+    if meshes is None:
+        si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
+    else:
+        si = meshes.interaction(hit, ray, valid)
     reflectance = mi.Color3f(0)
     if twins is not None:
         bsdf = dr.gather(mi.BSDFPtr, twins, dr.reinterpret_array(mi.UInt32, si.shape), valid)
@@ -513,6 +518,7 @@ def _make_tables(geometry: SceneGeometry) -> dict[str, Any]:
         "masked": shape_table(shapes, geometry.masked),
         **_mask_tables(geometry),
         "twins": reflectance_table(geometry),
+        "meshes": meshes.triangles_of(geometry.scene),
     }
 
 
