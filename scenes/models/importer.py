@@ -36,6 +36,7 @@ from pbrnet.scenes.importing.light.daylight import daylight
 from pbrnet.scenes.importing.materials.textures import (
     TextureStore,
     UnreadableImage,
+    is_encoded,
     read_radiance,
 )
 from pbrnet.scenes.importing.objects import room_of, shape_category, structure_category
@@ -266,12 +267,16 @@ def _note_frame(
 
 
 def _without_black(emissions: dict[str, Emission]) -> dict[str, Emission]:
-    """The emissions whose image is not black, as exporters write it for what emits nothing."""
+    """The emissions whose image is not black, as exporters write it for what emits nothing.
+
+    Radiance may be in a large unit, so that any but 0 shines.
+    """
     images = {emission.image for emission in emissions.values() if emission.image is not None}
     black = set()
     for image in images:
         try:
-            if read_radiance(image).max(initial=0.0) <= _BLACK:
+            limit = _BLACK if is_encoded(image) else 0.0
+            if read_radiance(image).max(initial=0.0) <= limit:
                 black.add(image)
         except UnreadableImage:
             continue  # reported where it is stored

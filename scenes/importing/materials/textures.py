@@ -165,6 +165,11 @@ def read_rgb(path: Path) -> UInt8Array:
     return _to_rgb8(open_image(path))
 
 
+def is_encoded(path: Path) -> bool:
+    """Test whether an image has 8 or 16 bits of a display's range, not linear radiance."""
+    return not _is_exr(path) and path.suffix.lower() not in (".hdr", ".rgbe", ".pic", ".pfm")
+
+
 def read_radiance(path: Path) -> Float32Array:
     """Read an EXR, Radiance HDR, PFM or 8-bit image as linear RGB, float32 (H, W, 3), positive."""
     if _is_exr(path):

@@ -32,8 +32,8 @@ from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.models.gltf.container import open_asset
 from pbrnet.scenes.models.gltf.images import Images, texture_matrix
 from pbrnet.scenes.models.gltf.reader import read_gltf
-from pbrnet.scenes.models.importer import import_model
-from pbrnet.scenes.models.model import Model
+from pbrnet.scenes.models.importer import _without_black, import_model
+from pbrnet.scenes.models.model import Emission, Model
 from pbrnet.scenes.models.options import READERS, ModelOptions
 from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.photometry import LUMEN
@@ -314,6 +314,15 @@ def test_a_black_emission_image_makes_no_lamp(tmp_path: Path, level: int) -> Non
     made.texture(np.full((2, 2, 3), level, np.uint8))
     lights = imported(made, tmp_path, lamps="home").lights
     assert any(light.kind == "area" for light in lights) == (level > 0)
+
+
+def test_faint_radiance_of_a_screen_shines(tmp_path: Path) -> None:
+    """As exports to USD write it, in units of the scene and with a factor."""
+    emissions = {}
+    for name, level in (("screen", 1e-4), ("off", 0.0)):
+        mi.Bitmap(np.full((2, 2, 3), level, np.float32)).write(str(tmp_path / f"{name}.exr"))
+        emissions[name] = Emission((62500.0, 62500.0, 62500.0), tmp_path / f"{name}.exr")
+    assert _without_black(emissions).keys() == {"screen"}
 
 
 def test_emission_in_display_units_is_raised_and_said(tmp_path: Path) -> None:
