@@ -180,7 +180,7 @@ class Bed(Spec):
         size = (self.width, _LONG, top - mattress_z)
         mattress = rounded_box(size, (0, 0, mattress_z), 0.05, (0, 0, 0.006))
         b.add(sheet, mattress, name="mattress")
-        with b.holding("duvet", "textile"):
+        with b.holding("duvet", "bedding"):
             b.add(self.style.bedding, self._duvet(mattress_z, top), name="duvet")
         self._add_pillows(b, sheet, top)
         b.move(y=-middle)

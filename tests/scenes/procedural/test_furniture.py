@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.importing.semantics import NYU40_NAMES, NYU40_OF_CATEGORY, category_number
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
@@ -477,6 +478,18 @@ def test_curtains_hang_beside_the_window_from_rod_to_hem(width: float, hem: floa
         assert cloth[:, 1].max() < -0.048  # clears the sill, 45 mm
         forms |= {part.name for part in made.parts}
     assert forms >= {"ring", "rail"} and ("tie" in forms) == (hem < 0.1)
+
+
+@pytest.mark.parametrize("kind", ["double_bed", "single_bed"])
+def test_duvets_are_of_the_class_of_beds(kind: str) -> None:
+    """As in NYU Depth v2, where a bed is labelled with its duvet, and pillows are apart."""
+    classes = {
+        part.name: NYU40_NAMES[NYU40_OF_CATEGORY[category_number(part.own.category)]]
+        for part in piece(kind, 0).parts
+        if part.own is not None
+    }
+    duvets = {found for name, found in classes.items() if name.startswith("duvet")}
+    assert duvets == {"bed"} and "pillow" in classes.values()
 
 
 def test_kitchen_units_of_one_home_line_up() -> None:

@@ -49,7 +49,7 @@ from tests.fixtures.geometry import Solids, crossings
 
 SMALL = SceneParams(texture_size=64)
 SEEDS = (8, 5, 14, 7)  # rooms of all types; beams, niches, stairs
-HANGING = ("textile", "clothing", "towel", "curtain", "cushion")
+HANGING = ("textile", "bedding", "clothing", "towel", "curtain", "cushion")
 ON_HOOKS = ("utensil_rail", "key_board")  # carriers of what hangs
 SETTINGS = ("day", "evening", "night", "mixed")
 _TOUCH = 3e-3  # metres that bounds share if they only touch
