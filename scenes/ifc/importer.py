@@ -100,6 +100,7 @@ def import_ifc(
             ground=True,
             lamps=options.lamp_rule,
             stated_rooms=tuple(building.rooms),
+            parts_shells=False,  # its elements are what they are
         )
         assemble(folder, draft, changes)
     return load_scene(out)

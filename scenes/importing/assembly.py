@@ -49,6 +49,7 @@ from pbrnet.scenes.importing.objects import group_objects, hollow_furniture, typ
 from pbrnet.scenes.importing.shape import Emitter, Shape, bounds_of
 from pbrnet.scenes.importing.shapes.panes import frosted_openings, remove_panes, solid_corners
 from pbrnet.scenes.importing.shapes.sealing_shapes import sealing_shape, structure_object
+from pbrnet.scenes.importing.shapes.shells import with_parted_shells
 from pbrnet.scenes.importing.writer import write_scene_xml
 from pbrnet.scenes.reconstruction.aperture_sections import CrossSections, at_narrowest_section
 from pbrnet.scenes.reconstruction.enclosure import ENCLOSURE_ID, build_enclosure
@@ -93,6 +94,7 @@ class Draft:
     # Plain ceiling lamps in rooms without light: in all of them ("fill"), in closed ones ("auto"),
     # in closed ones if no room has light ("unlit"), or in none ("home").
     lamps: str = "auto"
+    parts_shells: bool = True  # floors, ceilings and walls in one mesh become shapes of their own
 
 
 def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
@@ -174,6 +176,8 @@ def _visible_in_rooms(
         if shape.surface.invisible:
             changes.note("an invisible shape was left out: {}", shape.name)
     shapes = [shape for shape in shapes if not shape.surface.invisible]
+    if draft.parts_shells:
+        shapes = with_parted_shells(shapes, rooms, draft.area)
     if not shapes:
         raise InputError(
             f"{draft.scene_id}: nothing in the scene is visible; every shape is a clear window "

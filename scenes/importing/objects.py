@@ -9,7 +9,7 @@ or share a model number, become one object.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
@@ -37,6 +37,7 @@ _SAMPLES = 400  # points on a shape's surface
 _ON_WALL, _ON_LEVEL = 0.12, 0.06  # metres from a room's hull at which a surface counts as on it
 _NEAR = 0.3  # metres around a room in which a surface may belong to its hull
 _TOUCH_DISTANCE = 0.02  # metres
+_LARGEST_RUG = 15.0  # square metres; what is larger and lies on a floor is a part of it
 _NICHE_DEPTH = 0.8  # metres behind the outline of a room, as in a window bay, that belong to it
 # Categories that stand on the floor; elsewhere, a name that says so is ignored.
 _FLOOR_CATEGORIES = (
@@ -131,7 +132,9 @@ def structure_category(shape: Shape, index: RoomIndex) -> str:
     """
     low, high = shape.mesh.bounds
     named = shape_category(shape)
-    if named == "rug" and category_of(shape.name) == "other":
+    if named == "rug" and (
+        category_of(shape.name) == "other" or (high - low)[:2].prod() > _LARGEST_RUG
+    ):
         named = "other"  # carpet may be the floor's material
     if (
         named not in ("other", "window", "door")
@@ -140,6 +143,7 @@ def structure_category(shape: Shape, index: RoomIndex) -> str:
         return ""
     sample = _sample(shape)
     inside_any = False
+    spread = _Spread()
     for number in index.near(low, high, _NEAR):
         room = index.rooms[number]
         x, y, z = sample.points.T
@@ -154,11 +158,14 @@ def structure_category(shape: Shape, index: RoomIndex) -> str:
             inside_any = True
         tight = shapely.contains_xy(index.grown(number, 0.05), x, y)
         inside_any = inside_any or (near & tight).mean() > 0.6
+        spread.add(room, sample.points[near], sample.normals[near], tight[near])
         if near.mean() < 0.3:
             continue
         kind = _hull_category(sample, near, room, low, high)
         if kind:
             return kind
+    if kind := spread.kind:
+        return kind
     if index.rooms and not inside_any:
         return "structure"
     kind = surface_of(shape.name)
@@ -168,6 +175,36 @@ def structure_category(shape: Shape, index: RoomIndex) -> str:
     if is_part and float(np.max(high - low)) > 1.5:
         return kind or "structure"
     return ""
+
+
+@dataclass
+class _Spread:
+    """A surface on the floors and ceilings of several rooms, none of which has most of it."""
+
+    rooms: int = 0  # that it lies on
+    points: int = 0  # of the sample, beside these rooms
+    level: dict[str, int] = field(default_factory=lambda: {"floor": 0, "ceiling": 0})
+
+    def add(
+        self, room: FoundRoom, points: Float64Array, normals: Float64Array, inside: BoolArray
+    ) -> None:
+        """Add a room and the points (N, 3) of the sample beside it."""
+        flat = (np.abs(normals[:, 2]) > 0.8) & inside
+        found = {
+            "floor": flat & (np.abs(points[:, 2] - room.floor_z) < _ON_LEVEL),
+            "ceiling": flat & (np.abs(points[:, 2] - room.ceiling_z) < _ON_LEVEL),
+        }
+        self.rooms += int(any(each.any() for each in found.values()))
+        self.points += int(inside.sum())
+        for kind, on in found.items():
+            self.level[kind] += int(on.sum())
+
+    @property
+    def kind(self) -> str:
+        """The part of the building that it is, "" if it is none."""
+        if self.rooms < 2:
+            return ""
+        return next((kind for kind, on in self.level.items() if on > 0.4 * self.points), "")
 
 
 def _hull_category(
@@ -196,7 +233,7 @@ def _hull_category(
     area = sample.area
     if floor.mean() > 0.4:
         covered = intersection(Polygon.from_bounds(low[0], low[1], high[0], high[1]), room.floor)
-        return "floor" if covered.area > 0.6 * room.floor.area else ""
+        return "floor" if covered.area > min(0.6 * room.floor.area, _LARGEST_RUG) else ""
     if ceiling.mean() > 0.4:
         covered = intersection(Polygon.from_bounds(low[0], low[1], high[0], high[1]), room.floor)
         return "ceiling" if covered.area > 0.5 * room.floor.area else ""

@@ -117,6 +117,7 @@ def import_mitsuba(
             max_depth=_max_depth(root, scope),
             lamps=options.lamp_rule,
             grouping=partial(objects_of_nodes, nodes, release) if release else group_objects,
+            parts_shells=not release,
             room_names=partial(match_rooms, nodes) if release else None,
             ground=release is not None and any("sun" in made.kinds for made in others),
         )

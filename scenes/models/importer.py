@@ -175,8 +175,8 @@ def _draft(
     """The model upright and in metres, with light, and in a plain room if it has none."""
     placement = place_model(model, path.stem, options)
     is_single = placement.kind == "object"
-    if placement.doubt:
-        changes.note(placement.doubt)
+    for doubt in placement.doubts:
+        changes.note(doubt)
     _note_frame(placement.up, placement.scale, model, options, changes)
     frame = np.eye(4)
     frame[:3, :3] = placement.scale * upright(placement.up)

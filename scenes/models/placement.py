@@ -20,7 +20,7 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.importing.categories import category_of, own_name, surface_of, words_of
-from pbrnet.scenes.importing.changes import UNSURE_UP
+from pbrnet.scenes.importing.changes import UNSURE_SCALE, UNSURE_UP
 from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.models.model import Model
 from pbrnet.scenes.models.options import ModelOptions
@@ -73,6 +73,7 @@ _SURE_BUILDING, _SURE_OBJECT = 0.98, 0.02
 _SURE_MANY = 0.998  # of a building that has many parts or several walls, too
 _MANY_PARTS, _SEVERAL = 10, 3
 _PART_OF_ROOM = 0.5  # of its usual size in metres: share of a building above which a thing is many
+_LEAST_PART = 0.2  # least such share: small things are often drawn too large
 _LEAST_STATED = 0.1  # probability of the stated unit below which it is asked for
 _NEARLY = 0.45  # natural logarithm by which scales differ that together are one answer
 _SURE_TOGETHER = 0.7  # their least probability together
@@ -89,7 +90,7 @@ class Placement:
     confidence: float
     reasons: tuple[str, ...]
     interior: Interior | None  # of a building that has rooms or may get some
-    doubt: str = ""  # a sentence, if another up axis is nearly as likely
+    doubts: tuple[str, ...] = ()  # sentences, if another up axis or unit is nearly as likely
 
     @property
     def summary(self) -> dict[str, object]:
@@ -190,12 +191,14 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
         reasons.append("a single object, since it has no room that a person can stand in")
     else:
         reasons.append(f"a scene of its own, since it is {scale * extent:.3g} m across")
-    if is_object:
-        doubt = ""
+    doubts = [doubt] if doubt else []
+    if is_unclear and not math.isclose(scale, estimate.scale):
+        doubts.append(_scale_doubt(estimate, scale))
     kind: Literal["building", "object"] = "object" if is_object else "building"
     return Placement(
-        kind, _axis(axis), scale, min(1.0, confidence), tuple(reasons), interior, doubt
-    )
+        kind, _axis(axis), scale, min(1.0, confidence), tuple(reasons), interior,
+        () if is_object else tuple(doubts),
+    )  # fmt: skip
 
 
 def _interior(corners: Float64Array, extent: float, named: _Named, model: Model) -> Interior | None:
@@ -444,7 +447,9 @@ def _single(bounds: dict[str, list[Float64Array]], extent: float) -> dict[str, l
     kept = {}
     for category, found in bounds.items():
         usual = usual_size(category)
-        most = math.inf if usual is None else _PART_OF_ROOM * usual * extent
+        most = math.inf
+        if usual is not None:
+            most = max(_PART_OF_ROOM * usual, _LEAST_PART) * extent
         single = [each for each in found if np.ptp(each, axis=0).max() <= most]
         if single:
             kept[category] = single
@@ -564,14 +569,24 @@ def _scale_reasons(scale: float, stated: float | None, clues: list[Clue]) -> lis
 
 
 def _unclear_reason(estimate: ScaleEstimate, scale: float) -> str:
-    others = ", ".join(
+    return (
+        "the stated unit was taken, though it is not sure, because no other one is clearly better "
+        f"({_other_units(estimate, scale)}); change it with --scale"
+    )
+
+
+def _scale_doubt(estimate: ScaleEstimate, scale: float) -> str:
+    return (
+        f"{UNSURE_SCALE}: {unit_name(scale)} was taken, as the file states, but "
+        f"{_other_units(estimate, scale)} are possible; check the plan, and give --scale"
+    )
+
+
+def _other_units(estimate: ScaleEstimate, scale: float) -> str:
+    return ", ".join(
         f"{unit_name(other)} {share:.0%}"
         for other, share in estimate.candidates
         if not math.isclose(other, scale)
-    )
-    return (
-        "the stated unit was taken, though it is not sure, because no other one is clearly better "
-        f"({others}); change it with --scale"
     )
 
 

@@ -37,7 +37,7 @@ from pbrnet.scenes.geometry.regions import (
     thickened,
     union,
 )
-from pbrnet.scenes.reconstruction.orientation import surface_heights
+from pbrnet.scenes.reconstruction.orientation import surface_heights, upright_columns
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import MAX_HEIGHT, MIN_HEIGHT, FoundRoom, slice_segments
 
@@ -88,6 +88,7 @@ class Completion:
     raised: bool = False  # whether low walls were continued upwards
     has_added_walls: bool = False
     has_window: bool = False
+    floor_z: float = 0.0  # height of their floors
     slits: int = 0  # rooms whose ceilings end before the walls, and were continued up to them
     refused: str = ""  # why an open space did not become a room
 
@@ -112,12 +113,17 @@ def complete(
     """Close the open spaces of a building.
 
     `is_ground` (F,) tells which of the triangles `corners` (F, 3, 3) are ground. Open spaces
-    beside `closed` ones are left as they are, unless those are a small share of them.
+    beside `closed` ones are left as they are, unless those are a small share of them. Open spaces
+    above closed ones, as over a basement, are a storey of their own if people can stand between
+    its walls.
     """
-    storey = _storey(corners)
+    storey = _storey(corners, closed)
     if storey is None:
         return NOTHING
-    taken = union([space.floor for space in closed])
+    below = [space for space in closed if space.ceiling_z <= storey.floor_z + _SAME_LEVEL]
+    if below and storey.top_z - storey.floor_z < MIN_HEIGHT:  # a parapet around a flat roof
+        return NOTHING
+    taken = union([space.floor for space in closed if not any(space is each for each in below)])
     built = _level_plan(corners[~is_ground], storey.floor_z)
     spaces, small, best = [], [], 0.0
     is_low = storey.top_z - storey.floor_z < MIN_HEIGHT
@@ -164,6 +170,7 @@ def complete(
         raised,
         not added.is_empty,
         not window.is_empty,
+        storey.floor_z,
     )
 
 
@@ -239,8 +246,8 @@ def _refusal(share: float, least: float) -> str:
     )
 
 
-def _storey(corners: Float64Array) -> _Storey | None:
-    """The storey that is open above; None without a floor with walls."""
+def _storey(corners: Float64Array, closed: Sequence[FoundRoom]) -> _Storey | None:
+    """The storey that is open above, not below `closed` ones; None without a floor with walls."""
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     size = np.maximum(high - low, 1e-6)
     cells = _MAX_CELLS * min(1.0, _MANY_TRIANGLES / len(corners))
@@ -248,6 +255,11 @@ def _storey(corners: Float64Array) -> _Storey | None:
     xs, ys = (np.arange(low[axis] + 0.37 * step, high[axis], step) for axis in (0, 1))
     points = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
     columns = surface_heights(RayCaster(corners), points, float(low[2]), float(high[2]))
+    foot = np.full(len(points), low[2])
+    for space in closed:
+        inside = shapely.contains_xy(space.floor, points)
+        foot[inside] = np.maximum(foot[inside], space.ceiling_z)
+    columns = [column[column >= z] for column, z in zip(columns, foot, strict=True)]
     lows = [_standing_height(column) for column in columns]
     heights = np.array([height for height in lows if height is not None])
     if len(heights) * step**2 < _LEAST_AREA:
@@ -290,11 +302,9 @@ def _commonest(values: Float64Array, weights: Float64Array) -> float:
 
 def _wall_top(corners: Float64Array, floor_z: float) -> float | None:
     """The height at which most of the walls on a floor end; None without walls."""
-    areas, normals = face_areas(corners)
-    bottom, top = corners[:, :, 2].min(axis=1), corners[:, :, 2].max(axis=1)
+    bottom, top, areas = upright_columns(corners, _THICK, _LEAST_WALL)
     is_wall = (
-        (np.abs(normals[:, 2]) < 0.1)
-        & (top - floor_z >= _LEAST_WALL)
+        (top - floor_z >= _LEAST_WALL)
         & (top - floor_z <= MAX_HEIGHT)
         & (bottom - floor_z <= 0.5 * (top - floor_z))
     )

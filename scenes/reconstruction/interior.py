@@ -13,6 +13,7 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.geometry.regions import difference, intersection, union
 from pbrnet.scenes.reconstruction.completion import (
     MOST_CLOSED,
@@ -24,6 +25,8 @@ from pbrnet.scenes.reconstruction.connections import joined_below_beams
 from pbrnet.scenes.reconstruction.habitable import Bounds, habitable, is_shut_in
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import (
+    MAX_HEIGHT,
+    MIN_HEIGHT,
     FoundRoom,
     closed_rooms,
     inside_points,
@@ -39,6 +42,8 @@ _INSET = 0.1  # metres within an outline
 _HEIGHTS = (0.4, 0.75)  # shares of a room's height
 _PART = 0.7  # share of a space that its covered part has at most, and the sky over the rest
 _PLACES = 200
+_UPRIGHT = 0.1  # greatest vertical part of a wall's normal
+_SLAB = 0.6  # metres from a ceiling to above the next storey's floor
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -62,6 +67,8 @@ def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> In
     A room whose ceiling covers a part of an open space, as in scans, is that space, and tiny rooms
     beside much larger open spaces do not count.
 
+    A storey that is open above closed ones, as over a basement, becomes rooms, too.
+
     Closed spaces that are hardly open and small beside the open ones, such as pillars, shafts
     and built-in cupboards, do not count as rooms.
     """
@@ -74,10 +81,12 @@ def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> In
         building, rays = np.concatenate([building, added]), RayCaster(added, rays)
         is_ground = np.append(is_ground, np.zeros(len(added), dtype=bool))
         rooms = _closed(rays, building, furniture)
-    elif all(is_shut_in(room, rays, building) for room in rooms):
+    elif (is_shut := all(is_shut_in(room, rays, building) for room in rooms)) or (
+        _has_walls_above(rooms, rays, building)
+    ):
         completion = complete(building, is_ground, rooms)
-        if completion.spaces:
-            rooms = []
+        if completion.spaces and is_shut:
+            rooms = [room for room in rooms if room.ceiling_z <= completion.floor_z]
     elif (is_tiny := sum(room.floor.area for room in rooms) < _TINY) or any(
         _open_share(room, rays) > _OPEN_SIDES for room in rooms
     ):
@@ -88,6 +97,26 @@ def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> In
         ):
             rooms, completion = [], whole
     return Interior(rooms, completion, bool(is_ground.any()))
+
+
+def _has_walls_above(rooms: Sequence[FoundRoom], rays: RayCaster, corners: Float64Array) -> bool:
+    """Return whether walls stand above the highest rooms under the open sky: a storey cut open."""
+    top = max(room.ceiling_z for room in rooms)
+    high = [room for room in rooms if room.ceiling_z > top - MIN_HEIGHT]
+    _, normals = face_areas(corners)
+    reach = corners[:, :, 2].max(axis=1) - top
+    if not (
+        (np.abs(normals[:, 2]) < _UPRIGHT) & (reach >= MIN_HEIGHT) & (reach <= MAX_HEIGHT)
+    ).any():
+        return False
+    origins = np.concatenate(
+        [
+            np.column_stack([points, np.full(len(points), room.ceiling_z + _SLAB)])
+            for room in high
+            for points in [inside_points(room.floor, _PLACES)]
+        ]
+    )
+    return bool(len(origins)) and float(rays.escapes(origins, _UP).mean()) > _PART
 
 
 def _open_share(room: FoundRoom, rays: RayCaster) -> float:

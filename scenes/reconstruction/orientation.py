@@ -102,6 +102,33 @@ def surface_heights(
     return [np.array(column) for column in heights]
 
 
+def upright_columns(
+    corners: Float64Array, cell: float, tall: float, steepest: float = 0.1
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """Return lowest and highest ends (N,) and areas (N,) of upright faces above cells of the plan.
+
+    The faces (F, 3, 3) of a finely divided wall tell its height only together; those that are
+    at least `tall` themselves stand alone. `steepest` is the greatest vertical part of normals; a
+    face belongs to the cell of its middle.
+    """
+    areas, normals = face_areas(corners)
+    chosen = (np.abs(normals[:, 2]) < steepest) & (areas > 0)
+    areas, faces = areas[chosen], corners[chosen]
+    if not len(faces):
+        return np.empty(0), np.empty(0), np.empty(0)
+    places = np.floor(faces.mean(axis=1)[:, :2] / cell).astype(np.int64)
+    _, number = np.unique(places, axis=0, return_inverse=True)
+    number = number.ravel()
+    alone = np.flatnonzero(np.ptp(faces[:, :, 2], axis=1) >= tall)
+    number[alone] = int(number.max()) + 1 + np.arange(len(alone))
+    number = np.unique(number, return_inverse=True)[1].ravel()
+    count = int(number.max()) + 1
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, number, faces[:, :, 2].min(axis=1))
+    np.maximum.at(high, number, faces[:, :, 2].max(axis=1))
+    return low, high, np.bincount(number, areas, count).astype(np.float64)
+
+
 def tallest_gaps(columns: list[Float64Array], through: float | None) -> Float64Array:
     """Return the tallest free interval (low, high) of each column, (M, 2).
 

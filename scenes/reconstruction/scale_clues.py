@@ -17,7 +17,7 @@ import numpy as np
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.geometry.mesh import face_areas
-from pbrnet.scenes.reconstruction.orientation import surface_heights
+from pbrnet.scenes.reconstruction.orientation import surface_heights, upright_columns
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 
 UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres", 0.0254: "inches",
@@ -34,6 +34,8 @@ _UNLIKELY = 0.01  # least likelihood of a clue from one thing
 _MOST_COUNTED = 5
 _WINDOW = 0.17  # natural logarithm; scales as close as this are one candidate
 _GRID = 48  # vertical rays each way
+_COLUMN = 0.01  # of a building's extent: cells of the plan above which walls are measured
+_TALL = 0.1  # of a building's extent: faces so high tell a wall's height alone
 _SAME_HEIGHT = 0.03  # of the height measured
 _LEAST_HEIGHT = 0.02  # of a building's extent: lower gaps are in floors, not between them
 _LEAST_SHARE = 0.25  # of the columns that must have a ceiling at about the same height
@@ -232,13 +234,13 @@ def _common_low(tops: Float64Array) -> float:
 
 def _wall_height(corners: Float64Array, floor: float) -> float:
     """Height above `floor` at which most of the upright surface ends; 0 without any."""
-    areas, normals = face_areas(corners)
-    top = corners[:, :, 2].max(axis=1) - floor
-    upright = (np.abs(normals[:, 2]) < 0.1) & (top > 0)
-    if not upright.any():
+    extent = float(np.ptp(corners[:, :, :2].reshape(-1, 2), axis=0).max())
+    _, high, areas = upright_columns(corners, max(_COLUMN * extent, 1e-300), _TALL * extent)
+    above = high > floor
+    if not above.any():
         return 0.0
-    order = np.argsort(top[upright])
-    ordered, total = top[upright][order], np.cumsum(areas[upright][order])
+    order = np.argsort(high[above], kind="stable")
+    ordered, total = high[above][order] - floor, np.cumsum(areas[above][order])
     return float(ordered[int(np.searchsorted(total, 0.6 * total[-1]))])
 
 

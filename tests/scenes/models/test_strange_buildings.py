@@ -12,7 +12,7 @@ from shapely.geometry import Polygon
 from pbrnet.pipeline.cli import cli
 from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.importing.changes import UNSURE_UP
+from pbrnet.scenes.importing.changes import UNSURE_SCALE, UNSURE_UP
 from pbrnet.scenes.models.placement import chosen_scale
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import with_visible_space
@@ -315,3 +315,65 @@ def test_neighbouring_scales_are_one_answer() -> None:
     assert 0.0028 < scale < 0.0032 and share == pytest.approx(0.79)
     assert chosen((0.01, 0.45), (0.0125, 0.3)) == (0.01, pytest.approx(0.75))
     assert chosen((0.1, 0.37), (0.01, 0.32), (0.0254, 0.1))[0] == 0.0
+
+
+def kinds(scene: Scene) -> set[str]:
+    return {item.category for item in scene.objects if item.is_structure}
+
+
+def test_floor_ceiling_and_walls_in_one_mesh_are_told_apart(tmp_path: Path) -> None:
+    parts = [Part("Room", np.concatenate(list(sheets().values())))]
+    scene = imported(parts, tmp_path, suffix=".glb")
+    assert {"floor", "ceiling", "wall"} <= kinds(scene)
+    size = {item.category: np.subtract(item.bbox_max, item.bbox_min) for item in scene.objects}
+    assert size["floor"] == pytest.approx([WIDTH, DEPTH, 0], abs=0.01)
+    assert size["wall"] == pytest.approx([WIDTH, DEPTH, HEIGHT], abs=0.01)
+
+
+def test_one_floor_below_six_rooms_is_a_floor(tmp_path: Path) -> None:
+    parts = [
+        *walls(9.4, 6.2, 2.5),
+        *(wall("Inner", (x, 0), (x + 0.2, 6.2), 2.5) for x in (3, 6.2)),
+        *(wall("Cross", (x, 3), (x + 3, 3.2), 2.5) for x in (0, 3.2, 6.4)),
+        Part("Mesh.001", slab("", 9.4, 6.2, -0.1, 0).quads),
+        Part("Mesh.002", slab("", 9.4, 6.2, 2.5, 2.6).quads),
+    ]
+    scene = imported(parts, tmp_path, suffix=".glb")
+    found = {item.name: item.category for item in scene.objects}
+    assert len(scene.rooms) == 6
+    assert (found["Mesh.001"], found["Mesh.002"]) == ("floor", "ceiling")
+
+
+def test_a_carpet_as_large_as_a_hall_is_its_floor(tmp_path: Path) -> None:
+    parts = {name: quads * [2, 2, 1] for name, quads in sheets().items() if name != "Floor"}
+    carpet = Part("Carpet", sheets()["Floor"] * [2, 2, 1])
+    scene = imported([carpet, *(Part(*each) for each in parts.items())], tmp_path, suffix=".glb")
+    found = {item.name: item.category for item in scene.objects}
+    assert found["Carpet"] == "floor"
+
+
+def divided(quads: np.ndarray, count: int) -> np.ndarray:
+    """Quads (N, 4, 3), each divided into `count` by `count`."""
+    a, b, c, d = (quads[:, None, None, k] for k in range(4))
+    u, v = np.meshgrid(np.arange(count + 1) / count, np.arange(count + 1) / count)
+    u, v = u[None, ..., None], v[None, ..., None]
+    grid = (1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d
+    cells = [grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]]
+    return np.stack(cells, axis=3).reshape(-1, 4, 3)
+
+
+def test_finely_divided_walls_are_walls(tmp_path: Path) -> None:
+    """An open box whose faces are all much lower than its walls, as in scans."""
+    parts = sheets()
+    del parts["Ceiling"]
+    quads = divided(np.concatenate(list(parts.values())), 12)
+    scene = imported([Part("Cube.001", quads)], tmp_path, suffix=".glb")
+    assert areas(scene) == [pytest.approx(12.0, rel=0.03)]
+    assert scene.rooms[0].ceiling_z - scene.rooms[0].floor_z == pytest.approx(HEIGHT, abs=0.05)
+
+
+def test_a_stated_unit_that_is_less_likely_than_another_is_doubted(tmp_path: Path) -> None:
+    """Halls of hundreds of metres, as metres are stated; centimetres are as likely, and more."""
+    parts = [Part("", quads * [40, 50, 3.0]) for quads in sheets().values()]
+    scene = imported(parts, tmp_path, suffix=".glb")
+    assert any(UNSURE_SCALE in change and "--scale" in change for change in scene.changes)

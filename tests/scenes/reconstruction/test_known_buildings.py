@@ -18,7 +18,7 @@ AREA_TOLERANCE = 0.03  # share of a room's area
 SAMPLE = ("door ajar", "walls cut low", "hollow furniture", "open top on a ground plane",
          "centimetres in a glTF file", "millimetres, Z up", "open top in one mesh",
          "diorama, inches", "twice as large", "hall with a pillar", "block of earth",
-         "tall cupboards", "couch", "cup")  # fmt: skip
+         "closed basement", "basement with a window", "tall cupboards", "couch", "cup")  # fmt: skip
 QUICK = ("door ajar", "hall with a pillar", "couch")  # of them, for `make quick`
 
 
