@@ -1,15 +1,18 @@
-"""Rows about the start of a process: a first picture, with and without kernels on disk."""
+"""Rows about what comes before the samples: the start of a process, and that of a home in a run."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmarks.bench import Bench, python
 from benchmarks.rows import Row, at_most
-from benchmarks.timing import Spent, spend, spread
+from benchmarks.timing import Spent, Spread, spend, spread
+from pbrnet.pipeline.views import load_cameras
 
 
 def startup_rows(bench: Bench) -> Iterator[Row]:
@@ -26,6 +29,38 @@ def startup_rows(bench: Bench) -> Iterator[Row]:
     ):
         seconds = spread([each.cpu for each in spent])
         yield Row(name, words, seconds, "s", "cpu", goal=at_most(goal))
+    fixed = _home_in_a_run(bench)
+    yield Row(
+        "a home in a run",
+        "what a home takes in `pbrnet run` beside its views: cameras, opening, recording, first "
+        "launches; from runs with one view and with up to five per home, kernels on disk, the "
+        "start of processes included",
+        Spread(fixed, fixed, fixed, 1),
+        "s",
+        "cpu",
+        goal=at_most(5),
+    )
+
+
+def _home_in_a_run(bench: Bench) -> float:
+    """Return the CPU seconds of a run that grow with its homes and not with its views, per home."""
+    counts, seconds = list[int](), list[float]()
+    homes = 2 * bench.sizes.homes
+    with TemporaryDirectory(prefix="pbrnet-bench-run-") as folder:
+        for repeat, most in (("a", 1), ("a", 5), ("b", 1), ("b", 5)):  # the first two compile
+            data, params = Path(folder, f"{repeat}{most}"), Path(folder, f"{most}.yaml")
+            words = {"scenes": {"homes": homes}, "cameras": {"views_per_scene": most}}
+            params.write_text(json.dumps(words))
+            command = ("-m", "pbrnet.pipeline.cli")
+            options = ("--params", str(params), "--data", str(data), "--workers", "1")
+            python(*command, "scenes", *options)
+            spent = spend(partial(python, *command, "run", *options))
+            if repeat == "b":
+                files = (data / "cameras").glob("*.json")
+                counts.append(sum(len(load_cameras(file).views) for file in files))
+                seconds.append(spent.cpu)
+    view = (seconds[1] - seconds[0]) / (counts[1] - counts[0])
+    return (seconds[0] - counts[0] * view) / homes
 
 
 def _picture(bench: Bench, home: str) -> None:
