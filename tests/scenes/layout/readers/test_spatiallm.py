@@ -10,6 +10,7 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.layout.layout import Layout
 from pbrnet.scenes.layout.readers import spatiallm
 from tests.fixtures.layout_formats import SPATIALLM
+from tests.fixtures.paths import ROOT
 
 
 def read(text: str) -> Layout:
@@ -26,6 +27,12 @@ def test_rooms_are_what_walls_enclose() -> None:
     assert all(Polygon(room.polygon).exterior.is_ccw for room in layout.rooms)
     assert layout.height == 2.5
     assert layout.rooms[0].type == "living"  # it holds a sofa
+
+
+def test_the_example_has_a_living_room_and_a_bedroom_with_eleven_boxes() -> None:
+    layout = read((ROOT / "examples" / "flat.spatiallm.txt").read_text())
+    assert [room.type for room in layout.rooms] == ["living", "bedroom"]
+    assert (len(layout.openings), len(layout.objects)) == (4, 11)
 
 
 def test_openings_stand_above_the_floor() -> None:
