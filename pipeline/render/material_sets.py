@@ -50,9 +50,8 @@ class MaterialSets:
     def know_shapes(self) -> None:
         """Note which shapes there are, once they are made."""
         self._maker.tables.number_shapes()
-        self._own = [
-            (shape, shape.bsdf()) for shape in map(self._graph.make, dict(_shapes(self._graph)))
-        ]
+        shapes = [self._graph.make(node) for node, _ in _shapes(self._graph)]
+        self._own = [(shape, shape.bsdf()) for shape in shapes]
         with suppress(InputError):  # raised again when the neutral set is needed
             self._make_neutral(_INITIAL_ALBEDO)
 

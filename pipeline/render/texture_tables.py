@@ -165,10 +165,10 @@ def _read(graph: Graph, node: int) -> _Image | None:
     known = node in graph.made
     params = mi.traverse(graph.make(node))
     texels, to_uv = params["data"].numpy(), np.array(params["to_uv"].matrix, dtype=np.float64)
-    if not known:
-        del graph.made[node]  # the array of all images holds it now
     if texels.dtype != np.uint8 or texels.shape[2] not in (1, 3, 4):
         return None
+    if not known:
+        del graph.made[node]  # the array of all images holds it now
     packed = np.zeros((*texels.shape[:2], 4), dtype=np.uint8)
     packed[..., :3] = texels[..., :3]
     form = (
