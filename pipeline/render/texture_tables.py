@@ -23,7 +23,7 @@ from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.color import decode_srgb_value
 
 Kind = Literal["colour", "vector", "number"]
-_READ = frozenset({"filename", "bitmap", "raw", "filter_type", "wrap_mode", "to_uv"})
+_READ = frozenset({"filename", "raw", "filter_type", "wrap_mode", "to_uv"})
 
 
 @dataclass(frozen=True)
@@ -143,14 +143,21 @@ class TextureTables:
 
 
 def constant(kind: Kind, value: Any) -> Column | None:
-    """Return the column of a constant; None for 0, and for what is no number or colour."""
+    """Return the column of a constant; None for 0, and for what is no number or colour.
+
+    A colour beyond [0, 1] has none: Mitsuba refuses it.
+    """
     if isinstance(value, bool | str):
         return None
     try:
         numbers = np.array(value, dtype=np.float64).ravel()
     except (TypeError, ValueError):
         return None
-    if numbers.size not in (1, 3) or (kind == "number" and (numbers.size == 3 or not numbers[0])):
+    if kind == "number":
+        fits = numbers.size == 1 and numbers[0] > 0
+    else:
+        fits = numbers.size in (1, 3) and bool(((numbers >= 0) & (numbers <= 1)).all())
+    if not fits:
         return None
     return Column((kind, "constant"), -1, tuple(np.broadcast_to(numbers, 3).tolist()))
 
@@ -165,12 +172,12 @@ def _read(graph: Graph, node: int) -> _Image | None:
     known = node in graph.made
     params = mi.traverse(graph.make(node))
     texels, to_uv = params["data"].numpy(), np.array(params["to_uv"].matrix, dtype=np.float64)
-    if texels.dtype != np.uint8 or texels.shape[2] not in (1, 3, 4):
+    if texels.dtype != np.uint8 or texels.shape[2] not in (1, 3):
         return None
     if not known:
         del graph.made[node]  # the array of all images holds it now
     packed = np.zeros((*texels.shape[:2], 4), dtype=np.uint8)
-    packed[..., :3] = texels[..., :3]
+    packed[..., :3] = texels
     form = (
         "raw" if props.get("raw", False) else "srgb",
         str(props.get("filter_type", "bilinear")),

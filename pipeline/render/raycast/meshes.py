@@ -94,9 +94,19 @@ def ray_intersect(
     active: mi.Bool,
 ) -> mi.SurfaceInteraction3f:
     """Return what a Mitsuba scene's `ray_intersect` does; `meshes` are its triangles, if any."""
-    if meshes is None:
-        return scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=coherent, active=active)
     found = scene.ray_intersect_preliminary(ray, coherent=coherent, active=active)
+    return interaction(meshes, found, ray, active)
+
+
+def interaction(
+    meshes: Triangles | None,
+    found: mi.PreliminaryIntersection3f,
+    ray: mi.Ray3f,
+    active: mi.Bool,
+) -> mi.SurfaceInteraction3f:
+    """Return the surface interaction of what a ray has found; `meshes` as in `ray_intersect`."""
+    if meshes is None:
+        return found.compute_surface_interaction(ray, mi.RayFlags.All, active)
     return meshes.interaction(found, ray, active)
 
 

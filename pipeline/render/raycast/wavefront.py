@@ -88,11 +88,7 @@ def _surfaces(
     """
     shape, distance, hit, ray = _first_hit(geometry, ray, True)
     valid = shape >= 0
-    meshes = _tables(geometry)["meshes"]
-    if meshes is None:
-        si = hit.compute_surface_interaction(ray, mi.RayFlags.All, valid)
-    else:
-        si = meshes.interaction(hit, ray, valid)
+    si = meshes.interaction(_tables(geometry)["meshes"], hit, ray, valid)
     reflectance = mi.Color3f(0)
     if twins is not None:
         bsdf = dr.gather(mi.BSDFPtr, twins, dr.reinterpret_array(mi.UInt32, si.shape), valid)

@@ -1,5 +1,6 @@
 """BSDFs of one form are one object, with the values of the BSDFs that Mitsuba makes of each."""
 
+from pathlib import Path
 from typing import Any
 
 import drjit as dr
@@ -10,6 +11,7 @@ import pytest
 from pbrnet.pipeline.render.bsdfs import BsdfMaker, describe
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.render.scenegraph import Graph, parse
+from pbrnet.scenes.errors import InputError
 from tests.fixtures.encoded import picture
 from tests.fixtures.render import quad, write_scene
 
@@ -175,6 +177,13 @@ def test_materials_of_one_form_share_a_bsdf_and_others_do_not(opened: RenderScen
     own = [bsdf.ptr for bsdf in opened.materials.own]
     assert len(set(own)) == len(FORMS) + len(OTHERS)
     assert len(set(own[:3])) == 1
+
+
+def test_a_colour_that_creates_energy_is_refused(tmp_path: Path) -> None:
+    bright = plain("diffuse", rgb("reflectance", 5, 1, 1))
+    wall = quad("wall", (0, 0, 0), (0, 1, 0), (1, 1), bright)
+    with pytest.raises(InputError, match="reflectance value"):
+        open_scene(write_scene(tmp_path / "room", wall))
 
 
 def test_no_texture_coordinates_are_out_of_reach(opened: RenderScene) -> None:
