@@ -19,7 +19,7 @@ from pbrnet.pipeline.pathtrace.portals import (
     sample_rectangles,
 )
 from pbrnet.pipeline.render.drjit_arrays import column, to_numpy, vector
-from pbrnet.pipeline.render.raycast.meshes import triangles_of
+from pbrnet.pipeline.render.raycast.meshes import ray_intersect, triangles_of
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.color import luminance
 
@@ -79,14 +79,9 @@ def first_hits(
     For rays that hit nothing, the point is the origin and the normal is the reversed direction.
     """
     ray = mi.Ray3f(vector(mi.Point3f, origins), vector(mi.Vector3f, directions))
-    triangles = triangles_of(scene)
-    if triangles is not None:
-        point, side, hit = triangles.intersect(scene, ray)
-    else:
-        si = scene.ray_intersect(ray)
-        point, side, hit = si.p, si.n, si.is_valid()
-    normal = dr.select(dr.dot(side, ray.d) > 0, -side, side)
-    values = dr.select(hit, point, ray.o), dr.select(hit, normal, -ray.d), hit
+    si = ray_intersect(scene, triangles_of(scene), ray, mi.Bool(False), mi.Bool(True))
+    normal, hit = dr.select(dr.dot(si.n, ray.d) > 0, -si.n, si.n), si.is_valid()
+    values = dr.select(hit, si.p, ray.o), dr.select(hit, normal, -ray.d), hit
     points, normals, met = to_numpy(*values)
     # Rows that are not contiguous, as sums over them are rounded in another order otherwise
     points, normals = (np.asfortranarray(each.astype(np.float64)) for each in (points, normals))

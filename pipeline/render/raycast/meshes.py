@@ -30,16 +30,6 @@ class Triangles:
     first: mi.UInt32  # a shape's first triangle, by registry id
     marks: mi.UInt32  # what a shape has, by registry id
 
-    def intersect(self, scene: mi.Scene, ray: mi.Ray3f) -> tuple[mi.Point3f, mi.Vector3f, mi.Bool]:
-        """Return the first point along each ray, its geometric normal, and hit flags.
-
-        Either side's normal; undefined where nothing is hit.
-        """
-        found = scene.ray_intersect_preliminary(ray)
-        hit = found.is_valid()
-        a, b, c = (mi.Point3f(row.xyz) for row in self._rows(found, 0, hit))
-        return _between(found, a, b, c), dr.normalize(dr.cross(b - a, c - a)), hit
-
     def interaction(
         self, found: mi.PreliminaryIntersection3f, ray: mi.Ray3f, active: mi.Bool
     ) -> mi.SurfaceInteraction3f:
