@@ -17,7 +17,8 @@ Target = Literal["shading", "color"]
 MAX_SAMPLES = 8  # per pixel, of noisy samples
 MIN_TILE = 16  # least side of a tile in pixels
 PAPER_INPUTS = ("depth", "normal", "reflectance", "intensity", "distance")
-DIRECT = "direct"  # direct light by the panorama's sources: an input of the join `position`
+# Direct light by the panorama's sources: an input of the joins `position` and `colour`.
+DIRECT, DIRECT_COLOUR = "direct", "direct_colour"
 GEOMETRY = ("depth", "normal", "materials")  # inputs that all bands of plus and hybrid share
 _ENCODING = "pbrnet.model.data.encoding"
 _BASELINES, _NETWORKS = "pbrnet.model.baselines", "pbrnet.model.networks"
@@ -66,8 +67,8 @@ class Method:
 
     def inputs_with(self, panorama: str) -> tuple[str, ...]:
         """Inputs of the network with this join of the panorama, `train.panorama`."""
-        position = panorama == "position" and "intensity" in self.inputs
-        return (*self.inputs, DIRECT) if position else self.inputs
+        direct = direct_inputs(panorama) if "intensity" in self.inputs else ()
+        return (*self.inputs, *direct)
 
     @property
     def optional_inputs(self) -> tuple[str, ...]:
@@ -202,6 +203,11 @@ METHODS: dict[str, Method] = {
 BASELINES = tuple(name for name in METHODS if name not in ("shading", "composition"))
 PRODUCTS = ("product", "product_linear")  # of reflectance and predicted shading
 PREDICTABLE = ("pbrnet", *PRODUCTS, *BASELINES)
+
+
+def direct_inputs(panorama: str) -> tuple[str, ...]:
+    """Return the image of direct light that a join of the panorama adds to the inputs, if any."""
+    return {"position": (DIRECT,), "colour": (DIRECT_COLOUR,)}.get(panorama, ())
 
 
 def columns_of(methods: Iterable[str]) -> tuple[str, ...]:

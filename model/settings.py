@@ -33,7 +33,7 @@ class BackboneParams:
 class LossParams:
     """Part-perceptual loss (paper, equations 1 and 2): input, then conv1_2 ... conv5_2."""
 
-    kind: Literal["part", "full", "fifth", "l1"] = param("part", "or full, fifth, l1")
+    kind: Literal["part", "full", "fifth", "l1"] = param("part", "part, full, fifth or l1")
     part: tuple[float, ...] = param(
         (1.0, 1.5, 1.5, 0.5, 0.0, 0.0), "weights of the input and the layers"
     )
@@ -83,13 +83,15 @@ class TrainParams:
         0.0006, "the paper: 0.0001, constant, for 280,000 steps", within(above=0)
     )
     batch: int = param(1, "views per step", within(1, 256))
-    precision: Literal["auto", "float32", "bfloat16"] = param("auto", "or float32, bfloat16")
-    device: Literal["auto", "cpu", "cuda"] = param("auto", "or cpu, cuda")
-    decay: Literal["constant", "cosine"] = param("cosine", "to 0 by the last step; or constant")
-    exposure: Literal["own", "shared"] = param("shared", "or own, as in the paper")
+    precision: Literal["auto", "float32", "bfloat16"] = param("auto", "auto, float32 or bfloat16")
+    device: Literal["auto", "cpu", "cuda"] = param("auto", "auto, cpu or cuda")
+    decay: Literal["constant", "cosine"] = param(
+        "cosine", "constant, or cosine: to 0 by the last step"
+    )
+    exposure: Literal["own", "shared"] = param("shared", "shared, or own as in the paper")
     flips: bool = param(True, "mirror views at random with probability 1/2")
-    panorama: Literal["resize", "normal", "position"] = param(
-        "normal", "or resize, position; see docs/networks.md"
+    panorama: Literal["resize", "normal", "position", "colour"] = param(
+        "normal", "normal, resize, position or colour; see docs/networks.md"
     )
     checkpoint_steps: int = param(500, "steps between checkpoints", within(1))
     loss: LossParams = param(LossParams(), "part-perceptual")
@@ -114,7 +116,7 @@ class TrainParams:
 class EvaluateParams:
     """Evaluation on the test split."""
 
-    split: Literal["test", "validation", "train"] = param("test", "or validation, train")
+    split: Literal["test", "validation", "train"] = param("test", "test, validation or train")
     timing_views: int = param(4, "number of views timed", within(1, 1000))
 
 

@@ -36,7 +36,9 @@ class ImageParams:
     height: int = param(120, "pixels", within(16, 8192))
     half_fov_x: float = param(0.5534, "radians, PBRS", within(0.05, WIDEST))
     projection: Projection = param(
-        "perspective", "or fisheye, equirectangular, orthographic, see docs/cameras.md", OPTIONAL
+        "perspective",
+        "perspective, fisheye, equirectangular or orthographic, see docs/cameras.md",
+        OPTIONAL,
     )
     lens: LensParams = param(LensParams(), "focal length, centre and distortion", OPTIONAL)
 

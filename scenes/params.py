@@ -52,10 +52,11 @@ class SceneParams:
     rooms_min: int = param(1, "minimum rooms per home", within(1, 6))
     rooms_max: int = param(6, "maximum rooms per home", within(1, 6))
     lighting: tuple[LightSetting, ...] = param(
-        ("day", "evening", "night", "mixed"), "in rotation, so that every split has each; also pbrs"
+        ("day", "evening", "night", "mixed"),
+        "day, evening, night, mixed, pbrs: in rotation, so that every split has each",
     )
     outdoors: Literal["surroundings", "none"] = param(
-        "surroundings", "street, garden or town outside the homes; or none, as always for pbrs"
+        "surroundings", "surroundings: street, garden or town outside; or none, as always for pbrs"
     )
     styles: tuple[StyleName, ...] = param(STYLES, "interior styles, drawn per home")
     texture_size: int = param(

@@ -7,7 +7,7 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.data.encoding import Tensors, input_named
-from pbrnet.model.methods import DIRECT, PAPER_INPUTS
+from pbrnet.model.methods import DIRECT, DIRECT_COLOUR, PAPER_INPUTS, direct_inputs
 from pbrnet.model.networks.pbrnet import NormalPanorama, Panorama, log_panorama
 
 IMAGES = ("depth", "normal", "reflectance")
@@ -16,7 +16,7 @@ STACKED = sum(input_named(name).channels for name in PAPER_INPUTS)
 
 def stack_channels(panorama: Panorama) -> int:
     """Channels of `stacked` with this join."""
-    return STACKED + (input_named(DIRECT).channels if panorama == "position" else 0)
+    return STACKED + sum(input_named(name).channels for name in direct_inputs(panorama))
 
 
 def stacked(inputs: Tensors) -> torch.Tensor:
@@ -24,7 +24,7 @@ def stacked(inputs: Tensors) -> torch.Tensor:
     panorama = torch.cat(log_panorama(inputs["intensity"], inputs["distance"]), dim=1)
     size = inputs["normal"].shape[-2:]
     resized = functional.interpolate(panorama, size, mode="bilinear", align_corners=False)
-    direct = [inputs[DIRECT]] if DIRECT in inputs else []
+    direct = [inputs[name] for name in (DIRECT, DIRECT_COLOUR) if name in inputs]
     return torch.cat([*(inputs[name] for name in IMAGES), resized, *direct], dim=1)
 
 
@@ -32,16 +32,16 @@ class Stack(nn.Module):
     """Input image of a baseline; the panorama is joined to it as in our networks.
 
     With `panorama` `resize` it is `stacked`. With `normal` it has panorama features that are looked
-    up in the direction of each pixel's normal instead of the resized panorama; with `position` it
-    has these and the panorama's direct light. Baselines therefore get the same information as our
-    networks.
+    up in the direction of each pixel's normal instead of the resized panorama; with `position` and
+    `colour` it has these and the panorama's direct light. Baselines therefore get the same
+    information as our networks.
     """
 
     def __init__(self, panorama: Panorama, width: int) -> None:
         super().__init__()
         branch = max(1, width // 2)
         self.inputs = stack_channels(panorama)
-        self.images = (*IMAGES, DIRECT) if panorama == "position" else IMAGES
+        self.images = (*IMAGES, *direct_inputs(panorama))
         images = sum(input_named(name).channels for name in self.images)
         self.join = None if panorama == "resize" else NormalPanorama(branch)
         self.channels = STACKED if self.join is None else images + 2 * branch

@@ -4,9 +4,9 @@ The positions and intensities of the sources come from `pbrnet.pipeline.panorama
 shadows from `pbrnet.pipeline.passes.visibility` if the view has them. The result lacks indirect
 light and the light of lamps that are not visible from the camera position.
 
-Networks with `train.panorama: position` take it as an input, without shadows and colours; the study
-of illumination shows it beside the others. What that input needs takes torch tensors, too, so that
-torch's exporter traces it.
+Networks with `train.panorama: position` take it as an input, without shadows and colours, and with
+`colour` without shadows; the study of illumination shows it beside the others. What that input
+needs takes torch tensors, too, so that torch's exporter traces it.
 """
 
 from __future__ import annotations

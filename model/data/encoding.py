@@ -22,9 +22,9 @@ import numpy as np
 import torch
 
 from pbrnet.model.data.direct_light import lamps_in_view, reflected_light
-from pbrnet.model.data.display import log_average, tonemap_exposed
+from pbrnet.model.data.display import log_average, luminance, tonemap_exposed
 from pbrnet.model.data.reader import PAPER, Columns, Example
-from pbrnet.model.methods import DIRECT, MAX_SAMPLES, PAPER_INPUTS
+from pbrnet.model.methods import DIRECT, DIRECT_COLOUR, MAX_SAMPLES, PAPER_INPUTS
 from pbrnet.pipeline.channels import column_channel
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, tonemap
 from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
@@ -175,14 +175,28 @@ def _clamped_distance(view: Columns) -> ArrayOrTensor:
 
 
 def _direct(view: Columns) -> ArrayOrTensor:
-    """Direct light of matte grey surfaces in its own exposure, (H, W, 2): display, logarithm."""
-    known = {name: view[name] for name in INPUTS[DIRECT].columns}  # no shadows, no colours
-    light = (_stack([reflected_light(known, NEUTRAL)]) + lamps_in_view(known))[:, :1]
+    """Direct light by the grey panorama, (H, W, 2), see `_direct_in`."""
+    return _direct_in({name: view[name] for name in _DIRECT_COLUMNS}, 1)
+
+
+def _direct_colour(view: Columns) -> ArrayOrTensor:
+    """Direct light by the panorama in its colours, (H, W, 6), see `_direct_in`."""
+    return _direct_in({name: view[name] for name in (*_DIRECT_COLUMNS, "tint")}, 3)
+
+
+def _direct_in(view: Columns, bands: int) -> ArrayOrTensor:
+    """Unshadowed direct light of matte grey surfaces in its own exposure: display, logarithm.
+
+    (H, W, 2 bands), of one band where the panorama is grey.
+    """
+    light = _stack([reflected_light(view, NEUTRAL)]) + lamps_in_view(view)
+    level = light[:, :1] if bands == 1 else luminance(light)
     tone = ToneParams()
-    exposed = tone.key / log_average(light) * light
-    white = exposed.amax(dim=(1, 2, 3), keepdim=True) * (1 - tone.burn) ** 2
-    display = tonemap_exposed(exposed.expand(-1, 3, -1, -1), white.clamp(min=1e-6))[:, :1]
-    logarithm = exposed.clamp(*DIRECT_RANGE).log() / 4
+    scale = tone.key / log_average(level)
+    exposed = scale * light
+    white = (scale * level).amax(dim=(1, 2, 3), keepdim=True) * (1 - tone.burn) ** 2
+    display = tonemap_exposed(exposed, white.clamp(min=1e-6))[:, :bands]
+    logarithm = exposed[:, :bands].clamp(*DIRECT_RANGE).log() / 4
     image = torch.cat([centred(display), logarithm], 1)[0].permute(1, 2, 0)
     return image if array_namespace(view["depth"]) is torch else image.numpy()
 
@@ -218,17 +232,20 @@ def _images(*columns: str, optional: bool = False) -> Input:
 #   distance: metres, at most `MAX_DEPTH`; the network takes the logarithms of intensity and
 #     distance itself, because it may average them first
 #   direct: unshadowed direct light of the grey panorama in its own exposure: display, logarithm
+#   direct_colour: the same of the panorama in its colours, three bands each
 #   transport: direct light, indirect light, picture; linear, in the view's unit
 #   level: log average of direct + indirect light, bands alike
 #   materials: roughness, metalness, and 1 where they are known
 #   noisy: colour of a few samples a pixel, of half of them, and denoised; linear
 #   samples: ln(samples per pixel) / ln(`MAX_SAMPLES`)
+_DIRECT_COLUMNS = ("depth", "valid", "normal", "intensity", "distance", "K")
 INPUTS = {
     "depth": Input(("depth", "valid"), 2, _depth),
     "reflectance": Input(("reflectance", "valid"), 3, _reflectance),
     "intensity": Input(("intensity",), 1, _relative_intensity, whole=True),
     "distance": Input(("distance",), 1, _clamped_distance, whole=True),
-    DIRECT: Input(("depth", "valid", "normal", "intensity", "distance", "K"), 2, _direct),
+    DIRECT: Input(_DIRECT_COLUMNS, 2, _direct),
+    DIRECT_COLOUR: Input((*_DIRECT_COLUMNS, "tint"), 6, _direct_colour),
     "transport": _images("transport_direct", "transport_indirect", "transport_color"),
     "level": Input(("transport_direct", "transport_indirect"), 1, _level, whole=True),
     "materials": _images("roughness", "metalness", "material_known", optional=True),

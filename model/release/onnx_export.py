@@ -20,7 +20,7 @@ from pbrnet.model.data.display import log_average, luminance, tonemap_exposed
 from pbrnet.model.data.encoding import DEFAULT_WHITE, Tensors, encode, input_named
 from pbrnet.model.data.reader import NOISY_SPP
 from pbrnet.model.evaluation.inference import Networks, needed
-from pbrnet.model.methods import METHODS
+from pbrnet.model.methods import METHODS, direct_inputs
 from pbrnet.model.networks.pbrnet import GRID
 from pbrnet.pipeline.channels import column_channel
 from pbrnet.scenes.checked import plain
@@ -155,8 +155,9 @@ def exported_inputs(networks: Networks) -> list[str]:
     """Names of the inputs of the exported model, in order."""
     name = networks.methods[0]
     if name == "pbrnet":
-        position = networks.cards["shading"].architecture.panorama == "position"
-        return [*INPUTS, *PANORAMA, *(["K"] if position else [])]
+        direct = direct_inputs(networks.cards["shading"].architecture.panorama)
+        further = [one for name in direct for one in input_named(name).columns]
+        return list(dict.fromkeys((*INPUTS, *PANORAMA, *further)))
     method = METHODS[name]
     known = (one for one in method.optional_inputs if networks.card.training.get(one))
     optional = [column for one in known for column in input_named(one).columns]
@@ -167,5 +168,5 @@ def _traced_size(name: str) -> tuple[int, ...]:
     """Size of an input for the exporter's trace."""
     if name in _FIXED:
         return _FIXED[name]
-    size = _PANORAMA if name in PANORAMA else _IMAGE
+    size = _PANORAMA if name in (*PANORAMA, "tint") else _IMAGE
     return (*size, *column_channel(name).shape)

@@ -107,7 +107,7 @@ class CameraParams:
         (), "{scene: ID, file: PATH}; JSON or TUM format, see docs/cameras.md", OPTIONAL
     )
     collisions: Literal["reject", "warn", "accept"] = param(
-        "warn", "or reject, accept: trajectories that touch or cross surfaces", OPTIONAL
+        "warn", "warn, reject or accept trajectories that touch or cross surfaces", OPTIONAL
     )
 
     def share_of(self, room_type: str) -> float:

@@ -33,4 +33,4 @@ class FarmParams:
     cache_mb: int = param(
         4096, "cache for received scenes on a worker's machine", within(1, 1 << 30)
     )
-    variant: Variant = param("auto", "or llvm_ad_rgb, cuda_ad_rgb, scalar_rgb")
+    variant: Variant = param("auto", "auto, llvm_ad_rgb, cuda_ad_rgb or scalar_rgb")

@@ -46,10 +46,10 @@ class GroundTruthParams:
     )
     max_depth: int = param(11, "maximum segments of a path", within(1, 1000))
     rr_depth: int = param(3, "segments before Russian roulette starts", within(1, 1000))
-    denoise: Literal["none", "oidn"] = param("oidn", "or none")
+    denoise: Literal["none", "oidn"] = param("oidn", "oidn or none")
     joint: bool = param(True, "render shading and colour in one trace, if the variant supports it")
     lights: Literal["planned", "uniform"] = param(
-        "planned", "emitter sampling by contribution to the view; or uniform"
+        "planned", "emitter sampling: planned, by contribution to the view, or uniform"
     )
 
     def verify(self, where: str) -> None:

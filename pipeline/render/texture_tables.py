@@ -56,7 +56,7 @@ class TextureTables:
         self._images: dict[int, _Image | None] = {}
         self._numbers = {node: number for number, node in enumerate(sorted(graph.shaders))}
         self._materials = mi.UInt32(0)
-        self._tables: list[Any] = []
+        self._tables: list[_ConstantTable | _ImageTable] = []
 
     def texture(self, kind: Kind, node: int) -> Column | None:
         """Return the column of a texture node; None for one that Mitsuba must evaluate itself."""
@@ -70,14 +70,15 @@ class TextureTables:
     def table(self, columns: Mapping[int, Column]) -> Any:
         """Return a texture that holds the columns of materials, by the material's node."""
         first = next(iter(columns.values()))
+        made: _ConstantTable | _ImageTable
         if first.node < 0:
             rows = self._rows(columns, lambda one: [*one.constant, 0], 4)
-            made = _classes().constant(self._materials, column(mi.Float, rows))
+            made = _ConstantTable(self._materials, column(mi.Float, rows))
         else:
             rows = self._rows(columns, self._place, 4)
             placed = "placed" in first.form
             transforms = self._rows(columns, self._transform, 8) if placed else np.zeros(0)
-            made = _classes().image(
+            made = _ImageTable(
                 self._materials,
                 self._texels,
                 column(mi.UInt32, rows),
@@ -85,7 +86,7 @@ class TextureTables:
                 first.form,
             )
         self._tables.append(made)
-        return made
+        return _texture_class()(made)
 
     def number_shapes(self) -> None:
         """Tell all tables, also those made later, which material each shape has.
@@ -186,117 +187,120 @@ def _read(graph: Graph, node: int) -> _Image | None:
     return _Image(packed.view(np.uint32)[..., 0], to_uv[:2], texels.shape[2] == 1, form)
 
 
-@dataclass(frozen=True)
-class _Classes:
-    """The classes of tables; their base class needs a Mitsuba variant."""
+class _Table:
+    """Table of materials; `materials` are their numbers by registry id of the shape."""
 
-    image: Any
-    constant: Any
+    materials: mi.UInt32
+
+    def material(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UInt32:
+        shape = dr.reinterpret_array(mi.UInt32, si.shape)
+        return dr.gather(mi.UInt32, self.materials, shape, active)
+
+
+class _ConstantTable(_Table):
+    """Three numbers per material, in rows of four."""
+
+    def __init__(self, materials: mi.UInt32, rows: mi.Float) -> None:
+        self.materials, self.rows = materials, rows
+
+    def colour(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[mi.Float]:
+        row = dr.gather(mi.Vector4f, self.rows, self.material(si, active), active)
+        return [row.x, row.y, row.z]
+
+    def number(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Float:
+        return dr.gather(mi.Float, self.rows, self.material(si, active) * 4, active)
+
+
+class _ImageTable(_Table):
+    """An image per material: rows of first texel, width, height; a transform in eight."""
+
+    def __init__(
+        self,
+        materials: mi.UInt32,
+        texels: mi.UInt32,
+        rows: mi.UInt32,
+        transforms: mi.Float,
+        form: tuple[str, ...],
+    ) -> None:
+        self.materials, self.texels, self.rows, self.transforms = (
+            materials,
+            texels,
+            rows,
+            transforms,
+        )
+        self.bands = 1 if form[0] == "number" else 3
+        self.nearest, self.placed = "nearest" in form, "placed" in form
+        self.decoded = column(mi.Float, _decoded()) if "srgb" in form else mi.Float(0)
+        self.srgb = "srgb" in form
+
+    def number(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Float:
+        return self.colour(si, active)[0]
+
+    def colour(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[mi.Float]:
+        material = self.material(si, active)
+        start, width, height, _ = dr.gather(mi.Vector4u, self.rows, material, active)
+        uv = self.place(si.uv, material, active)
+        uv -= dr.floor(uv)
+
+        def texel(x: mi.UInt32, y: mi.UInt32) -> list[mi.Float]:
+            packed = dr.gather(mi.UInt32, self.texels, start + y * width + x, active)
+            return self.unpack(packed, active)
+
+        if self.nearest:
+            x, y = (
+                dr.minimum(mi.UInt32(place * size), size - 1)
+                for place, size in zip(uv, (width, height), strict=True)
+            )
+            return texel(x, y)
+        left, right, x = _neighbours(uv.x, width)
+        lower, upper, y = _neighbours(uv.y, height)
+        rows = [
+            [dr.lerp(*pair, x) for pair in zip(texel(left, v), texel(right, v), strict=True)]
+            for v in (lower, upper)
+        ]
+        return [dr.lerp(*pair, y) for pair in zip(*rows, strict=True)]
+
+    def place(self, uv: mi.Point2f, material: mi.UInt32, active: mi.Bool) -> mi.Point2f:
+        if not self.placed:
+            return mi.Point2f(uv)
+        rows = [
+            dr.gather(mi.Vector4f, self.transforms, 2 * material + which, active)
+            for which in range(2)
+        ]
+        return mi.Point2f([dr.fma(row.x, uv.x, dr.fma(row.y, uv.y, row.z)) for row in rows])
+
+    def unpack(self, packed: mi.UInt32, active: mi.Bool) -> list[mi.Float]:
+        numbers = [(packed >> (8 * band)) & 0xFF for band in range(self.bands)]
+        if self.srgb:
+            return [dr.gather(mi.Float, self.decoded, number, active) for number in numbers]
+        return [mi.Float(number) * (1 / 255) for number in numbers]
 
 
 @cache
-def _classes() -> _Classes:
-    class Table(mi.Texture):  # type: ignore[misc]
-        """Table of textures by material; `materials` are numbers by registry id of the shape."""
+def _texture_class() -> Any:
+    """Return the class of textures that a table evaluates; its base class needs a variant."""
 
-        def __init__(self, materials: mi.UInt32) -> None:
+    class TableTexture(mi.Texture):  # type: ignore[misc]
+        def __init__(self, table: _ConstantTable | _ImageTable) -> None:
             super().__init__(mi.Properties())
-            self.materials = materials
-
-        def material(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.UInt32:
-            shape = dr.reinterpret_array(mi.UInt32, si.shape)
-            return dr.gather(mi.UInt32, self.materials, shape, active)
+            self.table = table
 
         def eval(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Color3f:
-            return self.eval_3(si, active)
+            return mi.Color3f(self.table.colour(si, active))
+
+        def eval_3(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Color3f:
+            return mi.Color3f(self.table.colour(si, active))
+
+        def eval_1(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Float:
+            return self.table.number(si, active)
 
         def is_spatially_varying(self) -> bool:
             return True
 
-    class ConstantTable(Table):
-        """Three numbers per material, in rows of four."""
-
-        def __init__(self, materials: mi.UInt32, rows: mi.Float) -> None:
-            super().__init__(materials)
-            self.rows = rows
-
-        def eval_3(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Color3f:
-            row = dr.gather(mi.Vector4f, self.rows, self.material(si, active), active)
-            return mi.Color3f(row.x, row.y, row.z)
-
-        def eval_1(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Float:
-            return dr.gather(mi.Float, self.rows, self.material(si, active) * 4, active)
-
         def to_string(self) -> str:
-            return "ConstantTable[]"
+            return f"{type(self.table).__name__}[]"
 
-    class ImageTable(Table):
-        """An image per material: rows of first texel, width, height; a transform in eight."""
-
-        def __init__(
-            self,
-            materials: mi.UInt32,
-            texels: mi.UInt32,
-            rows: mi.UInt32,
-            transforms: mi.Float,
-            form: tuple[str, ...],
-        ) -> None:
-            super().__init__(materials)
-            self.texels, self.rows, self.transforms = texels, rows, transforms
-            self.bands = 1 if form[0] == "number" else 3
-            self.nearest, self.placed = "nearest" in form, "placed" in form
-            self.decoded = column(mi.Float, _decoded()) if "srgb" in form else mi.Float(0)
-            self.srgb = "srgb" in form
-
-        def eval_3(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Color3f:
-            return mi.Color3f(self.look_up(si, active))
-
-        def eval_1(self, si: mi.SurfaceInteraction3f, active: mi.Bool = True) -> mi.Float:
-            return self.look_up(si, active)[0]
-
-        def to_string(self) -> str:
-            return "ImageTable[]"
-
-        def look_up(self, si: mi.SurfaceInteraction3f, active: mi.Bool) -> list[mi.Float]:
-            material = self.material(si, active)
-            start, width, height, _ = dr.gather(mi.Vector4u, self.rows, material, active)
-            uv = self.place(si.uv, material, active)
-            uv -= dr.floor(uv)
-
-            def texel(x: mi.UInt32, y: mi.UInt32) -> list[mi.Float]:
-                packed = dr.gather(mi.UInt32, self.texels, start + y * width + x, active)
-                return self.unpack(packed, active)
-
-            if self.nearest:
-                x, y = (
-                    dr.minimum(mi.UInt32(place * size), size - 1)
-                    for place, size in zip(uv, (width, height), strict=True)
-                )
-                return texel(x, y)
-            left, right, x = _neighbours(uv.x, width)
-            lower, upper, y = _neighbours(uv.y, height)
-            rows = [
-                [dr.lerp(*pair, x) for pair in zip(texel(left, v), texel(right, v), strict=True)]
-                for v in (lower, upper)
-            ]
-            return [dr.lerp(*pair, y) for pair in zip(*rows, strict=True)]
-
-        def place(self, uv: mi.Point2f, material: mi.UInt32, active: mi.Bool) -> mi.Point2f:
-            if not self.placed:
-                return mi.Point2f(uv)
-            rows = [
-                dr.gather(mi.Vector4f, self.transforms, 2 * material + which, active)
-                for which in range(2)
-            ]
-            return mi.Point2f([dr.fma(row.x, uv.x, dr.fma(row.y, uv.y, row.z)) for row in rows])
-
-        def unpack(self, packed: mi.UInt32, active: mi.Bool) -> list[mi.Float]:
-            numbers = [(packed >> (8 * band)) & 0xFF for band in range(self.bands)]
-            if self.srgb:
-                return [dr.gather(mi.Float, self.decoded, number, active) for number in numbers]
-            return [mi.Float(number) * (1 / 255) for number in numbers]
-
-    return _Classes(ImageTable, ConstantTable)
+    return TableTexture
 
 
 def _neighbours(place: mi.Float, size: mi.UInt32) -> tuple[mi.UInt32, mi.UInt32, mi.Float]:

@@ -15,7 +15,7 @@ from pbrnet.model.data.direct_light import (
 )
 from pbrnet.model.data.encoding import DIRECT_RANGE, encode, solid_angles
 from pbrnet.model.data.reader import Dataset, Example, mirrored
-from pbrnet.model.methods import DIRECT
+from pbrnet.model.methods import DIRECT, DIRECT_COLOUR
 from pbrnet.pipeline.panorama_lights import panorama_directions, sources
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of, tonemap
 from pbrnet.scenes.color import luminance
@@ -167,6 +167,20 @@ def test_the_input_knows_neither_the_unit_nor_shadows_nor_colours() -> None:
         tint=np.broadcast_to(np.float32([2, 0.5, 0.1]), (*view["intensity"].shape, 3)),
     )
     assert torch.allclose(encode([told], (DIRECT,))[DIRECT], plain, atol=1e-5)
+
+
+def test_the_input_in_colour_is_direct_light_by_the_tints() -> None:
+    view = lit_wall()
+    white = np.ones((*view["intensity"].shape, 3), np.float32)
+    grey = encode([view], (DIRECT,))[DIRECT]
+    same = encode([view.having(tint=white)], (DIRECT_COLOUR,))[DIRECT_COLOUR]
+    assert torch.allclose(same, grey.repeat_interleave(3, dim=1), atol=1e-5)
+    lit = view.having(tint=white * np.float32([2, 0.8, 0.1]), visibility=np.zeros(SIZE, np.float32))
+    light = reflected_light(lit.without("visibility"), 0.5)
+    light += lamps_in_view(lit)[0].permute(1, 2, 0).numpy()
+    display = encode([lit], (DIRECT_COLOUR,))[DIRECT_COLOUR][0, :3].permute(1, 2, 0).numpy()
+    expected = tonemap(light, exposure_of(light, ToneParams()))
+    assert (display + 1) / 2 == pytest.approx(expected, abs=1e-5)
 
 
 def test_a_mirrored_view_has_the_mirrored_input() -> None:

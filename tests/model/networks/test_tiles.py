@@ -44,7 +44,7 @@ def test_the_margin_of_a_u_net_is_that_of_its_receptive_field(levels: int) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("panorama", ["normal", "resize", "position"])
+@pytest.mark.parametrize("panorama", ["normal", "resize", "position", "colour"])
 @pytest.mark.parametrize("method", ["pbrnet", "product", "unet", "plus"])
 def test_tiles_give_the_whole_picture(
     method: str, panorama: Panorama, example: Example, tmp_path: Path

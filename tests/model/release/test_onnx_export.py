@@ -39,6 +39,7 @@ def columns(example: Example, names: Sequence[str]) -> list[torch.Tensor]:
         ("pbrnet", "normal", False),
         ("pbrnet", "resize", False),
         ("pbrnet", "position", False),
+        ("pbrnet", "colour", False),
         ("plus", "normal", False),
         ("plus", "normal", True),
         ("hybrid", "normal", True),
@@ -103,6 +104,7 @@ def test_without_the_packages_it_says_how_to_get_them(
         pytest.param("pbrnet", "normal", marks=pytest.mark.check),
         pytest.param("pbrnet", "resize", marks=pytest.mark.check),
         pytest.param("pbrnet", "position", marks=pytest.mark.check),
+        pytest.param("pbrnet", "colour", marks=pytest.mark.check),
         ("plus", "normal"),
         pytest.param("hybrid", "normal", marks=pytest.mark.check),
     ],
@@ -113,7 +115,7 @@ def test_the_file_draws_the_same_pictures_of_any_size(
     made = exported(method, panorama)
     assert [file.name for file in made.path.parent.iterdir()] == ["model.onnx"]  # weights inside
     weights = sum(4 * card.parameters for card in made.networks.cards.values())
-    graph = 350_000 if panorama == "position" else 250_000
+    graph = 350_000 if panorama in ("position", "colour") else 250_000
     assert made.path.stat().st_size < weights + graph
     assert str(ROOT).encode() not in made.path.read_bytes()
     facts = made.session.get_modelmeta().custom_metadata_map
