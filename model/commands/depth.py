@@ -61,11 +61,13 @@ Writes NAME.png (photograph, depth, normals, classes), NAME.exr (Z: z-depth in m
 N.Z: normals in camera axes, x right, y down, z forward; class: of NYU40), NAME-depth.png (z-depth
 in millimetres, 16 bits) and NAME.json (camera), with at most 1024 pixels a side. The focal length
 comes from --fov, or from the photograph's EXIF, or is assumed; a wrong one scales all depths. The
-network works at a focal length of 129 pixels, so images of it are smooth. Exit code 1 if a
-photograph could not be read.""",
+network works at a focal length of 129 pixels, so fine detail is lost. Exit code 1 if a photograph
+could not be read.""",
 )
 @click.argument("photos", type=PATH, nargs=-1, required=True)
-@click.option("--out", type=FOLDER, default=Path("depth"), show_default=True, help="Folder.")
+@click.option(
+    "--out", type=FOLDER, default=Path("depth"), show_default=True, help="Folder to write."
+)
 @click.option(
     "--fov",
     type=NumberRange(1, 170),

@@ -107,7 +107,7 @@ _training(
     "Example: pbrnet train composition",
 )
 for _name in BASELINES:
-    _training(_name, f"Baseline: {NETWORK_TITLES[_name]}.", f"Example: pbrnet train {_name}")
+    _training(_name, f"{NETWORK_TITLES[_name]}.", f"Example: pbrnet train {_name}")
 _training(
     "baselines",
     "All networks in train.baselines, one after another.",

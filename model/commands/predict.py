@@ -71,14 +71,14 @@ Examples:
 
 VIEW is a view_id in the camera file, by default data/cameras/SCENE.json. With several scenes, or a
 folder of scenes, --view VIEW selects it in each of them, --view SCENE/VIEW in one. The scenes are
-rendered one after another in this process, each opened once; one that fails is named at the end,
-with exit code 1, and the images of the others are kept.
+rendered one after another in this process, each opened once; failures are listed at the end, with
+exit code 1, and the images of the others are kept.
 Networks are read from models/, or the pretrained networks are used if it has none. Without --method
-the available method with the lowest error draws, and its name is printed.
+the available method with the lowest error is used, and its name is printed.
 --method radiosity needs no network: a preview by light transport, for any scene and size. Nor does
 --method denoised: samples of our path tracer and Open Image Denoise, for comparison.
---seconds chooses by what this machine took before for such scenes at this size; the first time it
-renders the first view twice to measure it.
+--seconds uses times measured on this machine for similar scenes at this size; without any, it
+benchmarks the first view, then reuses the chosen settings.
 --compare reads the ground truth from the data folder, or renders it.
 docs/use.md describes the values of --exr. `pbrnet report` shows all images in predictions/."""
 )
@@ -134,7 +134,7 @@ docs/use.md describes the values of --exr. `pbrnet report` shows all images in p
     "--tile",
     type=click.IntRange(MIN_TILE),
     metavar="N",
-    help="Run the network in tiles of N x N pixels, with less memory; not the transport of plus.",
+    help="Run the network in tiles of N x N pixels to save memory (not for transport).",
 )
 @click.option("--exr", is_flag=True, help="Also write linear radiance as OpenEXR.")
 @click.option(

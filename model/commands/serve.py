@@ -47,14 +47,14 @@ from elsewhere and works offline."""
     "--port",
     type=click.IntRange(0, 65535),
     default=8765,
-    help=f"Port on {ADDRESS}; 0 takes a free one.",
+    help=f"Port on {ADDRESS}; 0: any free port.",
 )
 @found_models_option()
 @common_options
 def serve(
     request: Request, scene: Path, camera: Path | None, port: int, models: Path | None
 ) -> int:
-    """Show a scene in the browser: move the camera and compare the methods' pictures."""
+    """Show a scene in the browser: move the camera and compare methods."""
     renderer = ViewRenderer(scene, request.params, request.data)
     opened = renderer.scene
     gallery = Gallery(renderer, models)

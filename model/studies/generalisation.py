@@ -297,7 +297,7 @@ def command(
 ) -> None:
     """Test on another source, then fine-tune on it (Figures 14, 15).
 
-    Specular and matte pixels are measured separately, too.
+    Also measures specular and matte pixels separately.
     """
     data = request.folders.data
     if other is None and pattern is None:

@@ -31,7 +31,7 @@ STUDIES = {
     "noise": "Train on noisy ground truth (Figure 11).",
     "generalisation": "Test on another source, then fine-tune (Figures 14, 15).",
     "flicker": "Measure temporal stability along a camera move.",
-    "photographs": "Train on any data set, test on real photographs.",
+    "photographs": "Train on any dataset, test on real photographs.",
 }
 
 

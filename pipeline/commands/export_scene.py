@@ -40,8 +40,8 @@ docs/exports.md describes what each format holds. pbrnet import reads the files 
     "--panes/--no-panes",
     default=True,
     show_default=True,
-    help="Sheets of glass in windows. Path tracers such as Cycles do not sample sun and sky "
-    "through glass: leave it out for them.",
+    help="Sheets of glass in windows. Omit them for path tracers such as Cycles, which do not "
+    "sample sun and sky through glass.",
 )
 @idle_seed_option
 def export_scene_command(
@@ -49,7 +49,7 @@ def export_scene_command(
 ) -> None:
     """Write the scene folder SCENE as one file for other programs.
 
-    What the format does not hold is listed in the end, and in a JSON file beside the output.
+    Lists what the format cannot hold, also in a JSON file beside the output.
     """
     out = out or Path(scene.resolve().name + TARGETS[name].suffixes[0])
     done = export_scene(scene, name, out, cameras, panes)

@@ -75,7 +75,7 @@ def _write(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) ->
 
 FORMAT = Format(
     "tum",
-    "TUM RGB-D: a sequence a trajectory",
+    "TUM RGB-D: one sequence per trajectory",
     ("color", "depth", "trajectory", "frame"),
     _parts,
     check=_check,

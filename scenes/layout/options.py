@@ -35,13 +35,13 @@ class LayoutOptions(SourceOptions):
     things: bool = field(
         default=False,
         metadata=described(
-            "Leave small things, switches and sockets that the file does not state, as in "
+            "Add small things, switches and sockets that the file does not state, as in "
             "procedural homes."
         ),
     )
     catalogue: Path | None = field(
         default=None,
-        metadata=described("Folder of converted catalogues whose pieces are taken where they fit."),
+        metadata=described("Folder of converted catalogues whose pieces are used where they fit."),
     )
     assets: Path | None = field(
         default=None,

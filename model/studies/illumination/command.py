@@ -42,7 +42,7 @@ def command(request: Request, folders: Folders, renders: Path | None, **options:
     """Compare predicted with rendered changes of light (Figure 10).
 
     A lamp is added at the left rear of the camera, lamps get brighter, sky and sun darker, a lamp
-    is removed, panoramas are exchanged. All changes but the last are rendered, too.
+    is removed, panoramas are exchanged. All but the last are also rendered.
     """
     frames = renders or request.data / "studies" / "illumination"
     config = IlluminationConfig(**options)

@@ -26,10 +26,10 @@ Examples:
   pbrnet study photographs photos --rows rows.yaml --dry-run
 
 PHOTOGRAPHS and SET are nyu_depth_v2_labeled.mat with splits.mat beside it, a folder with rgb,
-depth (PNG, millimetres) and intrinsics.json, Hypersim's folder, or a packed data set; see
-docs/photographs.md. Sets after a comma are mixed, those after a colon follow. A finished training
-is kept and not made again. Writes metrics/photographs.json and its plots; pictures of the best,
-median and worst photographs are in the working folder.""",
+depth (PNG, millimetres) and intrinsics.json, Hypersim's folder, or a packed dataset; see
+docs/photographs.md. Sets after a comma are mixed, those after a colon follow. Finished trainings
+are kept. Writes metrics/photographs.json and its plots; the best, median and worst photographs
+are in the working folder.""",
 )
 @click.argument("photographs", type=PATH)
 @click.option(
@@ -76,7 +76,7 @@ def command(
     """Train the same network on different sets, and test it on real photographs.
 
     The network predicts depth in metres, normals and classes of NYU40. All rows have the same
-    steps, schedule and focal length, so that they differ in what they saw alone.
+    steps, schedule and focal length, and differ only in their training data.
     """
     rows = (*map(parse_row, texts), *(read_rows(file) if file else ()))
     config = PhotographConfig(

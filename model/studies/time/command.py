@@ -36,7 +36,7 @@ def command(request: Request, folders: Folders, renders: Path | None, **options:
     """Time every part, and compare networks and renderer at equal time.
 
     Prints seconds per view beside the paper's, and for each network whether the path tracer,
-    denoised or not, is better in the same time. A network's time includes all its inputs.
+    denoised or not, has a lower error in the same time. A network's time includes all its inputs.
     """
     frames = renders or request.data / "studies" / "time"
     result, target = study_time(request.params, folders, TimeConfig(**options), frames)

@@ -104,7 +104,7 @@ class TimeConfig:
     views: int = option(
         4, click.IntRange(1), "Maximum number of views, spread evenly over the split."
     )
-    repeats: int = option(3, click.IntRange(1, 1000), "Timed turns of each view.")
+    repeats: int = option(3, click.IntRange(1, 1000), "Timed repetitions of each view.")
     max_spp: int = option(
         64,
         click.IntRange(1, 1 << 14),

@@ -68,7 +68,7 @@ def score_views(
     """Return the metrics of every view by every method and of `truth`, the renderer's picture.
 
     The `wanted` views are drawn into the folder `pictures`, as `SCENE--VIEW--METHOD.png`. With
-    `albedo`, the grey of the shading, specular and matte pixels are measured separately, too.
+    `albedo`, the grey of the shading, specular and matte pixels are also measured separately.
     """
     lpips = find_lpips()
     rows: list[ViewScores] = []
