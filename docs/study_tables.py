@@ -13,9 +13,7 @@ from typing import Any
 from pbrnet.model.figures.estimates import with_interval
 from pbrnet.model.studies.illumination.results import CHANGES
 from pbrnet.model.studies.photographs.results import HEADINGS, digits
-from pbrnet.model.studies.time.results import PARTS, RENDERERS
 from pbrnet.model.studies.trials.words import COMPARISONS
-from pbrnet.model.titles import METHOD_TITLES
 
 BUDGETS = (0.1, 0.2, 0.5, 1, 2, 5)  # seconds
 OURS = ("pbrnet", "product", "plus", "hybrid", "radiosity", "planned_denoised")
@@ -118,7 +116,6 @@ def illumination_table(found: dict[str, Any]) -> Rows:
 
 def time_table(found: dict[str, Any]) -> Rows:
     """Rows of methods, the fastest first, without raw samples; the best so far in bold."""
-    titles = {**METHOD_TITLES, **RENDERERS, **PARTS}
     table = [["method", "samples", "seconds", "FLIP", "SSIM"]]
     best = 1.0
     points = [point for point in found["points"] if point["method"] not in RAW]
@@ -126,9 +123,8 @@ def time_table(found: dict[str, Any]) -> Rows:
         flip = f"{point['flip']:.3f}"
         if point["flip"] < best:
             best, flip = point["flip"], f"**{flip}**"
-        name = point["method"]
         samples = "" if point["spp"] is None else str(point["spp"])
-        row = [f"{titles.get(name, name)}, `{name}`", samples, f"{point['seconds']:.2f}", flip]
+        row = [f"`{point['method']}`", samples, f"{point['seconds']:.2f}", flip]
         table.append([*row, f"{point['ssim']:.3f}"])
     return table
 
