@@ -165,19 +165,29 @@ def _card_section(record: dict[str, Any]) -> str:
 
 
 def _machine_line(machine: dict[str, Any]) -> str:
-    trial = "" if machine["sizes"] == "full" else " Small sizes."
-    return (
-        f"Machine: {machine['cpus']} of {machine['processor']}, {machine['memory_gib']} GiB, "
-        f"{machine['system']}. Python {machine['python']}; {machine['renderer']}; pbrnet "
-        f"{machine['code']}.{trial}"
-    )
+    return f"Machine: {', '.join(_parts(machine))}."
+
+
+def _parts(machine: dict[str, Any]) -> list[str]:
+    """Return what `measured_on` states, in words."""
+    return [
+        f"{machine['cpus']} of {machine['processor']}",
+        f"{machine['memory_gib']} GiB",
+        machine["system"],
+        f"Python {machine['python']}",
+        *machine["renderer"].split(", "),
+        f"pbrnet {machine['code']}",
+        *(["small sizes"] if machine["sizes"] != "full" else []),
+    ]
 
 
 def _section(name: str, topic: dict[str, Any], machine: dict[str, Any]) -> str:
     lines = [f"## {TITLES[name]}", ""]
     measured = topic.get("measured_on") or machine
     if measured != machine:
-        lines += [f"Measured in another run. {_machine_line(measured)}", ""]
+        known = set(_parts(machine))
+        new = [part for part in _parts(measured) if part not in known]
+        lines += [f"Measured in another run: {', '.join(new)}.", ""]
     if topic["complete"]:
         lines.append(
             f"Took {topic['seconds']:.0f} s, during which other programs used "

@@ -74,7 +74,8 @@ def set_rows(bench: Bench) -> Iterator[Row]:
     for name in _SETS:
         yield Row(
             f"{name} / paper",
-            f"a view with {_shown(name)} added, relative to one with `paper` alone",
+            f"a view with these images added (groups: of {_LAMPS} lamps), relative to one with "
+            "`paper` alone",
             ratio(sums(paper, *_added(name, spent)), paper, "cpu"),
             clock="cpu",
             goal=at_most(_GOALS[name]) if name in _GOALS else None,
@@ -83,19 +84,11 @@ def set_rows(bench: Bench) -> Iterator[Row]:
         own = _columns(params.image, params.light.images, name)
         yield Row(
             f"{name}, per row",
-            f"bytes in the shards of the columns of `paper`{_and(name)}, mean of {len(views)} "
-            f"views, {size}",
+            f"bytes in the shards of the columns of `paper` and these, mean of {len(views)} views, "
+            f"{size}",
             spread([sum(count for column, count in sizes.items() if column in own) / 1e3]),
             "kB",
         )
-
-
-def _and(name: str) -> str:
-    return "" if name == "paper" else f" and {_shown(name)}"
-
-
-def _shown(name: str) -> str:
-    return f"`light` and an image of each of {_LAMPS} lamps" if name == _GROUPS else f"`{name}`"
 
 
 def _params(bench: Bench) -> Params:

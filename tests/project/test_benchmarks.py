@@ -256,7 +256,7 @@ def test_a_partial_run_keeps_the_other_topics_even_of_other_code(
     page = (tmp_path / "page.md").read_text()
     assert "| reading | 1.3 |" in page and page.count("| speed |") == 2
     code = before["measured_on"]["code"]
-    assert "Measured in another run. Machine: " in page and code in page
+    assert f"Measured in another run: pbrnet {code}." in page
 
 
 def test_results_of_other_sizes_are_not_current(tmp_path: Path) -> None:
