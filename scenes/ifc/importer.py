@@ -46,7 +46,7 @@ from pbrnet.scenes.importing.shapes.sealing_shapes import (
 )
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.opened_files import OpenedFiles
-from pbrnet.scenes.reconstruction.interior import find_interior
+from pbrnet.scenes.reconstruction.interior import find_interior, find_rooms
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.room_index import RoomIndex
 from pbrnet.scenes.reconstruction.rooms import MIN_AREA, FoundRoom
@@ -142,12 +142,10 @@ class _Building:
             raise InputError(f"{self.path}: the file has no elements with surfaces")
         if self.rooms:
             self._add_slabs()
+            self._add_unstated_rooms()
         else:
             self.changes.note("the file has no spaces: rooms were derived from its surfaces")
             self._close()
-        for name in self.storeys if self.rooms else ():
-            if name not in self._with_rooms:
-                self.changes.note("storeys without a space have no rooms: {}", name)
         for kind, count in self.data["lost"].items():
             self.changes.note("elements whose shape cannot be made: {}", f"{count} {kind}")
         if any(self.data["shift"]):
@@ -171,6 +169,35 @@ class _Building:
                 shape = sealing_shape(f"added_{name}", slabs_of(rooms, name == "ceiling"), color)
                 self._add(shape, "IfcCovering", predefined)
                 self.changes.note(f"spaces without a {name} got one at their height: {len(rooms)}")
+
+    def _add_unstated_rooms(self) -> None:
+        """Add the closed rooms of storeys without a space, or note that they have none.
+
+        A room is one of them if it shares at most half its height with each space: beside spaces,
+        closed cavities are shafts and hollow walls.
+        """
+        without = [name for name in self.storeys if name not in self._with_rooms]
+        if not without:
+            return
+        corners = np.concatenate([shape.mesh.corners for shape in self.shapes])
+        spaces = [room for _, room in self.rooms]
+        found = [
+            room for room in find_rooms(corners, None)
+            if not room.guessed and not any(_is_beside(room, space) for space in spaces)
+        ]  # fmt: skip
+        self.rooms += [("", room) for room in found]
+        for name in without:
+            low, high = self._heights(name)
+            if any(low < 0.5 * (room.floor_z + room.ceiling_z) < high for room in found):
+                self.changes.note("storeys without a space got rooms from their surfaces: {}", name)
+            else:
+                self.changes.note("storeys without a space have no rooms: {}", name)
+
+    def _heights(self, storey: str) -> tuple[float, float]:
+        """The lowest and highest z of a storey's elements, in metres."""
+        parts = [self._corners(each) for each in self.data["elements"] if each["storey"] == storey]
+        heights = np.concatenate(parts)[..., 2]
+        return float(heights.min()), float(heights.max())
 
     def _add(self, shape: Shape, kind: str, predefined: str = "") -> None:
         added = replace(shape, id=self._names.unique(shape.id))
@@ -262,6 +289,11 @@ class _Building:
 
     def _glass(self) -> Surface:
         return self._surfaces.setdefault(-2, _surface("glass", _GREY, 1.0, True))
+
+
+def _is_beside(room: FoundRoom, space: FoundRoom) -> bool:
+    shared = min(room.ceiling_z, space.ceiling_z) - max(room.floor_z, space.floor_z)
+    return shared > 0.5 * (room.ceiling_z - room.floor_z)
 
 
 def _surface(name: str, color: Sequence[float], transparency: float, is_display: bool) -> Surface:

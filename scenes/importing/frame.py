@@ -6,12 +6,13 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.importing.camera import Camera
-from pbrnet.scenes.importing.changes import UNSURE_SCALE, Changes
+from pbrnet.scenes.importing.changes import UNSURE_SCALE, UNSURE_UP, Changes
 from pbrnet.scenes.importing.objects import shape_category
 from pbrnet.scenes.importing.options import FreeAxesOptions
 from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.reconstruction.orientation import (
     guess_scale,
+    looks_down,
     signed_axis,
     surface_heights,
     tallest_gaps,
@@ -42,6 +43,8 @@ def upright_metric_frame(
         up = np.eye(3)["xyz".index(options.up)]
     elif cameras:
         up = signed_axis(cameras[0].to_world[:3, 1])
+        if looks_down(corners, up, cameras[0].to_world[:3, 2]):
+            changes.note(f"{UNSURE_UP}: the camera seems to look straight down; give --up")
     else:
         up = up_from_geometry(corners, np.array(default_up))
     turn = upright(up)

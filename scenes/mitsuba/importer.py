@@ -7,9 +7,12 @@ rest. Houses of the PBRS release bring further tables, see `pbrs`.
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+
+import numpy as np
 
 from pbrnet.scenes.contract import Credit, Scene, load_scene, writing_scene
 from pbrnet.scenes.errors import InputError
@@ -25,6 +28,7 @@ from pbrnet.scenes.importing.materials.textures import TextureStore
 from pbrnet.scenes.importing.objects import group_objects
 from pbrnet.scenes.importing.sandbox import Sandbox
 from pbrnet.scenes.importing.shape import Shape
+from pbrnet.scenes.importing.shapes.sealing_shapes import completing_shapes
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.mitsuba.emitters import Emitters, half_fov_x
 from pbrnet.scenes.mitsuba.materials import Materials
@@ -45,10 +49,13 @@ from pbrnet.scenes.mitsuba.textures import Textures
 from pbrnet.scenes.mitsuba.upgrade import upgrade
 from pbrnet.scenes.mitsuba.values import Properties, Scope
 from pbrnet.scenes.opened_files import OpenedFiles
+from pbrnet.scenes.reconstruction.interior import find_interior
 
 _MAX_SENSORS = 64
 _SENSORS = ("sensor", "camera")
 _MAX_SIZE = 8192
+# Materials of Recommendation ITU-R P.2040, as Sionna names them
+_RADIO = re.compile(r"(^|[^a-z])(itu[-_]|radio-material)")
 
 
 def import_mitsuba(
@@ -76,6 +83,11 @@ def import_mitsuba(
         if not shapes:
             raise InputError(f"{path}: the scene has no shapes")
         nodes: list[ReleaseNode] = []
+        is_radio = _is_radio(root)
+        if is_radio:
+            options = replace(options, up="z" if options.up == "auto" else options.up)
+            options = replace(options, scale=options.scale or 1.0)
+            changes.note("materials of radio waves (ITU) are those of Sionna: Z is up, in metres")
         if release:
             shapes = without_duplicates(shapes, changes)
             nodes = nodes_of(shapes)
@@ -92,6 +104,9 @@ def import_mitsuba(
         )
         shapes = [shape.transformed(frame) for shape in shapes]
         cameras = [transformed_camera(camera, frame, changes) for camera in cameras]
+        if is_radio:
+            corners = np.concatenate([shape.mesh.corners for shape in shapes])
+            shapes += completing_shapes(find_interior(corners).completion, changes)
         emitters = Emitters(scope, textures, frame, daylight if release else None)
         area = {
             shape.id: emitters.area(shape.emitter) for shape in shapes if shape.emitter is not None
@@ -123,6 +138,13 @@ def import_mitsuba(
         )
         assemble(folder, draft, changes)
     return load_scene(out)
+
+
+def _is_radio(root: Node) -> bool:
+    """Test whether the scene is one of Sionna, for radio waves: their axes and unit are fixed."""
+    names = (f"{node.type} {node.attributes.get('id', '')}" for node in root.walk()
+             if node.tag == "bsdf")  # fmt: skip
+    return any(_RADIO.search(name) for name in names)
 
 
 def _index(root: Node, scope: Scope) -> None:

@@ -27,6 +27,8 @@ _UNITS = {
     "kilometres": 1000.0,
 }
 _MAX_SURFACES = 48
+_STRAIGHT = 0.98  # least cosine between a view and an axis that it is along
+_MORE_LEVEL = 1.3  # times as much level area
 
 
 def signed_axis(vector: Float64Array) -> Float64Array:
@@ -42,6 +44,17 @@ def up_from_geometry(corners: Float64Array, default: Float64Array) -> Float64Arr
 
     Returns `default` unless another axis is far ahead.
     """
+    shares = _level_areas(corners)
+    best = int(np.argmax(shares))
+    guess = int(np.argmax(np.abs(default)))
+    # Walls are as flat as floors, so another axis must be far ahead.
+    if best == guess or shares[best] < 3 * shares[guess]:
+        return default
+    return np.eye(3)[best]
+
+
+def _level_areas(corners: Float64Array) -> Float64Array:
+    """Area (3,) of the triangles across each axis that lie at both ends of the scene."""
     areas, normals = face_areas(corners)
     centres = corners.mean(axis=1)
     shares = np.zeros(3)
@@ -52,12 +65,18 @@ def up_from_geometry(corners: Float64Array, default: Float64Array) -> Float64Arr
         level = np.abs(normals[:, axis]) > 0.95
         ends = (along < low + edge) | (along > high - edge)
         shares[axis] = areas[level & ends].sum()
-    best = int(np.argmax(shares))
-    guess = int(np.argmax(np.abs(default)))
-    # Walls are as flat as floors, so another axis must be far ahead.
-    if best == guess or shares[best] < 3 * shares[guess]:
-        return default
-    return np.eye(3)[best]
+    return shares
+
+
+def looks_down(corners: Float64Array, up: Float64Array, forward: Float64Array) -> bool:
+    """Return whether a camera with `up` and `forward` (3,) seems to look straight down or up.
+
+    It looks along an axis that has more floor and ceiling across it than its `up`.
+    """
+    shares = _level_areas(corners)
+    along, across = (int(np.argmax(np.abs(one))) for one in (forward, up))
+    straight = abs(float(forward[along])) > _STRAIGHT * float(np.linalg.norm(forward))
+    return straight and shares[along] > _MORE_LEVEL * shares[across]
 
 
 def upright(up: Float64Array) -> Float64Array:

@@ -11,7 +11,7 @@ from pbrnet.scenes.color import decode_srgb_value
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.registry import import_scene
-from tests.fixtures.ifc import attic, house
+from tests.fixtures.ifc import attic, house, with_upper_storey
 from tests.fixtures.imported import values
 
 INSTALLED = pytest.mark.skipif(
@@ -79,6 +79,19 @@ def test_spaces_without_slabs_get_floors_and_ceilings(tmp_path: Path) -> None:
     assert any("spaces without a ceiling got one at their height: 2" in e for e in scene.changes)
     whole = imported(tmp_path, house().text)
     assert not any("got one at their height" in each for each in whole.changes)
+
+
+@INSTALLED
+def test_a_storey_without_spaces_gets_its_closed_rooms(tmp_path: Path) -> None:
+    scene = imported(tmp_path, with_upper_storey(house()).text)
+    assert [(room.name, room.floor_z) for room in scene.rooms[:2]] == [
+        ("Wohnzimmer", 0), ("Bad", 0)
+    ]  # fmt: skip
+    (upper,) = scene.rooms[2:]
+    assert (upper.floor_z, upper.ceiling_z) == pytest.approx((2.8, 5.3))
+    assert np.ptp(upper.floor, axis=0) == pytest.approx([8.1, 4])
+    assert {portal.room for portal in scene.portals} == {scene.rooms[0].id, upper.id}
+    assert any("got rooms from their surfaces: Upper floor" in each for each in scene.changes)
 
 
 @INSTALLED

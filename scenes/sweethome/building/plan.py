@@ -8,6 +8,7 @@ import shapely
 from shapely.geometry import Polygon
 
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.sweethome.building.door_gaps import with_walls_at_doors
 from pbrnet.scenes.sweethome.building.levels import Storey, storeys
 from pbrnet.scenes.sweethome.building.openings import Opening, opening_of
 from pbrnet.scenes.sweethome.building.outlines import is_round
@@ -38,12 +39,13 @@ class Level:
 def planned_levels(home: Home, options: SweetHomeOptions, changes: Changes) -> list[Level]:
     made = []
     for storey in storeys(home, options.level, changes):
-        walls = plan_walls(storey, home.wall_height, changes)
         openings = [
             opening
             for piece in storey.pieces
             if (opening := opening_of(piece, storey.elevation, changes)) is not None
         ]
+        storey = with_walls_at_doors(storey, openings, changes)
+        walls = plan_walls(storey, home.wall_height, changes)
         spaces = find_spaces(storey, walls, openings, changes)
         made.append(Level(storey, walls, openings, spaces, CeilingHeights(storey, walls, spaces)))
     return made

@@ -27,6 +27,8 @@ _SMALLEST = 1.0  # square metres of a closed space that makes a room
 _NARROW = 0.3  # metres: half the least width of such a space
 _TALL = 0.7  # of the storey's height, that walls of rooms have; less under sloping roofs
 _WALLED = 0.9  # of a room's area
+_BEYOND = 0.1  # metres: half the width of what a room covers beyond the walls around it
+_MOSTLY = 0.75  # of a space between walls
 _PARTLY = 0.45  # of a room's outline, that walls with gaps follow
 _NEARLY_ALL = 0.8  # of a room's outline, that walls and such rooms follow
 _BESIDE = 0.12  # metres from a wall that follows the outline
@@ -116,9 +118,13 @@ def _drawn_rooms(
         union([world_region(one.outline.region) for one in walls if is_tall(one, storey)])
     )
     gapped = _rooms_with_gaps(storey, walls, tall)
+    solid = union([world_region(one.outline.region) for one in walls])
     drawn: list[_Room] = []
     for shape in storey.rooms:
         region, name = _region(shape), shape.name or shape.id
+        if _is_walled(region, tall) and not buffered(difference(region, tall), -_BEYOND).is_empty:
+            changes.note("rooms drawn across the walls around them end at the walls: {}", name)
+            region = _between_walls(region, difference(tall, solid))
         if shape.id in gapped:
             changes.note(
                 "rooms whose walls leave gaps got a ceiling, and openings in the gaps: {}", name
@@ -182,6 +188,13 @@ def _rooms_with_gaps(storey: Storey, walls: list[PlannedWall], enclosed: BaseGeo
 def _is_walled(region: BaseGeometry, enclosed: BaseGeometry) -> bool:
     """Test whether nearly all of a region lies in what tall walls enclose."""
     return bool(intersection(region, enclosed).area >= _WALLED * region.area)
+
+
+def _between_walls(region: BaseGeometry, free: BaseGeometry) -> BaseGeometry:
+    """What walls enclose of a region, and all of each space between them that it fills mostly."""
+    cells = polygons(free)
+    mostly = [cell for cell in cells if intersection(cell, region).area > _MOSTLY * cell.area]
+    return union([intersection(region, free), *mostly])
 
 
 def _region(shape: RoomShape) -> BaseGeometry:

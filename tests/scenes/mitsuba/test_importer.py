@@ -20,7 +20,7 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased, smooth_normals
 from pbrnet.scenes.geometry.primitives import cube, cylinder, disk, sphere
-from pbrnet.scenes.importing.changes import UNSURE_SCALE
+from pbrnet.scenes.importing.changes import UNSURE_SCALE, UNSURE_UP
 from pbrnet.scenes.importing.materials.spectra import spectrum_to_rgb
 from pbrnet.scenes.importing.materials.textures import read_rgbe
 from pbrnet.scenes.mitsuba.values import snake
@@ -142,6 +142,36 @@ def test_a_scene_in_centimetres_is_brought_to_metres(tmp_path: Path) -> None:
     assert Polygon(found.floor).area == pytest.approx(12, rel=0.03)
     assert scene.source["views"][0]["camera_to_world"][2][3] == pytest.approx(1.5)
     assert said(scene, "centimetres")
+
+
+@pytest.mark.parametrize("radio", [True, False])
+def test_a_camera_that_looks_down_tells_no_up_axis(tmp_path: Path, radio: bool) -> None:
+    """A room without a ceiling, Z up; Sionna's scenes have fixed axes, others raise a doubt."""
+    sides = {
+        "floor": ("4", "3", "0", "0", "0"), "north": ("4", "1.3", "90", "0", "3"),
+        "south": ("4", "1.3", "-90", "0", "-3"),
+    }  # fmt: skip
+    body = "".join(
+        f'<shape type="rectangle" id="{name}"><transform name="to_world"><scale x="{x}" y="{y}"/>'
+        f'<rotate x="1" angle="{turn}"/><translate x="{east}" y="{north}" '
+        f'z="{0 if name == "floor" else 1.3}"/></transform><ref id="itu"/></shape>'
+        for name, (x, y, turn, east, north) in sides.items()
+    )
+    for name, east in (("west", -4), ("east", 4)):
+        body += (
+            f'<shape type="rectangle" id="{name}"><transform name="to_world"><scale x="1.3" y="3"/>'
+            f'<rotate y="1" angle="90"/><translate x="{east}" z="1.3"/></transform></shape>'
+        )
+    name = "mat-itu_concrete" if radio else "mat-concrete"
+    body = f'<bsdf type="diffuse" id="{name}"/>' + body.replace('"itu"', f'"{name}"')
+    body += """<sensor type="perspective"><transform name="to_world">
+        <lookat origin="0, 0, 20" target="0, 0, 0" up="-1, 0, 0"/></transform></sensor>"""
+    scene = import_scene(write(tmp_path, body, "2.1.0"), tmp_path / "out")
+    assert any(change.startswith(UNSURE_UP) for change in scene.changes) != radio
+    if radio:
+        (room,) = scene.rooms
+        assert np.ptp(room.floor, axis=0) == pytest.approx([8, 6], abs=0.05)
+        assert (room.floor_z, room.ceiling_z) == pytest.approx((0, 2.6), abs=0.01)
 
 
 def test_units_are_guessed_by_the_height_of_a_room() -> None:

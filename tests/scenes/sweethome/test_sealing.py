@@ -84,6 +84,39 @@ def test_a_floor_ends_at_the_walls(tmp_path: Path) -> None:
     assert (min(xs), max(xs), min(ys), max(ys)) == pytest.approx((0, 5, -4, 0), abs=1e-4)
 
 
+def test_rooms_drawn_askew_end_at_the_walls(tmp_path: Path) -> None:
+    """Drawn half a metre too far to the north, a room would lie on both sides of its window."""
+    body = draw.box_walls(-10, -10, 520, 420) + draw.window(x=250, y=-10)
+    (room,) = (scene := bring(tmp_path, body + draw.room(0, -50, 500, 400))).rooms
+    xs, ys = zip(*room.floor, strict=True)
+    assert (min(xs), max(xs), min(ys), max(ys)) == pytest.approx((0, 5, -4, 0), abs=1e-4)
+    assert [(portal.kind, portal.room) for portal in scene.portals] == [("window", room.id)]
+    assert any("drawn across the walls" in note for note in scene.changes)
+
+
+@pytest.mark.parametrize("ends", [(150, 250), (140, 260), (160, 240)])
+def test_a_door_in_a_gap_between_walls_parts_two_rooms(
+    tmp_path: Path, ends: tuple[int, int]
+) -> None:
+    """The door is a metre wide; the walls end at its sides, or up to 10 cm off, or behind them."""
+    door = draw.window(name="door", x=250, y=200, elevation=0, height=210, depth=60, angle=1.5708)
+    body = (
+        draw.box_walls(-10, -10, 520, 420)
+        + draw.wall("m1", (250, -10), (250, ends[0]))
+        + draw.wall("m2", (250, ends[1]), (250, 410))
+        + door
+        + draw.window(x=100, y=-10)
+    )
+    scene = bring(tmp_path, body)
+    assert [np.ptp(room.floor, axis=0).tolist() for room in scene.rooms] == [
+        pytest.approx([2.4, 4]), pytest.approx([2.4, 4])
+    ]  # fmt: skip
+    assert [portal.kind for portal in scene.portals] == ["window"]
+    assert all(room.has_light for room in scene.rooms)  # through the door's hole
+    assert any("around doors and windows were closed: door" in note for note in scene.changes)
+    assert leaks(scene) == []
+
+
 @pytest.mark.parametrize("inset", [0, 6])
 def test_gaps_between_walls_of_a_sketch_are_openings(tmp_path: Path, inset: int) -> None:
     """A window drawn as a low wall, doors as gaps, ceilings hidden; rooms drawn up to the walls,
