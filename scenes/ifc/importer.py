@@ -61,6 +61,7 @@ _GREY: Color = (0.5, 0.5, 0.5)  # of surfaces without a style
 _CLEAR = 0.4  # transparency from which a style is clear glass
 _LEAST_HEIGHT = 1.0  # metres, of a space that is a room
 _PRISM = 0.97  # least share of its floor's area times its height that a space without slopes fills
+_TERRAIN = ("IfcSite", "IfcGeographicElement")  # classes: below it there are no rooms
 _PANE_DEPTH = 0.06  # metres, greatest thickness of a pane
 _PANE_SHARE = 0.2  # least share of a window's face that a pane covers
 
@@ -176,28 +177,36 @@ class _Building:
         A room is one of them if it shares at most half its height with each space: beside spaces,
         closed cavities are shafts and hollow walls.
         """
-        without = [name for name in self.storeys if name not in self._with_rooms]
-        if not without:
+        bands = {
+            name: self._wall_heights(name) for name in self.storeys if name not in self._with_rooms
+        }
+        if not bands:
             return
-        corners = np.concatenate([shape.mesh.corners for shape in self.shapes])
-        spaces = [room for _, room in self.rooms]
-        found = [
-            room for room in find_rooms(corners, None)
-            if not room.guessed and not any(_is_beside(room, space) for space in spaces)
+        corners = [
+            shape.mesh.corners for shape in self.shapes
+            if self.elements[shape.id]["class"] not in _TERRAIN
         ]  # fmt: skip
-        self.rooms += [("", room) for room in found]
-        for name in without:
-            low, high = self._heights(name)
-            if any(low < 0.5 * (room.floor_z + room.ceiling_z) < high for room in found):
+        spaces = [room for _, room in self.rooms]
+        for room in find_rooms(np.concatenate(corners), None):
+            middle = 0.5 * (room.floor_z + room.ceiling_z)
+            around = [name for name, (low, high) in bands.items() if low < middle < high]
+            if around and not room.guessed and not any(_is_beside(room, one) for one in spaces):
+                self.rooms.append(("", room))
+                self._with_rooms.update(around)
+        for name in bands:
+            if name in self._with_rooms:
                 self.changes.note("storeys without a space got rooms from their surfaces: {}", name)
             else:
                 self.changes.note("storeys without a space have no rooms: {}", name)
 
-    def _heights(self, storey: str) -> tuple[float, float]:
-        """The lowest and highest z of a storey's elements, in metres."""
-        parts = [self._corners(each) for each in self.data["elements"] if each["storey"] == storey]
-        heights = np.concatenate(parts)[..., 2]
-        return float(heights.min()), float(heights.max())
+    def _wall_heights(self, storey: str) -> tuple[float, float]:
+        """The lowest and highest z of a storey's walls, in metres."""
+        heights = [
+            self._corners(each)[..., 2].ravel() for each in self.data["elements"]
+            if each["storey"] == storey and each["class"].startswith("IfcWall")
+        ]  # fmt: skip
+        found = np.concatenate(heights) if heights else np.zeros(1)
+        return float(found.min()), float(found.max())
 
     def _add(self, shape: Shape, kind: str, predefined: str = "") -> None:
         added = replace(shape, id=self._names.unique(shape.id))
