@@ -1,6 +1,8 @@
 """Walls around doors and windows that stand in gaps between walls, as sketches draw them.
 
-A gap that a door fills is a doorway: rooms end there, and a lintel closes it up to the ceiling.
+A gap that a door fills is a doorway: rooms end there, and a lintel closes it up to the ceiling. A
+gap in the lining of a wall that has the window itself is a recess, and stays.
+
 Plan coordinates, centimetres.
 """
 
@@ -40,6 +42,8 @@ def with_walls_at_doors(storey: Storey, openings: list[Opening], changes: Change
     tree = shapely.STRtree(regions)
     added: list[Wall] = []
     for opening in openings:
+        if opening.is_in_wall([regions[near] for near in tree.query(opening.footprint)]):
+            continue
         for wall in straight:
             depth = _depth_beside(opening, wall)
             ends = None if depth is None else _gap(opening, depth, regions, tree)
@@ -85,7 +89,8 @@ def _gap(
     reach = 0.5 * opening.piece.width + _BESIDE
     line = LineString([opening.at(-reach, depth), opening.at(reach, depth)])
     near = [regions[number] for number in sorted(tree.query(line).tolist())]
-    for part in shapely.get_parts(difference(line, union(near))).tolist():
+    free = shapely.get_parts(difference(line, union(near))).tolist()
+    for part in (each for each in free if not each.is_empty):
         along = (np.asarray(part.coords) - opening.centre) @ opening.across
         low, high = float(along.min()), float(along.max())
         if (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import manifold3d
@@ -20,6 +21,7 @@ from pbrnet.scenes.sweethome.building.solids import polygons
 from pbrnet.scenes.sweethome.home import HomePiece
 
 _TOUCH = 1.0  # square centimetres: smallest overlap with a wall, and cut-out, that count
+_MIDDLE = 0.6  # of a piece's width
 _PAST = 3.0  # cm by which a hole is deeper than the wall, skirting included
 _AT_FLOOR = 0.5  # cm: a hole that starts no higher above the floor has no sill
 _SUNK = 1.5  # cm that such a hole extends into the floor, so that no wall shows there
@@ -44,6 +46,13 @@ class Opening:
     def footprint(self) -> Polygon:
         """Region that the piece covers on the plan."""
         return self._strip(-0.5 * self.piece.depth, 0.5 * self.piece.depth)
+
+    def is_in_wall(self, walls: Sequence[BaseGeometry]) -> bool:
+        """Test whether one of `walls` fills the middle of the piece on the plan."""
+        half, reach = 0.5 * _MIDDLE * self.piece.width, 0.5 * self.piece.depth
+        corners = [(-half, -reach), (half, -reach), (half, reach), (-half, reach)]
+        middle = Polygon([self.at(along, depth) for along, depth in corners])
+        return any(intersection(wall, middle).area >= _TOUCH for wall in walls)
 
     def depths(self, wall: BaseGeometry, is_round: bool) -> tuple[float, float] | None:
         """Return the range along `out` (cm) of the hole in a wall's region, or None."""

@@ -117,6 +117,16 @@ def test_a_door_in_a_gap_between_walls_parts_two_rooms(
     assert leaks(scene) == []
 
 
+def test_a_gap_in_a_lining_before_a_window_stays_a_recess(tmp_path: Path) -> None:
+    lining = draw.wall("l1", (0, 5), (200, 5), thickness=10) + draw.wall(
+        "l2", (300, 5), (500, 5), thickness=10
+    )
+    body = draw.box_walls(-10, -10, 520, 420) + lining + draw.window(x=250, y=-10)
+    scene = bring(tmp_path, body)
+    assert not any("around doors" in note for note in scene.changes)
+    assert [portal.kind for portal in scene.portals] == ["window"]
+
+
 @pytest.mark.parametrize("inset", [0, 6])
 def test_gaps_between_walls_of_a_sketch_are_openings(tmp_path: Path, inset: int) -> None:
     """A window drawn as a low wall, doors as gaps, ceilings hidden; rooms drawn up to the walls,
