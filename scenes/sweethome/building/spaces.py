@@ -191,7 +191,7 @@ def _is_walled(region: BaseGeometry, enclosed: BaseGeometry) -> bool:
 
 
 def _between_walls(region: BaseGeometry, free: BaseGeometry) -> BaseGeometry:
-    """What walls enclose of a region, and all of each space between them that it fills mostly."""
+    """Region within walls, and all of each space between them that it mostly fills."""
     cells = polygons(free)
     mostly = [cell for cell in cells if intersection(cell, region).area > _MOSTLY * cell.area]
     return union([intersection(region, free), *mostly])
