@@ -89,6 +89,9 @@ class CameraParams:
     )
     id_width: int = param(80, "pixels, width of the candidates' id images", within(16, 640))
     candidates: int = param(12, "candidates per room and sector", within(1, 4096))
+    every_room: bool = param(
+        False, "search rooms without views again: more candidates, then looser rules", OPTIONAL
+    )
     walks: int = param(0, "camera walks per scene, each a video; 0: none", within(0, 64), OPTIONAL)
     walk_frames: int = param(24, "frames of a walk", within(2, 240), OPTIONAL)
     walk_step: float = param(0.06, "metres, maximum between frames", within(0.005, 0.5), OPTIONAL)

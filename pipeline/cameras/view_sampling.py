@@ -14,6 +14,7 @@ room, or that show nearly the same as a better view of their room; and every rej
 counted by its reason. Where no candidate of a scene sees three pieces of furniture, as in an
 empty flat, parts of the building count as objects, one is enough, and views that reach far indoors
 score more. Views that show mostly outdoors, or one bare surface, are views of no room. With
+`cameras.every_room`, rooms without views are searched again, by rules that become looser. With
 `cameras.framing: photograph`, views are also rejected and scored as
 `pbrnet.pipeline.cameras.framing` says, and `cameras.room_shares` leaves some rooms of a type
 without views.
@@ -78,6 +79,11 @@ ALIKE = "shows nearly the same as a better view of its room"
 BEYOND_ROOM = "beyond cameras.views_per_room"
 BEYOND_SCENE = "beyond cameras.views_per_scene"
 
+_SEARCHED = 8  # times `candidates` in a room without views
+# Rules of views of such a room: most `min_objects`, `framing`, whether structure counts as objects.
+_RULES = ((100, "photograph", False), (2, "photograph", False), (2, "paper", False),
+          (1, "paper", False), (1, "paper", True))  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -111,6 +117,9 @@ class Sight:
     framing: Framing | None = None  # with `cameras.framing: photograph`
 
 
+_Kept = dict[str, list[tuple[Candidate, Sight]]]  # room id -> its views, best first
+
+
 def sample_cameras(render_scene: RenderScene, params: ViewParams, seed: int) -> CameraFile:
     """Return the views of a scene and the number of rejected candidates by reason.
 
@@ -124,6 +133,7 @@ def sample_cameras(render_scene: RenderScene, params: ViewParams, seed: int) -> 
     options = params.cameras
     rejected: Counter[str] = Counter()
     candidates: list[Candidate] = []
+    lit: list[Room] = []
     total = 0
     for room in sorted(scene.rooms, key=lambda room: room.id):
         rng = generator(seed, "cameras", scene.scene_id, room.id)
@@ -134,17 +144,29 @@ def sample_cameras(render_scene: RenderScene, params: ViewParams, seed: int) -> 
         candidates += found
         rejected += excluded
         total += len(found) + sum(excluded.values())
-    cameras = [(c.pose, c.lens) for c in candidates]
-    scored = list(zip(candidates, sights(render_scene, cameras, params), strict=True))
+        if taken and room.has_light:
+            lit.append(room)
+    scored = _scored(render_scene, candidates, params)
     rooms = {item.id: item.room for item in scene.objects if not item.is_structure}
-    chosen, by_reason = _choose(scored, rooms, options)
+    kept, by_reason = _best_of_rooms(scored, rooms, options)
     most = max((len(sight.objects) for _, sight in scored), default=0)
-    unfurnished = not chosen and by_reason[FEW_OBJECTS] > 0 and most < _FURNISHED
+    unfurnished = not kept and by_reason[FEW_OBJECTS] > 0 and most < _FURNISHED
     if unfurnished:
         rooms = {item.id: item.room for item in scene.objects}
         counted = [(c, _with_structure(sight, params)) for c, sight in scored]
-        chosen, by_reason = _choose(counted, rooms, replace(options, min_objects=1))
+        kept, by_reason = _best_of_rooms(counted, rooms, replace(options, min_objects=1))
+    relaxed: dict[str, str] = {}
+    for room in lit if options.every_room else ():
+        if room.id not in kept:
+            more, reasons, rules = _search_room(render_scene, room, params, seed)
+            kept |= more
+            by_reason += reasons
+            total += sum(map(len, more.values())) + sum(reasons.values())
+            if more and rules:
+                relaxed[room.id] = rules
     rejected += by_reason
+    chosen, beyond = _best_of_scene(kept, options)
+    rejected += Counter({BEYOND_SCENE: beyond})
     names = _room_names(scene)
     views = []
     for c, sight in chosen:
@@ -162,6 +184,7 @@ def sample_cameras(render_scene: RenderScene, params: ViewParams, seed: int) -> 
         rejected={reason: rejected[reason] for reason in sorted(rejected)},
         unfurnished=unfurnished,
         stored_left_out=left_out,
+        relaxed=relaxed,
     )
 
 
@@ -186,6 +209,43 @@ def score_ids(
         seen = {scene.objects[index].id: int(row[index]) for index in np.flatnonzero(row)}
         results.append((score, tuple(scene.objects[index].id for index in counted), seen))
     return results
+
+
+def _search_room(
+    render_scene: RenderScene, room: Room, params: ViewParams, seed: int
+) -> tuple[_Kept, Counter[str], str]:
+    """Return the views of a room that had none, the numbers of other candidates, and the rules.
+
+    Its candidates are others, and more. The rules are the first of `_RULES` that some candidate
+    obeys, as changes of `params.cameras`; "" for none.
+    """
+    scene, options = render_scene.scene, params.cameras
+    more = replace(params, cameras=replace(options, candidates=_SEARCHED * options.candidates))
+    eyes, lens = (
+        generator(seed, "cameras", scene.scene_id, room.id, "search", name)
+        for name in ("eyes", "lens")
+    )
+    candidates, _ = _room_candidates(render_scene, room, more, eyes, lens, True)
+    scored = _scored(render_scene, candidates, params)
+    for most, framing, structure in _RULES:
+        rules: dict[str, Any] = {"min_objects": min(most, options.min_objects)}
+        rules |= {"framing": framing} if options.framing == "photograph" else {}
+        items = [item for item in scene.objects if structure or not item.is_structure]
+        counted = [(c, _with_structure(s, params)) for c, s in scored] if structure else scored
+        kept, rejected = _best_of_rooms(
+            counted, {item.id: item.room for item in items}, replace(options, **rules)
+        )
+        if kept:
+            break
+    changes = [f"{key}: {rule}" for key, rule in rules.items() if rule != getattr(options, key)]
+    return kept, rejected, ", ".join(changes + ["parts of the building count"] * structure)
+
+
+def _scored(
+    render_scene: RenderScene, candidates: Sequence[Candidate], params: ViewParams
+) -> list[tuple[Candidate, Sight]]:
+    cameras = [(c.pose, c.lens) for c in candidates]
+    return list(zip(candidates, sights(render_scene, cameras, params), strict=True))
 
 
 def _room_candidates(
@@ -429,7 +489,8 @@ def _rejection(
         return OUTDOORS
     if known and known.count(room.id) < options.min_own * len(known):
         return ELSEWHERE
-    if sight.framing is not None and not is_framed(sight.framing, sight.coarse.reach):
+    framing = sight.framing if options.framing == "photograph" else None
+    if framing is not None and not is_framed(framing, sight.coarse.reach):
         return UNFRAMED
     if sight.score < options.min_score:
         return LOW_SCORE
@@ -449,10 +510,10 @@ def _with_structure(sight: Sight, params: ViewParams) -> Sight:
     return replace(sight, score=score, objects=tuple(pixels))
 
 
-def _choose(
+def _best_of_rooms(
     scored: list[tuple[Candidate, Sight]], furniture: dict[str, str | None], options: CameraParams
-) -> tuple[list[tuple[Candidate, Sight]], Counter[str]]:
-    """Return the best of each sector, then room, then scene, and the numbers of the others.
+) -> tuple[_Kept, Counter[str]]:
+    """Return the best of each sector, then room, and the numbers of the others.
 
     `furniture` maps the ids of the objects that may count to rooms.
     """
@@ -470,7 +531,7 @@ def _choose(
         if key not in sectors or sight.score > sectors[key][1].score:
             sectors[key] = (candidate, sight)
     rejected[NOT_BEST] += len(passed) - len(sectors)
-    rooms: dict[str, list[tuple[Candidate, Sight]]] = {}
+    rooms: _Kept = {}
     for best in sorted(sectors.values(), key=lambda view: (-view[1].score, view[0].sector)):
         kept = rooms.setdefault(best[0].room.id, [])
         if len(kept) >= options.views_per_room:
@@ -479,14 +540,21 @@ def _choose(
             rejected[ALIKE] += 1
         else:
             kept.append(best)
+    return rooms, +rejected
+
+
+def _best_of_scene(
+    rooms: _Kept, options: CameraParams
+) -> tuple[list[tuple[Candidate, Sight]], int]:
+    """Return the best of every room before the second best of any, and the number of the others."""
     ranked = [
         (rank, -view[1].score, room, view)
         for room, kept in rooms.items()
         for rank, view in enumerate(kept)
     ]
     ranked.sort(key=lambda entry: entry[:3])
-    rejected[BEYOND_SCENE] += len(ranked[options.views_per_scene :])
-    return [view for _, _, _, view in ranked[: options.views_per_scene]], +rejected
+    chosen = [view for _, _, _, view in ranked[: options.views_per_scene]]
+    return chosen, len(ranked) - len(chosen)
 
 
 def _overlap(one: Sight, other: Sight, furniture: dict[str, str | None]) -> float:

@@ -193,6 +193,11 @@ def _notes(root: Path, scenes: Iterable[str]) -> list[str]:
         if file.unfurnished
     ]
     lines += [
+        f"searched {room} of {file.scene_id} again: {rules}"
+        for file in files
+        for room, rules in file.relaxed.items()
+    ]
+    lines += [
         f"left out: {name} of {file.scene_id} ({reason})"
         for file in files
         for name, reason in file.stored_left_out.items()

@@ -222,6 +222,36 @@ def test_a_scene_without_a_view_says_why(
     assert file.rejected[reason] > 0
 
 
+@pytest.mark.parametrize(
+    ("options", "relaxed"),
+    [
+        (pbrs_cameras(candidates=1, sectors=1), ""),
+        (pbrs_cameras(min_objects=50), "min_objects: 2"),
+        (pbrs_cameras(pitch=(0.9, 0.9), min_objects=1, framing="photograph"), "framing: paper"),
+        (pbrs_cameras(near=9.0, max_near=0.0), None),
+    ],
+)
+def test_a_room_without_views_is_searched_again(
+    living: RenderScene, options: CameraParams, relaxed: str | None
+) -> None:
+    """Other rooms keep their views; every candidate of both searches is counted."""
+    (room,) = living.scene.rooms
+    corner = replace(room, id="corner", floor=((2.3, 1), (3.5, 1), (3.5, 2), (2.3, 2)))
+    both = _with_rooms(living, room, corner)
+    own = replace(options, min_own=0.0, views_per_scene=64)
+    first, second = (
+        _sample(both, pbrs_params(cameras=replace(own, every_room=every)))
+        for every in (False, True)
+    )
+    assert len(second.views) + sum(second.rejected.values()) == second.candidates
+    seen = {view.room for view in first.views}
+    assert "corner" not in seen
+    assert [view for view in second.views if view.room in seen] == list(first.views)
+    found = set() if relaxed is None else {"living", "corner"}
+    assert {view.room for view in second.views} == found
+    assert set(second.relaxed.values()) == ({relaxed} if relaxed else set())
+
+
 def test_room_without_light_is_dropped(tmp_path: Path) -> None:
     file = _sample(_opened(tmp_path / "dark", has_light=False))
     assert file.views == ()
