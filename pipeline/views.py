@@ -223,7 +223,7 @@ class CameraFile:
     stored_left_out: dict[str, str] = field(default_factory=dict)  # view id -> reason
     # trajectory from a file -> number of a frame that has no room -> reason
     collisions: dict[str, dict[str, str]] = field(default_factory=dict, metadata=OPTIONAL)
-    relaxed: dict[str, str] = field(default_factory=dict, metadata=OPTIONAL)  # room -> its rules
+    relaxed: dict[str, str] | None = field(default=None, metadata=OPTIONAL)  # room -> its rules
 
 
 def check_intrinsics(intrinsics: Matrix, where: str) -> None:

@@ -184,7 +184,7 @@ def sample_cameras(render_scene: RenderScene, params: ViewParams, seed: int) -> 
         rejected={reason: rejected[reason] for reason in sorted(rejected)},
         unfurnished=unfurnished,
         stored_left_out=left_out,
-        relaxed=relaxed,
+        relaxed=relaxed or None,
     )
 
 

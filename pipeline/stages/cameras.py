@@ -195,7 +195,7 @@ def _notes(root: Path, scenes: Iterable[str]) -> list[str]:
     lines += [
         f"searched {room} of {file.scene_id} again: {rules}"
         for file in files
-        for room, rules in file.relaxed.items()
+        for room, rules in (file.relaxed or {}).items()
     ]
     lines += [
         f"left out: {name} of {file.scene_id} ({reason})"

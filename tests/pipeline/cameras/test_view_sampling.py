@@ -14,7 +14,7 @@ from pbrnet.pipeline.cameras.settings import CameraParams, RoomShare
 from pbrnet.pipeline.cameras.view_sampling import sample_cameras, score_ids
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.render.scene import RenderScene, open_scene, set_variant
-from pbrnet.pipeline.views import CameraFile, ImageParams, look
+from pbrnet.pipeline.views import CameraFile, ImageParams, load_cameras, look, save_cameras
 from pbrnet.scenes.contract import Room, load_scene
 from tests.fixtures.params import pbrs_cameras, pbrs_params, view_params
 from tests.fixtures.stages import LIVING, Block, write_room
@@ -232,7 +232,7 @@ def test_a_scene_without_a_view_says_why(
     ],
 )
 def test_a_room_without_views_is_searched_again(
-    living: RenderScene, options: CameraParams, relaxed: str | None
+    living: RenderScene, options: CameraParams, relaxed: str | None, tmp_path: Path
 ) -> None:
     """Other rooms keep their views; every candidate of both searches is counted."""
     (room,) = living.scene.rooms
@@ -249,7 +249,9 @@ def test_a_room_without_views_is_searched_again(
     assert [view for view in second.views if view.room in seen] == list(first.views)
     found = set() if relaxed is None else {"living", "corner"}
     assert {view.room for view in second.views} == found
-    assert set(second.relaxed.values()) == ({relaxed} if relaxed else set())
+    assert set((second.relaxed or {}).values()) == ({relaxed} if relaxed else set())
+    save_cameras(tmp_path / "cameras.json", second)
+    assert load_cameras(tmp_path / "cameras.json") == second
 
 
 def test_room_without_light_is_dropped(tmp_path: Path) -> None:
