@@ -3,6 +3,7 @@
 import json
 import shutil
 import struct
+import subprocess
 import zipfile
 from collections import Counter
 from pathlib import Path
@@ -129,6 +130,24 @@ def test_glb_holds_labels_lights_and_all_images(home: Scene, exported: Path) -> 
         assert stated["kind"] == ("prismatic" if joint.kind == "slide" else "revolute")
         assert (*stated["limits"], stated["current"]) == (*joint.limits, joint.value)
     assert (0, 90) in {joint.limits for joint in home.joints}
+
+
+_VALIDATE = """const found = await require("gltf-validator").validateBytes(
+new Uint8Array(require("fs").readFileSync(process.argv[1])), {maxIssues: 0});
+console.log(JSON.stringify(found.issues.messages.filter(one => one.severity === 0)))"""
+
+
+@pytest.mark.check
+def test_khronos_validator_finds_no_error(exported: Path) -> None:
+    """`npm install gltf-validator`, here or in NODE_PATH."""
+    program = f"(async () => {{{_VALIDATE}}})()"
+    try:
+        done = subprocess.run(["node", "-e", program, exported], capture_output=True, text=True)
+    except OSError:
+        pytest.skip("there is no node")
+    if "Cannot find module" in done.stderr:
+        pytest.skip("there is no gltf-validator")
+    assert json.loads(done.stdout) == []
 
 
 def _in_order(scene: Scene) -> list[Joint]:
