@@ -13,6 +13,7 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.geometry.directions import horizontal_directions
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.geometry.regions import difference, intersection, union
 from pbrnet.scenes.reconstruction.completion import (
@@ -33,7 +34,7 @@ from pbrnet.scenes.reconstruction.rooms import (
     with_visible_space,
     without_overlaps,
 )
-from pbrnet.scenes.reconstruction.surroundings import without_ground
+from pbrnet.scenes.reconstruction.surroundings import without_backdrop, without_ground
 
 _OPEN_SIDES = 0.25  # share of a room's outline without walls, from which it is part of a space
 _TINY = 5.0  # square metres of all closed rooms together, of what may be holes in thick walls
@@ -43,6 +44,8 @@ _HEIGHTS = (0.4, 0.75)  # shares of a room's height
 _PART = 0.7  # share of a space that its covered part has at most, and the sky over the rest
 _PLACES = 200
 _UPRIGHT = 0.1  # greatest vertical part of a wall's normal
+_WALLED = 0.5  # share of the horizontal rays from a camera in a room that meet walls
+_BESIDE = 0.3  # metres that a camera in a room may be outside it
 _SLAB = 0.6  # metres from a ceiling to above the next storey's floor
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -169,11 +172,24 @@ def find_rooms(
     """Find all closed rooms, and the space around a camera at `eye` (3,).
 
     That space is added as a guessed room if no room contains the camera. Without a camera and
-    without rooms, a point in the middle of the scene stands for the camera.
+    without rooms, a point in the middle of the scene stands for the camera. A box around walls
+    that surround the camera is a backdrop, not the room.
     """
     building, _ = without_ground(corners)
+    inner = None if eye is None else without_backdrop(building)
+    if eye is not None and inner is not None and _is_walled(rays := RayCaster(inner), eye):
+        rooms = with_visible_space(rays, inner, _closed(rays, inner, furniture), eye)
+        if any(room.contains(eye, _BESIDE) for room in rooms):
+            return rooms
     rays = RayCaster(building)
     return with_visible_space(rays, building, _closed(rays, building, furniture), eye)
+
+
+def _is_walled(rays: RayCaster, eye: Float64Array) -> bool:
+    """Return whether a floor is below `eye` (3,), and walls around half of it or more."""
+    ways = np.concatenate([horizontal_directions(_PLACES), -_UP[None]])
+    meets = np.isfinite(rays.cast(eye[None], ways)[0])
+    return bool(meets[-1] and meets[:-1].mean() >= _WALLED)
 
 
 def _closed(rays: RayCaster, corners: Float64Array, furniture: Sequence[Bounds]) -> list[FoundRoom]:

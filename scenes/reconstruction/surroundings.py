@@ -50,11 +50,8 @@ def without_ground(corners: Float64Array) -> tuple[Float64Array, BoolArray]:
     nothing = np.zeros(len(corners), dtype=bool)
     if not 1 < len(corners) <= _MOST_TRIANGLES:
         return corners, nothing
-    part = connected_parts(corners)
-    count = int(part.max()) + 1
-    lows, highs = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(lows, part, corners.min(axis=1))
-    np.maximum.at(highs, part, corners.max(axis=1))
+    part, lows, highs = _parts_with_bounds(corners)
+    count = len(lows)
     order = np.argsort(-np.prod(highs[:, :2] - lows[:, :2], axis=1))
     grounds: list[int] = []
     for number in order.tolist():
@@ -74,6 +71,35 @@ def without_ground(corners: Float64Array) -> tuple[Float64Array, BoolArray]:
     piece = _cut_to_plan(corners[is_ground], low - margin, high + margin)
     kept = np.concatenate([building, piece])
     return kept, np.arange(len(kept)) >= len(building)
+
+
+def without_backdrop(corners: Float64Array) -> Float64Array | None:
+    """Return the triangles without a part that encloses all others at a distance; None without it.
+
+    `corners` (F, 3, 3) are upright.
+    """
+    if not 1 < len(corners) <= _MOST_TRIANGLES:
+        return None
+    part, lows, highs = _parts_with_bounds(corners)
+    number = int(np.argmax(np.prod(highs - lows, axis=1)))
+    rest = np.arange(len(lows)) != number
+    if not rest.any():
+        return None
+    low, high = lows[rest].min(axis=0), highs[rest].max(axis=0)
+    size = highs[number] - lows[number]
+    is_around = (lows[number] <= low).all() and (highs[number] >= high).all()
+    is_wider = (size[:2] >= _WIDER * (high - low)[:2]).all()
+    return corners[part != number] if is_around and is_wider else None
+
+
+def _parts_with_bounds(corners: Float64Array) -> tuple[Int64Array, Float64Array, Float64Array]:
+    """The part (F,) of each triangle, and the lowest and highest corner (N, 3) of each part."""
+    part = connected_parts(corners)
+    count = int(part.max()) + 1
+    lows, highs = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(lows, part, corners.min(axis=1))
+    np.maximum.at(highs, part, corners.max(axis=1))
+    return part, lows, highs
 
 
 def _is_ground(

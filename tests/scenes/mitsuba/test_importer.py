@@ -660,6 +660,24 @@ def test_a_missing_wall_is_an_opening_and_the_room_ends_there(tmp_path: Path) ->
     assert np.ptp(np.array(portal.polygon)[:, 0]) == pytest.approx(4, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("inner", "size"),
+    [
+        (room(without=("north",)) + wall_with_hole(), (4, 3)),
+        (room(without=("south", "ceiling")), (4, 3)),
+        ("", (16, 16)),  # a hall with a table
+    ],
+)
+def test_a_box_around_a_room_is_a_backdrop(
+    tmp_path: Path, inner: str, size: tuple[float, float]
+) -> None:
+    box = """<shape type="cube" id="{}"><transform name="toWorld">
+        <scale x="{}" y="{}" z="{}"/><translate x="2" y="{}" z="-1.5"/></transform></shape>"""
+    body = inner + box.format("table", 0.5, 0.35, 0.4, 0.36) + box.format("box", 8, 4, 8, 3.99)
+    (found,) = imported(tmp_path, body + SENSOR_0_6 + LAMP_0_6).rooms
+    assert np.ptp(found.floor, axis=0) == pytest.approx(size, abs=0.05)
+
+
 def test_a_skylight_is_a_portal_that_points_up(tmp_path: Path) -> None:
     strips = {"a": (0, -3, 4, -2), "b": (0, -1, 4, 0), "c": (0, -2, 1.5, -1), "d": (2.5, -2, 4, -1)}
     roof = "".join(
