@@ -67,6 +67,8 @@ def summary(folders: Folders, seed: int) -> dict[str, Any]:
             "scenes": len(trained.scenes),
             "plans": len(trained.plans),
         },
+        "training_views": trained.views,
+        "trainings": 1,  # of each network
         "networks": {
             name: {
                 "parameters": card.parameters,
