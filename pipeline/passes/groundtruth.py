@@ -30,7 +30,7 @@ from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLight
 from pbrnet.pipeline.pathtrace.noise import BlockStatistics
 from pbrnet.pipeline.pathtrace.optics import Optics
 from pbrnet.pipeline.pathtrace.panes import panes_of, with_panes
-from pbrnet.pipeline.render.drjit_arrays import partner_table
+from pbrnet.pipeline.render.drjit_arrays import environment_pointer, partner_table
 from pbrnet.pipeline.render.material_sets import MaterialSets
 from pbrnet.pipeline.render.raycast.meshes import triangles_of
 from pbrnet.pipeline.render.scene import RenderScene
@@ -204,10 +204,15 @@ def _joint_path(
     render_scene: RenderScene, table: Any, params: GroundTruthParams, lights: Any, **more: Any
 ) -> JointPath:
     """Return the joint path tracer of a scene; `table` and `lights` are its first arguments."""
-    panes = panes_of(render_scene.scene.portals)
-    meshes = triangles_of(render_scene.geometry.scene)
     return JointPath(
-        table, params.max_depth, params.rr_depth, lights, panes=panes, meshes=meshes, **more
+        table,
+        params.max_depth,
+        params.rr_depth,
+        lights,
+        panes=panes_of(render_scene.scene.portals),
+        meshes=triangles_of(render_scene.geometry.scene),
+        environment=environment_pointer(render_scene.mitsuba),
+        **more,
     )
 
 

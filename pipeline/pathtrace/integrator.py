@@ -75,6 +75,7 @@ class JointPath:
     parts: LightParts | NoParts = field(default_factory=NoParts)
     panes: Panes | None = None
     meshes: Triangles | None = None  # triangles of the scene, if all its shapes are meshes
+    environment: mi.EmitterPtr | None = None  # from `environment_pointer`; compiled in if None
     alone: bool = False  # colour without neutral image; `twins` tells a recording which BSDFs exist
 
     def integrator(self) -> mi.SamplingIntegrator:
@@ -112,7 +113,7 @@ class JointPath:
             si = ray_intersect(scene, self.meshes, ray, depth == 0, active)
 
             # Emission at the vertex that BSDF sampling found
-            ds = mi.DirectionSample3f(scene, si=si, ref=previous)
+            ds = self.found_light(scene, si, previous)
             indirect = ~reduce(operator.and_, [state.delta for state in states])
             density = self.lights.density(scene, previous, ds, indirect)
             emitted = ds.emitter.eval(si, active)
@@ -168,6 +169,15 @@ class JointPath:
         if self.panes is None:
             return ray, mi.Float(1), mi.Bool(False)
         return self.panes.meet(scene, ray, sampler.next_1d(active), active)
+
+    def found_light(
+        self, scene: mi.Scene, si: mi.SurfaceInteraction3f, previous: mi.Interaction3f
+    ) -> mi.DirectionSample3f:
+        """Return the direction sample, from a vertex, of what BSDF sampling met there."""
+        ds = mi.DirectionSample3f(scene, si=si, ref=previous)
+        if self.environment is not None:
+            ds.emitter = dr.select(si.is_valid(), si.shape.emitter(), self.environment)
+        return ds
 
     def add_emission(self, states: list[PathState], emitted: mi.Color3f, density: mi.Float) -> None:
         """Add emission that BSDF sampling found to each image."""

@@ -56,7 +56,7 @@ ASSUMED_ALBEDO = 0.5  # of all surfaces, for light that bounces once
 OUTDOOR_MARGIN = 0.05  # metres beyond the box around the rooms
 EVERYWHERE: Float64Array = np.array([[-np.inf] * 3, [np.inf] * 3])  # an unbounded box
 
-_MAX_PORTALS = 12  # portals sampled in one view: the brightest
+MAX_PORTALS = 12  # portals sampled in one view: the brightest
 _GRID = (24, 18)  # camera rays of the pilot
 _SPHERE = 3456  # for a panorama, where sunlit ground outdoors is a small part of what is seen
 _SAMPLES = 4  # of each light at each point
@@ -249,7 +249,7 @@ def _probabilities(
     """Turn contributions (N + K + 1,) into a plan; also return the indices of the portals kept."""
     count = len(contributions) - len(rectangles.area) - 1
     emitters, portals, sun = contributions[:count], contributions[count:-1], contributions[-1]
-    best = np.argsort(-portals, kind="stable")[:_MAX_PORTALS]
+    best = np.argsort(-portals, kind="stable")[:MAX_PORTALS]
     kept = np.concatenate([np.ones(count), np.ones(len(best)), [0.0]])
     if environment is not None and environment.sun is not None:
         kept[-1] = 1  # even if the pilot missed it: BSDF sampling hardly ever finds the sun

@@ -21,7 +21,7 @@ import mitsuba as mi
 import numpy as np
 
 from pbrnet.pipeline.pathtrace.guiding import Guidance, GuidingPlan, PathGuide
-from pbrnet.pipeline.pathtrace.light_plan import OUTDOOR_MARGIN, LightPlan
+from pbrnet.pipeline.pathtrace.light_plan import MAX_PORTALS, OUTDOOR_MARGIN, LightPlan
 from pbrnet.pipeline.pathtrace.portals import (
     RectangleSampler,
     below_one,
@@ -29,10 +29,11 @@ from pbrnet.pipeline.pathtrace.portals import (
     geometry_factor,
     opaque_floats,
 )
-from pbrnet.pipeline.render.drjit_arrays import column, registry_id
+from pbrnet.pipeline.render.drjit_arrays import column, environment_pointer
 
 _BY_VIEW = 0.2  # share of the choice that follows the view's probabilities alone
 MAX_WEIGHTED = 12  # emitters with a weight of their own at each vertex
+_FAR = 1e9  # metres, coordinates of empty slots
 
 
 @dataclass(init=False, eq=False)
@@ -65,7 +66,7 @@ class PlannedLights:
     Three strategies may give the same direction into the environment: portals, sun, and its own
     sampling. Each sample is divided by the sum of their densities, which is the balance heuristic
     of a one-sample model (Veach and Guibas 1995). All figures of the plan are opaque to the
-    compiler, so that all views of a scene share one kernel.
+    compiler, and numbers of slots do not depend on the scene, so that scenes share kernels.
     """
 
     emitters: EmitterSampler | None
@@ -78,7 +79,7 @@ class PlannedLights:
     ) -> None:
         self.indoors = opaque_floats(np.clip(plan.indoors, -1e9, 1e9))
         self.emitters = EmitterSampler(scene, plan) if plan.emitters.any() else None
-        sampled = plan.portals.sum() + plan.sun > 0
+        sampled = len(plan.portals) > 0 or plan.sun > 0
         self.outdoors = EnvironmentSampler(scene, plan) if sampled else None
         self.guide = PathGuide(guiding, plan.indirect) if guiding is not None else None
 
@@ -215,7 +216,7 @@ class EmitterSampler:
     share_of: mi.Float  #  by registry id: an emitter's share among the others
     rest: mi.Float  # probability of all others together in the whole view
     emitters: mi.EmitterPtr  # those in slots, then the others
-    choice: mi.DiscreteDistribution  #  over the others; None if there are none
+    choice: mi.DiscreteDistribution  #  over the others
 
     def __init__(self, scene: mi.Scene, plan: LightPlan) -> None:
         emitters = scene.emitters()
@@ -226,30 +227,34 @@ class EmitterSampler:
             if strengths is None
             else sampled[np.argsort(-plan.emitters[sampled], kind="stable")]
         )
-        self.slots = min(MAX_WEIGHTED, len(sampled)) if strengths is not None else 0
-        weighted, others = order[: self.slots], np.sort(order[self.slots :])
+        count = min(MAX_WEIGHTED, len(sampled)) if strengths is not None else 0
+        weighted, others = order[:count], np.sort(order[count:])
+        self.slots = MAX_WEIGHTED if count else 0
         numbers = np.zeros((self.slots, 7))
+        numbers[:, :3] = _FAR
         if plan.extents is not None and strengths is not None:
-            numbers[:, :3] = plan.extents.centre[weighted]
-            numbers[:, 3] = plan.extents.spread[weighted]
-            numbers[:, 4:6] = strengths.emitters[:, weighted].T
-            numbers[:, 6] = plan.emitters[weighted]
+            numbers[:count, :3] = plan.extents.centre[weighted]
+            numbers[:count, 3] = plan.extents.spread[weighted]
+            numbers[:count, 4:6] = strengths.emitters[:, weighted].T
+            numbers[:count, 6] = plan.emitters[weighted]
         self.numbers = opaque_floats(numbers)
         registry = np.array(dr.reinterpret_array(mi.UInt32, mi.EmitterPtr(list(emitters))))
         slot_of = np.full(registry.max() + 1, self.slots, dtype=np.uint32)
-        slot_of[registry[weighted]] = np.arange(self.slots)
+        slot_of[registry[weighted]] = np.arange(count)
         rest = float(plan.emitters[others].sum())
         share_of = np.zeros(registry.max() + 1)
         if len(others):
             share_of[registry[others]] = plan.emitters[others] / rest
         self.slot_of, self.share_of = column(mi.UInt32, slot_of), column(mi.Float, share_of)
         self.rest = dr.opaque(mi.Float, rest)
-        # From memory: a single id would be compiled in.
-        numbers = column(mi.UInt32, registry[[*weighted, *others]])
+        # From memory: a single id would be compiled in. Empty slots and, if there are no others,
+        # their place are never chosen.
+        empty = [order[0]] * (self.slots - count)
+        if not len(others):
+            others = order[:1]
+        numbers = column(mi.UInt32, registry[[*weighted, *empty, *others]])
         self.emitters = dr.reinterpret_array(mi.EmitterPtr, numbers)
-        self.choice = None
-        if len(others):
-            self.choice = mi.DiscreteDistribution(column(mi.Float, plan.emitters[others]))
+        self.choice = mi.DiscreteDistribution(column(mi.Float, plan.emitters[others]))
 
     def weights(
         self, position: mi.Point3f, normal: mi.Normal3f, outdoors: mi.Bool
@@ -285,9 +290,6 @@ class EmitterSampler:
 
         `sample` in [0, 1)^2 chooses among the others; its used component is stretched anew.
         """
-        if self.choice is None:
-            slot = dr.minimum(index, self.slots - 1)
-            return dr.gather(mi.EmitterPtr, self.emitters, slot), sample
         other, stretched, _ = self.choice.sample_reuse_pmf(sample.x)
         is_other = index >= self.slots
         row = dr.select(is_other, self.slots + other, index)
@@ -308,6 +310,7 @@ class EnvironmentSampler:
 
     environment: mi.Emitter
     pointer: mi.EmitterPtr  #  to it
+    far: mi.Float  # metres, distance of what it is taken for
     own_sampling: bool
     portals: RectangleSampler | None
     has_sun: bool
@@ -318,16 +321,15 @@ class EnvironmentSampler:
 
     def __init__(self, scene: mi.Scene, plan: LightPlan) -> None:
         self.environment = scene.environment()
-        number = dr.opaque(mi.UInt32, registry_id(self.environment, mi.EmitterPtr))
-        self.pointer = dr.reinterpret_array(mi.EmitterPtr, number)
+        self.pointer = environment_pointer(scene)
+        self.far = dr.opaque(mi.Float, 2 * scene.bbox().bounding_sphere().radius)
         emitters = scene.emitters()
         row = next(row for row, emitter in enumerate(emitters) if emitter.is_environment())
         self.own_sampling = bool(plan.emitters[row] > 0)
         strengths = plan.strengths.portals if plan.strengths is not None else np.zeros(0)
         self.portals = None
-        if plan.portals.sum() > 0:
-            slots = len(plan.portals)  # the same in all views of a scene
-            self.portals = RectangleSampler(plan.rectangles, strengths, plan.portals, slots)
+        if len(plan.portals):
+            self.portals = RectangleSampler(plan.rectangles, strengths, plan.portals, MAX_PORTALS)
         sun = plan.sun_disc if plan.sun > 0 else None
         self.has_sun = sun is not None
         self.frame = self.cosine = self.disc_density = None
@@ -389,7 +391,7 @@ class EnvironmentSampler:
         valid = active & (density > 0)
         ds = dr.zeros(mi.DirectionSample3f)
         ds.d, ds.n = direction, -direction
-        ds.dist = 2 * scene.bbox().bounding_sphere().radius
+        ds.dist = self.far
         ds.p = si.p + direction * ds.dist
         ds.emitter = self.pointer
         ds.pdf = dr.select(valid, density, 0)

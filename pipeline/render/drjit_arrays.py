@@ -74,6 +74,13 @@ def registry_id(instance: Any, pointer: Any) -> int:
     return int(dr.reinterpret_array(mi.UInt32, pointer(instance))[0])
 
 
+def environment_pointer(scene: mi.Scene) -> mi.EmitterPtr:
+    """Return a pointer to a scene's environment, null without one, which no kernel compiles in."""
+    found = scene.environment()
+    number = 0 if found is None else registry_id(found, mi.EmitterPtr)
+    return dr.reinterpret_array(mi.EmitterPtr, dr.opaque(mi.UInt32, number))
+
+
 def partner_table(pairs: list[tuple[mi.BSDF, mi.BSDF]]) -> mi.BSDFPtr:
     """Return a table with each BSDF's partner at its registry id; `pairs` are (BSDF, partner)."""
     own, partners = (_indices([pair[which] for pair in pairs]) for which in (0, 1))

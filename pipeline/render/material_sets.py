@@ -10,14 +10,16 @@ from contextlib import suppress
 from functools import cached_property
 from typing import Any, TypeVar, cast
 
+import drjit as dr
 import mitsuba as mi
 
-from pbrnet.pipeline.render.bsdfs import BsdfMaker, describe
+from pbrnet.pipeline.render.bsdfs import Bsdf, BsdfMaker, describe
 from pbrnet.pipeline.render.neutral import diffuse_lobe, neutral_twin, reflectance_twin
 from pbrnet.pipeline.render.scenegraph import Graph, create, shapes_of
 from pbrnet.scenes.errors import InputError
 
 _INITIAL_ALBEDO = 0.5
+_MIRROR = 0.92  # reflectance of the mirrors of procedural homes
 T = TypeVar("T")
 
 MaterialSet = list[tuple[Any, Any]]  # shape and BSDF
@@ -36,6 +38,7 @@ class MaterialSets:
         """Make the own materials of a scene's shapes, before its shapes are made."""
         self._graph = graph
         self._described = {node: describe(graph, node) for node in sorted(graph.shaders)}
+        self._described |= _usual()
         self._maker = BsdfMaker(graph)
         self._made = self._maker.make(self._described)
         graph.made.update(self._made.made)
@@ -148,6 +151,18 @@ def _shapes(graph: Graph) -> Iterator[tuple[int, int]]:
     for node in shapes_of(graph):
         if graph.plugin(node) not in ("shapegroup", "instance"):
             yield node, next(iter(graph.nested(node, "BSDF")), -1)
+
+
+def _usual() -> dict[int, Bsdf]:
+    """Mirror and glass of procedural homes, by node numbers that no shape has.
+
+    Dr.Jit compiles every BSDF that exists, so homes with and without a mirror share kernels.
+    """
+    if not dr.is_jit_v(mi.Float):
+        return {}
+    reflectance = mi.ScalarColor3d(_MIRROR)
+    mirror = Bsdf(-2, "conductor", {"material": "none", "specular_reflectance": reflectance})
+    return {-2: Bsdf(-2, "twosided", {"_arg_0": mirror}), -3: Bsdf(-3, "thindielectric", {})}
 
 
 def _diffuse(albedo: float) -> Any:

@@ -150,7 +150,8 @@ def _base_colour(graph: Graph, bsdf: Bsdf) -> Any:
         tint = properties.get("specular_reflectance", 1.0)
         if isinstance(tint, mi.Properties.ResolvedReference):
             return tint
-        metal = normal_incidence(graph.leaf(bsdf.node))
+        perfect = properties.get("material") == "none"
+        metal = np.ones(3) if perfect else normal_incidence(graph.leaf(bsdf.node))
         return mi.ScalarColor3d(metal * np.array(tint, dtype=np.float64).ravel())
     return _DEFAULT_BASE
 

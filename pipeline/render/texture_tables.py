@@ -107,10 +107,13 @@ class TextureTables:
         self._tables.clear()
 
     def _rows(self, columns: Mapping[int, Column], row: Any, width: int) -> AnyArray:
-        """Return a flat table with the row of each material's column at the material's number."""
+        """Return a flat table with the row of each material's column at the material's number.
+
+        Materials that no shape has, and so no number, are left out.
+        """
         rows = np.zeros((len(self._numbers), width))
-        for node, one in columns.items():
-            rows[self._numbers[node]] = row(one)
+        for node in columns.keys() & self._numbers.keys():
+            rows[self._numbers[node]] = row(columns[node])
         return rows.ravel()
 
     def _place(self, one: Column) -> list[int]:
