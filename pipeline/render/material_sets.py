@@ -5,7 +5,7 @@ The two sets share the shapes' geometry and textures; one of them is applied at 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import cached_property
 from typing import Any, TypeVar, cast
@@ -38,12 +38,13 @@ class MaterialSets:
         """Make the own materials of a scene's shapes, before its shapes are made."""
         self._graph = graph
         self._described = {node: describe(graph, node) for node in sorted(graph.shaders)}
-        self._described |= _usual()
+        self._described |= _usual(self._described.values())
         self._maker = BsdfMaker(graph)
         self._made = self._maker.make(self._described)
         graph.made.update(self._made.made)
         self._own: MaterialSet = []
         self._neutral: MaterialSet = []
+        self._twins: dict[int, Any] = {}  # neutral, by node; also those that no shape has
         self._neutral_albedo: float | None = None
         self._applied: float | None = None  # the albedo of the applied set; None: own materials
         self._lobes: Lobes | None = None
@@ -80,7 +81,8 @@ class MaterialSets:
             return
         if albedo is not None and albedo != self._neutral_albedo:
             self.apply(None)
-            self._neutral = []  # freed before the next is made, so that the number of BSDFs stays
+            # Freed before the next are made, so that the number of BSDFs stays.
+            self._neutral, self._twins = [], {}
             self._make_neutral(albedo)
         for shape, bsdf in self._own if albedo is None else self._neutral:
             shape.set_bsdf(bsdf)
@@ -142,6 +144,7 @@ class MaterialSets:
             (shape, made[material])
             for (shape, _), (_, material) in zip(self._own, _shapes(self._graph), strict=True)
         ]
+        self._twins = made
         self.version += 1
         self._neutral_albedo = albedo
 
@@ -153,16 +156,30 @@ def _shapes(graph: Graph) -> Iterator[tuple[int, int]]:
             yield node, next(iter(graph.nested(node, "BSDF")), -1)
 
 
-def _usual() -> dict[int, Bsdf]:
-    """Mirror and glass of procedural homes, by node numbers that no shape has.
+def _usual(others: Iterable[Bsdf]) -> dict[int, Bsdf]:
+    """Mirror, glass and lampshade of procedural homes, by node numbers that no shape has.
 
-    Dr.Jit compiles every BSDF that exists, so homes with and without a mirror share kernels.
+    Dr.Jit compiles every BSDF that exists, so homes with and without them share kernels. The shade
+    has an image of one of the other materials; there is none for scenes without images.
     """
     if not dr.is_jit_v(mi.Float):
         return {}
     reflectance = mi.ScalarColor3d(_MIRROR)
     mirror = Bsdf(-2, "conductor", {"material": "none", "specular_reflectance": reflectance})
-    return {-2: Bsdf(-2, "twosided", {"_arg_0": mirror}), -3: Bsdf(-3, "thindielectric", {})}
+    found = {-2: Bsdf(-2, "twosided", {"_arg_0": mirror}), -3: Bsdf(-3, "thindielectric", {})}
+    image = next(filter(None, map(_base_image, others)), None)
+    if image is not None:
+        shade = {"base_color": image, "roughness": 1.0, "diff_trans": 1.0, "eta": 1.2}
+        found[-4] = Bsdf(-4, "principledthin", shade)
+    return found
+
+
+def _base_image(bsdf: Bsdf) -> Any:
+    """Return the reference to the image of a principled material's base colour, or None."""
+    if bsdf.plugin == "principled":
+        value = bsdf.properties.get("base_color")
+        return value if isinstance(value, mi.Properties.ResolvedReference) else None
+    return next(filter(None, map(_base_image, bsdf.held.values())), None)
 
 
 def _diffuse(albedo: float) -> Any:
