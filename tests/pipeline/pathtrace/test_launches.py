@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from tests.fixtures.render import (
     ball,
     diffuse,
     make_view,
+    quad,
     room_walls,
     write_scene,
 )
@@ -34,6 +36,10 @@ VIEWS = [
 SKY = sunsky()
 
 # Another kind of emitter, with a kernel that compiles fast.
+MIRROR = (
+    '<bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/>'
+    '<rgb name="specular_reflectance" value="0.92,0.92,0.92"/></bsdf></bsdf>'
+)
 WHITE_SKY = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
 
 
@@ -77,6 +83,21 @@ def test_views_of_a_scene_share_a_recording(tmp_path: Path) -> None:
         np.testing.assert_array_equal(seen[seed], again[seed])
         np.testing.assert_array_equal(seen[seed], fresh(scene, view, seed=seed))
     assert abs(both(scene, VIEWS[0], seed=5) - seen[0]).max() > 0
+
+
+def test_rooms_with_and_without_a_mirror_share_a_kernel(tmp_path: Path) -> None:
+    mirror = quad("mirror", (1.9, 0, 1.5), (-1, 0, 0), (0.5, 0.5), MIRROR)
+    brighter = WHITE_SKY.replace('"1"', '"2"')
+    used = []
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        for things, wall in (((WHITE_SKY,), "0.6,0.5,0.4"), ((mirror, brighter), "0.2,0.7,0.7")):
+            scene = room(tmp_path, *things, wall=wall)
+            dr.kernel_history_clear()
+            both(scene, VIEWS[0])
+            kernels = [kernel for kernel in dr.kernel_history() if "hash" in kernel]
+            used.append(max(kernels, key=lambda one: one["operation_count"])["hash"])
+            del scene  # whose BSDFs would be compiled into the next one's kernels
+    assert used[0] == used[1]
 
 
 def test_the_second_launch_is_a_repeated_one(tmp_path: Path) -> None:

@@ -300,7 +300,9 @@ def probabilities_at(
 def test_each_vertex_samples_what_is_near_and_faces_it(tmp_path: Path) -> None:
     east, west = (ball(name, (x, 0, 2.5), 0.05, glow(9)) for name, x in (("e", 1.5), ("w", -1.5)))
     lights = planned(room(tmp_path, east, west))
-    assert lights.outdoors is None and lights.emitters is not None and lights.emitters.slots == 2
+    assert (
+        lights.outdoors is None and lights.emitters is not None and lights.emitters.slots > 2
+    )  # some are empty
     below = [probabilities_at(lights, (x, 0, 0), (0, 0, 1)) for x in (1.5, -1.5)]
     for chances in below:
         assert chances.sum() == pytest.approx(1) and chances.min() >= 0
