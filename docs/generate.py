@@ -1,14 +1,17 @@
 """Generated parts of the documentation: tables and sentences of measured figures.
 
-`make docs` runs this. What stands between `<!-- generated: NAME -->` and `<!-- end -->` in
-README.md and docs/results.md comes from
-`docs/data/quick-start.json`, `metrics/reference.json` and the studies' files in `docs/data`
-(`pbrnet study all --docs docs`), those of the time budgets from `docs/data/budgets.json`, which
-`make bench ONLY=budgets` writes, those in docs/benchmark.md and docs/cluster.md from
-`docs/data/benchmark.json` and `docs/data/plan.json`, which `make records` writes, that in
-docs/scenes.md from `docs/data/realism.json`, figures that `pbrnet inspect --realism` printed, that
-in docs/photographs.md from `metrics/photographs.json`. With
-`--check` nothing is written, and the exit code is 1 if a file is not up to date.
+`make docs` runs this. It renews what stands between `<!-- generated: NAME -->` and `<!-- end -->`:
+
+    part of                      from                              which this writes
+    results.md, README.md        metrics/reference.json, docs/data  pbrnet study all --docs docs
+      the paper's light          metrics/pbrs*.json                pbrnet reference --out FILE
+      time budgets               docs/data/budgets.json            make bench ONLY=budgets
+      time of the quick start    docs/data/quick-start.json        this, with --quick-start
+    photographs.md, README.md    metrics/photographs.json          pbrnet study photographs
+    benchmark.md, cluster.md     docs/data/{benchmark,plan}.json   make records
+    scenes.md                    docs/data/realism.json            pbrnet inspect --realism
+
+With `--check` nothing is written, and the exit code is 1 if a file is not up to date.
 
 After a quick start, `--quick-start SECONDS` records its figures: the seconds that `make repro`
 took, and the evaluation in `metrics/`.

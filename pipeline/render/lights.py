@@ -9,7 +9,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pbrnet.pipeline.render.dispatch import keep_from_calls
+from pbrnet.pipeline.render.bsdf_calls import keep_from_calls
 from pbrnet.pipeline.render.drjit_arrays import bounds_of
 from pbrnet.pipeline.render.scene_geometry import SceneGeometry
 from pbrnet.pipeline.render.scenegraph import Graph

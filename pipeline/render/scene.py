@@ -19,7 +19,7 @@ from pbrnet.pipeline.farm.settings import Variant
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.render import raycast, variants
 from pbrnet.pipeline.render.boxes import ObjectBoxes
-from pbrnet.pipeline.render.dispatch import level_ids
+from pbrnet.pipeline.render.bsdf_calls import level_ids
 from pbrnet.pipeline.render.drjit_arrays import bounds_of
 from pbrnet.pipeline.render.lights import Lights, collect_lights
 from pbrnet.pipeline.render.material_sets import MaterialSets

@@ -18,7 +18,7 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from pbrnet.pipeline.render.dispatch import keep_from_calls
+from pbrnet.pipeline.render.bsdf_calls import keep_from_calls
 from pbrnet.pipeline.render.variants import on_card
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.scene_xml import check_scene_xml

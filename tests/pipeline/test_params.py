@@ -129,6 +129,11 @@ def test_a_key_that_is_left_out_has_the_value_of_params_yaml(tmp_path: Path) -> 
         assert load_params(path) == Params() == load_params(ROOT / "params.yaml")
 
 
+def test_params_yaml_is_the_quick_start_as_written() -> None:
+    """`pbrnet preset` takes another text for edited, and refuses to overwrite it."""
+    assert (ROOT / "params.yaml").read_text() == find_preset("quick").text()
+
+
 def test_every_parameter_says_what_it_means() -> None:
     said = {one.key: one.meaning for one in parameters(Params()) if not one.is_section}
     shares = {"dataset.splits.validation", "dataset.splits.test"}

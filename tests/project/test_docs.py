@@ -4,9 +4,11 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tests.fixtures.paths import ROOT
 
@@ -39,6 +41,14 @@ def test_no_docstring_begins_with_a_question_word() -> None:
         if isinstance(node, DOCUMENTED) and (ast.get_docstring(node) or "").startswith(words)
     ]
     assert found == []
+
+
+def test_version_and_date_are_those_of_the_changelog() -> None:
+    heading = re.search(r"^## \[([\d.]+)\] - (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    found = [project["version"], citation["version"], citation["date-released"]]
+    assert heading and found == [heading[1], *heading.groups()]
 
 
 def test_generated_parts_are_up_to_date() -> None:

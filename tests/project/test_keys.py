@@ -57,6 +57,13 @@ def test_changed_code_was_decided_on() -> None:
     assert not other, f"{', '.join(other)}: see python -m tests.project.record_keys --help"
 
 
+def test_one_command_records_what_was_decided() -> None:
+    changed = {"train", "report"}
+    (line,) = record_keys.faults(changed, set(), {"train"})
+    assert line.endswith("--same report train")
+    assert record_keys.faults(changed, set(), changed) == []
+
+
 def test_comments_and_docstrings_are_no_change(tmp_path: Path) -> None:
     texts = {
         "a": 'def f(x: int) -> int:\n    """Return x."""\n    return x  # here\n',

@@ -7,7 +7,7 @@ import mitsuba as mi
 import pytest
 
 from pbrnet.pipeline.passes.groundtruth import render_both
-from pbrnet.pipeline.render import dispatch
+from pbrnet.pipeline.render import bsdf_calls
 from pbrnet.pipeline.render.drjit_arrays import registry_id
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene
 from tests.fixtures.params import plain_truth
@@ -62,9 +62,9 @@ def test_calls_meet_no_material_that_only_another_one_holds() -> None:
     si.wi = mi.Vector3f(0, 0, 1)
     number = registry_id(held, mi.BSDFPtr)
     before = mi.Color3f(outer.eval(mi.BSDFContext(), si, si.wi))
-    assert dispatch.available()
-    dispatch.keep_from_calls(held)
-    dispatch.keep_from_calls(held)
+    assert bsdf_calls.available()
+    bsdf_calls.keep_from_calls(held)
+    bsdf_calls.keep_from_calls(held)
     assert registry_id(mi.load_dict({"type": "diffuse"}), mi.BSDFPtr) == number
     assert dr.all(mi.Color3f(outer.eval(mi.BSDFContext(), si, si.wi)) == before, axis=None)
 
