@@ -28,6 +28,7 @@ from pbrnet.pipeline.release.recipe import (
     save_record,
 )
 from pbrnet.pipeline.release.scenes import FORMATS, add_scenes
+from pbrnet.pipeline.release.verify import verify_rows
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.errors import PbrnetError
@@ -43,10 +44,11 @@ Examples:
   pbrnet release tiny                     make the dataset and compare it with its record
   pbrnet release quick --record           make it and record its checksums and cost
   pbrnet release tiny --scenes glb        with its scenes as GLB, in OUT/dataset/scenes
+  pbrnet release quick --verify 5 --dataset COPY   render 5 of its rows anew and compare
   pbrnet cost --recipe indoor-75k         estimate the cost of a large one
 
 The dataset is in OUT/dataset. An interrupted release resumes. Exit code 1 if files differ
-from the record, or some views failed."""
+from the record, some views failed, or a row that was rendered anew is another."""
 )
 @click.argument("name", required=False)
 @click.option(
@@ -66,7 +68,19 @@ from the record, or some views failed."""
     help="Put the scenes beside the dataset, in this format of pbrnet export-scene. Scenes whose "
     "licence or author is unknown are left out.",
 )
-@click.option("--seed", type=int, expose_value=False, help="Has no effect; the recipe sets it.")
+@click.option(
+    "--verify",
+    "rows",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Make nothing; render N random rows of the dataset anew and compare them.",
+)
+@click.option(
+    "--dataset", type=FOLDER, help="Dataset that --verify checks.  [default: OUT/dataset]"
+)
+@click.option(
+    "--seed", type=int, default=0, help="Draws the rows of --verify; the recipe has its own."
+)
 @farm_options
 def release(
     name: str | None,
@@ -74,12 +88,16 @@ def release(
     recipes: Path | None,
     record: bool,
     scenes: str | None,
+    rows: int | None,
+    dataset: Path | None,
+    seed: int,
     scheduler: str | None,
     **farm: Any,
 ) -> None:
     """Make the dataset of the recipe NAME and compare its checksums with the recorded ones.
 
-    Without NAME, list the recipes.
+    Without NAME, list the recipes. With --verify, check a dataset that exists already, such as a
+    copy by someone else.
     """
     if name is None:
         for label, title in recipe_names(recipes).items():
@@ -89,6 +107,17 @@ def release(
     known = load_record(name, recipes)
     out = resolved(out or Path("data") / "releases" / name)
     params = replace(recipe.parameters, farm=chosen(recipe.parameters.farm, **farm))
+    if rows is not None:
+        with run_lock(out, "release"):
+            verdict = verify_rows(
+                dataset or out / "dataset", params, rows, seed, out / "verify", scheduler
+            )
+        say(*verdict.lines)
+        if verdict.faults:
+            raise PbrnetError(f"{name}: {len(verdict.faults)} rows are not those of the recipe")
+        return
+    if dataset is not None:
+        raise click.UsageError("--dataset goes with --verify")
     request = Request(params, out, scheduler)
     say(*start_lines(request), err=True)
     summary, failure = _make(request)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -34,16 +34,21 @@ _LONGEST_NAME = 100  # characters; `-v12` and the like follow
 _GENERAL_NAMES = ("scene", "main", "main_template_color", "index")  # the third: of a PBRS house
 
 
-def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> Summary:
+def run_scenes(
+    data: Path,
+    params: Params,
+    scheduler: str | None = None,
+    only: Collection[str] | None = None,
+) -> Summary:
     """Fill `data/scenes`: homes from seeds, then the imports that the parameters name.
 
     A scene of another tool (`pbrnet import`) is left alone and used like the others; scenes of
-    this stage that the parameters no longer ask for go to the trash.
+    this stage that the parameters, or `only`, do not ask for go to the trash.
     """
     data = Path(data).resolve()
     with data_lock(data, "scenes"):
         remove_partials(data / "scenes")
-        plan = plan_scenes(data, params)
+        plan = plan_scenes(data, params, only)
         begin(plan)
         made = execute(plan, scheduler)
         return finish(plan, made)
@@ -81,8 +86,8 @@ def describe_scenes(folders: Iterable[Path], out: Path) -> list[Path]:
     return written
 
 
-def plan_scenes(data: Path, params: Params) -> StagePlan:
-    """Return what the stage will do; nothing is changed."""
+def plan_scenes(data: Path, params: Params, only: Collection[str] | None = None) -> StagePlan:
+    """Return what the stage will do, with the scenes `only` if given; nothing is changed."""
     root = data / "scenes"
     size = view_size(params)
     plan = StagePlan(data, params.farm, size, "scenes", "scenes", make_scene, renders=False)
@@ -96,6 +101,8 @@ def plan_scenes(data: Path, params: Params) -> StagePlan:
                 "another id"
             )
         wanted[job.scene_id] = job
+    if only is not None:
+        wanted = {scene_id: job for scene_id, job in wanted.items() if scene_id in only}
     marks = {one: stage_fingerprint(one) for one in scene_folders(root)}
     others = [one for one, mark in marks.items() if mark is None]
     if not wanted and not plan.failures and not others:

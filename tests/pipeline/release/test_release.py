@@ -1,6 +1,7 @@
 """Releases: recipes, records, equal sums."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -8,15 +9,18 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
+from pbrnet.pipeline.channels import Kind
 from pbrnet.pipeline.commands import release as command
+from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.shards import verify_sums
 from pbrnet.pipeline.frames import frame_path
 from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.release import verify
 from pbrnet.pipeline.release.recipe import load_recipe, load_record, recipe_names
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.errors import ParameterError, PbrnetError
-from tests.fixtures.dataset import make_data
+from tests.fixtures.dataset import box_frames, make_data, write_view
 from tests.fixtures.paths import ROOT
 
 RECIPE = """
@@ -90,6 +94,41 @@ def test_failed_views_fail_the_release_which_holds_the_others(
     assert "3 rows" in done.output and "nothing to compare with" in done.output
 
 
+@pytest.mark.parametrize(
+    ("kind", "band", "factor", "code", "expected"),
+    [
+        ("color", "R", 1.0, 0, r"3 of 3 rows equal to the bit"),
+        ("color", "R", 1.004, 0, r"1 of 3 rows equal to the bit, 2 with light within 0\.00\d+ of"),
+        ("color", "R", 1.1, 1, r"home-0000/000: other .*\bcolor"),
+        ("inputs", "Z", 1.001, 1, r"home-0000/000: other depth"),
+    ],
+)
+def test_rows_are_verified_by_rendering_them_anew(
+    kind: Kind,
+    band: str,
+    factor: float,
+    code: int,
+    expected: str,
+    recipes: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    released(recipes)
+
+    def render(folder: Path, params: Params, rows: Any, *_: Any) -> None:
+        make_data(folder, params, scenes=2, views=2)
+        for view in load_cameras(folder / "cameras" / "home-0000.json").views:
+            frame = box_frames(view, params)[kind]
+            frame[band] = (frame[band] * factor).astype(frame[band].dtype)
+            write_view(folder, kind, frame, view)
+        pack_dataset(folder, params)
+
+    monkeypatch.setattr(verify, "_render", render)
+    done = released(recipes, "--verify", "3", "--seed", "1")
+    assert any(re.match(expected, line) for line in done.output.splitlines()), done.output
+    assert done.exit_code == code
+    assert code == 0 or "2 rows are not those of the recipe" in str(done.exception)
+
+
 def test_recipes_are_listed_and_faults_named(recipes: Path) -> None:
     done = CliRunner().invoke(command.release, ["--recipes", str(recipes)])
     assert done.output.split() == ["rooms", "Two", "rooms"]
@@ -139,5 +178,7 @@ def test_a_rendered_release_made_again_has_the_recorded_sums(tmp_path: Path) -> 
     shutil.rmtree(tmp_path / "out")
     again = released(recipes, "--workers", "2", name="tiny")
     assert again.exit_code == 0, again.output
+    checked = released(recipes, "--verify", "1", name="tiny")
+    assert "1 of 1 rows equal to the bit" in checked.output
     record = json.loads((recipes / "tiny.json").read_text())
     assert record["rows"] == 2 and record["core_seconds"]["color"] > 0
