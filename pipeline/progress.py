@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from collections.abc import Mapping
+from statistics import fmean
 from types import TracebackType
 
 from tqdm import tqdm
@@ -13,6 +15,38 @@ from pbrnet.pipeline.terminal import say, visible
 
 FIRST, EVERY = 3.0, 10.0  # seconds until the first line, and between lines
 _TRUSTED = 0.2  # share of the work after which the forecast counts no more
+_FEW = 3  # items that tell how long the others take
+
+
+class Pace:
+    """Seconds left of items of several sorts, by the seconds that others of each sort took.
+
+    Start-up is not in it. `items` counts the items of each sort; `workers` make them side by side.
+    """
+
+    def __init__(self, items: Mapping[str, int], workers: int = 1) -> None:
+        self.left, self.workers = dict(items), workers
+        self._needed = {sort: min(_FEW, count) for sort, count in items.items()}
+        self._spent: dict[str, list[float]] = {sort: [] for sort in items}
+        self._latest = time.monotonic()
+
+    def ended(self, sort: str, seconds: float) -> None:
+        """Count an item that took so many seconds. Any thread may call it."""
+        self._spent[sort].append(seconds)
+        self.dropped(sort)
+
+    def dropped(self, sort: str) -> None:
+        """Count an item that is not made."""
+        self.left[sort] = max(0, self.left[sort] - 1)
+        self._latest = time.monotonic()
+
+    def seconds_left(self) -> float | None:
+        """Return the estimate; None until a few items of each sort have ended."""
+        due = [sort for sort, count in self.left.items() if count]
+        if any(len(self._spent[sort]) < self._needed[sort] for sort in due):
+            return None
+        spent = sum(self.left[sort] * fmean(self._spent[sort]) for sort in due)
+        return max(0.0, spent / self.workers - (time.monotonic() - self._latest))
 
 
 class Progress:
@@ -21,7 +55,8 @@ class Progress:
     On a terminal a bar with rate and remaining time is redrawn in place; elsewhere a line is
     printed after `FIRST` seconds, then every `EVERY` seconds, and once at the end, whether or not
     items are finished meanwhile. `unit` is a plural noun. `kept` of the `total` items were there
-    before. `expected` is the forecast of the task's seconds.
+    before. `expected` is the forecast of the task's seconds; without one, `pace` estimates the time
+    left if it is set, else the time that a few items took after the first.
     """
 
     def __init__(
@@ -35,6 +70,8 @@ class Progress:
         self.total, self.label, self.unit = total, label, unit
         self.kept, self.expected = kept, expected
         self.done = kept
+        self.pace: Pace | None = None
+        self._first: tuple[float, int] | None = None  # when some were finished, and how many
         self._note = ""  # the latest
         self._ahead: dict[str, int] = {}  # finished on workers, in batches that are not back yet
         self._lock, self._ended = threading.Lock(), threading.Event()
@@ -73,6 +110,7 @@ class Progress:
             self._note = note
             self.done += count
             counted = self._ahead.pop(of, 0)
+            self._start_clock()
         if self._bar is not None:
             if note:
                 self._bar.set_postfix_str(visible(note), refresh=False)
@@ -86,6 +124,7 @@ class Progress:
             if of in self._ahead:
                 return
             self._ahead[of] = count
+            self._start_clock()
         if self._bar is not None:
             self._bar.update(count)
 
@@ -98,14 +137,24 @@ class Progress:
 
     def seconds_left(self) -> float | None:
         """Return the estimated seconds left: the forecast at first, then by what is finished."""
-        elapsed = time.monotonic() - self._started
-        shown = self.done + sum(self._ahead.values())
-        share = (shown - self.kept) / max(1, self.total - self.kept)
-        if shown >= self.total or (share <= 0 and self.expected is None):
+        now, shown = time.monotonic(), self.done + sum(self._ahead.values())
+        if shown >= self.total:
             return None
+        if self.expected is None:
+            if self.pace is not None:
+                return self.pace.seconds_left()
+            since, before = self._first or (now, shown)
+            after = shown - before
+            return (self.total - shown) * (now - since) / after if after >= _FEW else None
+        elapsed = now - self._started
+        share = (shown - self.kept) / max(1, self.total - self.kept)
         measured = elapsed / share if share > 0 else 0.0
-        trust = min(1.0, share / _TRUSTED) if self.expected is not None else 1.0
-        return max(0.0, trust * measured + (1 - trust) * (self.expected or 0.0) - elapsed)
+        trust = min(1.0, share / _TRUSTED)
+        return max(0.0, trust * measured + (1 - trust) * self.expected - elapsed)
+
+    def _start_clock(self) -> None:
+        if self._first is None:
+            self._first = time.monotonic(), self.done + sum(self._ahead.values())
 
     def _beat(self) -> None:
         """Redraw the bar or print a line when one is due, until the task ends."""

@@ -72,22 +72,17 @@ def _largest_blank(ids: npt.NDArray[np.uint32], bare: npt.NDArray[np.int64]) -> 
     """Return the share of blocks in the largest region of blocks that one bare surface fills."""
     columns, rows = _BLOCKS
     height, width = ids.shape
-    filled = np.zeros((rows, columns), dtype=np.int64)
-    for row in range(rows):
-        for column in range(columns):
-            block = ids[
-                row * height // rows : (row + 1) * height // rows,
-                column * width // columns : (column + 1) * width // columns,
-            ]
-            numbers, counts = np.unique(block, return_counts=True)
-            if counts.max() >= _BLANK * block.size:
-                filled[row, column] = numbers[counts.argmax()]
+    top, left = (np.arange(n) * size // n for n, size in ((rows, height), (columns, width)))
+    sizes = np.diff(top, append=height)[:, None] * np.diff(left, append=width)
+    pixels = np.bincount(ids.ravel(), minlength=int(bare.max(initial=0)) + 1)[bare]
     largest = 0
-    for surface in np.intersect1d(filled, bare):
-        regions, count = ndimage.label(filled == surface)
+    for surface in bare[pixels >= _BLANK * sizes.min()]:
+        inside = np.add.reduceat((ids == surface).astype(np.int64), top, axis=0)
+        filled = np.add.reduceat(inside, left, axis=1) >= _BLANK * sizes
+        regions, count = ndimage.label(filled)
         if count:
             largest = max(largest, int(np.bincount(regions.ravel())[1:].max()))
-    return largest / filled.size
+    return largest / sizes.size
 
 
 def _closeness(subject: npt.NDArray[np.bool_]) -> float:

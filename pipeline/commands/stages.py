@@ -21,13 +21,27 @@ from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import run_lock
-from pbrnet.pipeline.stages.assets import run_assets
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frames
-from pbrnet.pipeline.stages.runner import StageError
-from pbrnet.pipeline.stages.scenes import describe_homes, describe_scenes, run_scenes
+from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frame_stages, run_frames
+from pbrnet.pipeline.stages.runner import StageError, kept_workers
 from pbrnet.pipeline.terminal import lines_of, say
 from pbrnet.scenes.errors import PbrnetError
+
+# Generators and importers are imported where they are used: stages that render do without.
+
+
+def run_assets(data: Path, params: Params, scheduler: str | None = None) -> object:
+    """Fetch and convert catalogues; return a summary."""
+    from pbrnet.pipeline.stages.assets import run_assets as run
+
+    return run(data, params, scheduler)
+
+
+def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> object:
+    """Make and import scenes; return a summary."""
+    from pbrnet.pipeline.stages.scenes import run_scenes as run
+
+    return run(data, params, scheduler)
 
 
 def run_dataset(data: Path, params: Params, scheduler: str | None = None) -> str:
@@ -95,6 +109,8 @@ def scenes(request: Request, describe: Path | None, described: tuple[Path, ...])
             raise click.UsageError("SCENE needs --describe")
         _run(request, "scenes")
         return
+    from pbrnet.pipeline.stages.scenes import describe_homes, describe_scenes
+
     params = request.params
     if described:
         written = describe_scenes(described, describe)
@@ -226,19 +242,40 @@ def run(request: Request, until: str) -> None:
 
 def _run_all(request: Request, names: list[str]) -> None:
     """Run stages, also after failures of scenes or views, which are named in the end."""
-    failed: list[str] = []
-    for number, name in enumerate(names, 1):
-        say(f"[{number}/{len(STAGES)}] {name}")
-        try:
-            stage = STAGES[name]
-            say(*str(stage(request.data, request.params, request.scheduler)).split("\n"))
-        except PbrnetError as error:
-            if error.exit_code != StageError.exit_code:
-                raise
-            failed.append(name)
-            say(*error.args, err=True)
+    frames = [name for name in names if name in FRAME_STAGES]
+    before = names[: names.index(frames[0])] if frames else names
+    with kept_workers():
+        failed = [name for name in before if not _done(request, name)]
+        if frames:
+            numbers = [list(STAGES).index(name) + 1 for name in (frames[0], frames[-1])]
+            say(f"[{numbers[0]}-{numbers[1]}/{len(STAGES)}] {', '.join(frames)}")
+            given = request.data, request.params, request.scheduler
+            for name, outcome in zip(frames, run_frame_stages(frames, *given), strict=True):
+                failed += [name] * _failed(outcome)
+    failed += [name for name in names[len(before) + len(frames) :] if not _done(request, name)]
     if failed:
         raise StageError(f"failures in {', '.join(failed)}, listed above; everything else is done")
+
+
+def _done(request: Request, name: str) -> bool:
+    """Run a stage and print its summary; return False for failures of scenes or views."""
+    say(f"[{list(STAGES).index(name) + 1}/{len(STAGES)}] {name}")
+    try:
+        outcome: object = STAGES[name](request.data, request.params, request.scheduler)
+    except PbrnetError as error:
+        if error.exit_code != StageError.exit_code:
+            raise
+        outcome = error
+    return not _failed(outcome)
+
+
+def _failed(outcome: object) -> bool:
+    """Print what a stage did, or its failures; return whether there are any."""
+    if isinstance(outcome, PbrnetError):
+        say(*outcome.args, err=True)
+        return True
+    say(*str(outcome).split("\n"))
+    return False
 
 
 def _run(request: Request, name: str) -> None:

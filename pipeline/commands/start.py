@@ -17,7 +17,6 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.stages.cameras import plan_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, plan_frames
 from pbrnet.pipeline.stages.runner import NOTHING_PENDING, Pending, StagePlan, Target, plan_line
-from pbrnet.pipeline.stages.scenes import plan_scenes
 from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.errors import InputError
@@ -97,6 +96,8 @@ def plan_stages(names: Iterable[str], request: Request) -> Iterator[StagePlan]:
     params = replace(request.params, farm=replace(request.params.farm, checksums=False))
     for name in names:
         if name == "scenes":
+            from pbrnet.pipeline.stages.scenes import plan_scenes  # stages that render do without
+
             plan = plan_scenes(data, params)
             gone = frozenset(folder.name for folder in plan.orphans)
             pending = Pending(_changed(plan), gone)

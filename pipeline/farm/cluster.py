@@ -91,7 +91,7 @@ class Farm:
     ) -> None:
         self.params, self.setup, self.service, self.needed = params, setup, service, needed
         self.address, self.cards = scheduler_address(scheduler), cards
-        self.wanted = min(params.workers or len(cards) or cpu_count(), max(1, items))
+        self.wanted = self._useful(items)
         self._stack = contextlib.ExitStack()
         self._cluster: LocalCluster | None = None
 
@@ -118,15 +118,15 @@ class Farm:
         self,
         work: Callable[[Any], Any],
         items: Sequence[Item],
-        finished: Callable[[str], None] | None = None,
+        finished: Callable[[str, float], None] | None = None,
     ) -> Iterator[Outcome]:
         """Yield exactly one final outcome per item, in order of completion.
 
-        `finished` is called with an item's key as soon as a worker has finished it.
+        `finished` is called with an item's key and seconds as soon as a worker has finished it.
         Raises `MachineError` when the scheduler or all workers are gone, or a worker's machine
         cannot run any item.
         """
-        dispatch = Dispatch(
+        self._dispatch = Dispatch(
             self._client,
             self.params,
             self.setup,
@@ -137,7 +137,19 @@ class Farm:
             external=bool(self.address),
             finished=finished,
         )
-        yield from dispatch.outcomes()
+        yield from self._dispatch.outcomes()
+
+    def add(self, items: Sequence[Item]) -> None:
+        """Add items to those of `run`, between two of its outcomes."""
+        self._dispatch.add(items)
+
+    def serve(self, items: int) -> None:
+        """Have as many workers as so many items can use, if there are fewer."""
+        self.wanted = max(self.wanted, self._useful(items))
+        self._refill()
+
+    def _useful(self, items: int) -> int:
+        return min(self.params.workers or len(self.cards) or cpu_count(), max(1, items))
 
     @property
     def count(self) -> int:

@@ -36,29 +36,39 @@ _RESTART = 10.0  # seconds for a nanny to kill its worker
 class BatchQueue:
     """Items that are not submitted yet: the heaviest group first, its longest items first.
 
+    Phases come one after the other within a group.
+
     A worker stays on its last group; once that is empty it opens the next group that no worker
     has opened, and at the end it helps with the heaviest one left. Batches shrink towards the end
     so that all workers finish at about the same time.
     """
 
     def __init__(self, items: Sequence[Item], batch: int, window: int) -> None:
-        groups: dict[str, list[Item]] = {}
-        for item in items:
-            groups.setdefault(item.group, []).append(item)
-        self.weight = {name: sum(item.weight for item in group) for name, group in groups.items()}
-        order = sorted(groups, key=lambda name: (-self.weight[name], name))
-        # A stable sort: items of equal weight stay in the order given.
-        self.groups = {
-            name: deque(sorted(groups[name], key=lambda item: -item.weight)) for name in order
-        }
-        self.unopened = deque(order)
         self.batch, self.window = batch, window
-        self.total_weight = sum(self.weight.values())
-        self.count = len(items)
+        self.groups: dict[str, deque[Item]] = {}
+        self.weight: dict[str, float] = {}
+        self.unopened: deque[str] = deque()
         self.last_group: dict[str, str] = {}  # by worker
+        self.total_weight, self.count = 0.0, 0
+        self.add(items)
 
     def __bool__(self) -> bool:
         return self.count > 0
+
+    def add(self, items: Sequence[Item]) -> None:
+        """Add items; a worker that is on their group goes on with them."""
+        known, added = set(self.groups), dict[str, list[Item]]()
+        for item in items:
+            added.setdefault(item.group, []).append(item)
+        for name, group in added.items():
+            waiting = [*self.groups.get(name, ()), *group]
+            # A stable sort: items of equal weight stay in the order given.
+            self.groups[name] = deque(sorted(waiting, key=lambda one: (one.phase, -one.weight)))
+            self.weight[name] = sum(item.weight for item in waiting)
+            self.total_weight += sum(item.weight for item in group)
+        self.count += len(items)
+        new = added.keys() - known
+        self.unopened.extend(sorted(new, key=lambda name: (-self.weight[name], name)))
 
     def take(self, worker: str, workers: int) -> tuple[Item, ...]:
         """Remove and return the next batch for `worker`, one of `workers`; () if none is left."""
@@ -78,7 +88,7 @@ class BatchQueue:
         load = batch[0].weight
         while self.groups[group] and len(batch) < self.batch:
             load += self.groups[group][0].weight
-            if load > fair * (1 + 1e-9):
+            if load > fair * (1 + 1e-9) or self.groups[group][0].phase != batch[0].phase:
                 break
             batch.append(self._pop(group))
         return tuple(batch)
@@ -97,8 +107,8 @@ class Dispatch:
 
     `setup` runs on a worker before each item with the number of `threads` it may use; `refill`
     starts lost workers again; `external` says that other runs may use the same scheduler.
-    `finished` is called with the key of each item that a worker has finished, from another thread
-    and before the outcome of its batch arrives.
+    `finished` is called with the key and the seconds of each item that a worker has finished, from
+    another thread and before the outcome of its batch arrives.
     """
 
     def __init__(
@@ -111,15 +121,14 @@ class Dispatch:
         items: Sequence[Item],
         refill: Callable[[], None],
         external: bool,
-        finished: Callable[[str], None] | None = None,
+        finished: Callable[[str, float], None] | None = None,
     ) -> None:
         self.client, self.params, self.setup, self.threads = client, params, setup, threads
         self.work, self.refill, self.external = work, refill, external
         self.finished = finished
-        self.attempts = {item.key: 0 for item in items}
-        if len(self.attempts) != len(items):
-            raise ValueError("two items have the same key")
-        self.queue = BatchQueue(items, params.batch, params.window)
+        self.attempts: dict[str, int] = {}
+        self.queue = BatchQueue([], params.batch, params.window)
+        self.add(items)
         self.retries: deque[Item] = deque()  # failed before: a batch of its own for each
         self.suspects: deque[Item] = deque()  # were on workers that died: run in isolation, last
         self.isolated = ""  # key of the suspect that is now the only item in flight
@@ -132,6 +141,14 @@ class Dispatch:
         self.had_worker = self.noted = False
         self.liveness = Liveness()
 
+    def add(self, items: Sequence[Item]) -> None:
+        """Add items to the work, also between two outcomes."""
+        for item in items:
+            if item.key in self.attempts:
+                raise ValueError("two items have the same key")
+            self.attempts[item.key] = 0
+        self.queue.add(items)
+
     def outcomes(self) -> Iterator[Outcome]:
         """Yield one final outcome per item, in order of completion.
 
@@ -140,7 +157,7 @@ class Dispatch:
         """
         if self.finished is not None:
             finished = self.finished
-            self.client.subscribe_topic(self.name, lambda event: finished(event[1]))
+            self.client.subscribe_topic(self.name, lambda event: finished(*event[1]))
         try:
             while True:
                 self.fill_windows()

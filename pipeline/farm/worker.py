@@ -45,13 +45,15 @@ class Item:
     """A unit of work.
 
     `payload` is the argument of the work function; `group` names the costly state (an opened
-    scene) that items share; `weight` is the expected duration, in any unit.
+    scene) that items share; `weight` is the expected duration, in any unit. Within its group an
+    item comes after those of a lower `phase`, and shares no batch with them.
     """
 
     key: str
     group: str
     payload: Any
     weight: float = 1.0
+    phase: int = 0
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ def run_batch(
 ) -> list[Outcome]:
     """Run the items of a batch in order and return their outcomes.
 
-    The key of each finished item is an event of `topic`, which the command reads meanwhile.
+    The key of each finished item, with its seconds, is an event of `topic`, which the command reads
+    meanwhile.
 
     The list is shorter than the batch after a fatal error, and when the returned files exceed
     `_MAX_RETURNED`; the caller submits the remaining items again.
@@ -111,7 +114,7 @@ def run_batch(
             returned += sum(len(file.content) for file in files.values())
             if not message:
                 with contextlib.suppress(Exception):  # progress is no reason to fail
-                    get_worker().log_event(topic, item.key)
+                    get_worker().log_event(topic, (item.key, seconds))
             if fatal or returned > _MAX_RETURNED:
                 break
     return outcomes

@@ -51,7 +51,11 @@ class Graph:
 
     def kind(self, index: int) -> str:
         """Return the kind of object, e.g. "BSDF", "Texture", "Shape", "Emitter"."""
-        return str(self.nodes[index].type).rpartition(".")[2]
+        return self._kinds[index]
+
+    @cached_property
+    def _kinds(self) -> list[str]:
+        return [str(node.type).rpartition(".")[2] for node in self.nodes]
 
     def props(self, index: int) -> Any:
         """Return a copy of a node's properties (`mi.Properties`)."""
@@ -59,13 +63,19 @@ class Graph:
 
     def references(self, index: int) -> dict[str, int]:
         """Return property name -> node index, for the properties that are nodes themselves."""
-        props = self.nodes[index].props
-        found = {}
-        for key in props.keys():  # noqa: SIM118 (mi.Properties is not iterable)
-            value = props[key]
-            if isinstance(value, mi.Properties.ResolvedReference):
-                found[key] = value.index()
-        return found
+        if index not in self._references:
+            props = self.nodes[index].props
+            values = {key: props[key] for key in props.keys()}  # noqa: SIM118 (not iterable)
+            self._references[index] = {
+                key: value.index()
+                for key, value in values.items()
+                if isinstance(value, mi.Properties.ResolvedReference)
+            }
+        return self._references[index]
+
+    @cached_property
+    def _references(self) -> dict[int, dict[str, int]]:
+        return {}
 
     def nested(self, index: int, kind: str) -> list[int]:
         """Return the nodes of one kind that a node holds directly, in the file's order."""

@@ -62,7 +62,7 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
                         continue
                     job = replace(job, shared=load_cameras(lender).views)
                 part.add(job, *plan.targets[item.key])
-            made |= execute(part, scheduler)
+            made |= execute([part], scheduler)
             plan.failures += part.failures
             plan.renderers += part.renderers
         return finish(plan, made, lambda: _notes(root, scenes))

@@ -7,8 +7,8 @@ parameter leaves no stale data, and a run with nothing to do starts no worker.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from pbrnet.pipeline.channels import SURFACES, TRACED, Kind
 from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.dataset.checks import Rejection, surfaces_of
 from pbrnet.pipeline.dataset.settings import CheckParams
+from pbrnet.pipeline.farm.worker import Item
 from pbrnet.pipeline.frames import frame_path, holds
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.registry import TRACE_OF, frame_fingerprint, settings_of, trace_seed
@@ -30,6 +31,7 @@ from pbrnet.pipeline.stages.runner import (
     NOTHING_PENDING,
     SAFE_NAME,
     Pending,
+    StageError,
     StagePlan,
     Summary,
     Target,
@@ -60,31 +62,113 @@ FRAME_STAGES: dict[str, tuple[Kind, ...]] = {
 
 def run_frames(stage: str, data: Path, params: Params, scheduler: str | None = None) -> Summary:
     """Bring the frames of a stage of `FRAME_STAGES` up to date for all views of `data`."""
-    data, kinds = Path(data).resolve(), FRAME_STAGES[stage]
-    for kind in kinds[1:]:  # DVC expects every output folder of a stage, also an empty one
-        (data / kind).mkdir(parents=True, exist_ok=True)
-    with data_lock(data, stage):
-        plan, expected = plan_frames(stage, data, params)
-        begin(plan)
-        plan.removed += sum(_tidy(data / kind) for kind in kinds)
-        made = execute(plan, scheduler)
-        # A worker of an earlier run may still have been alive and have overwritten a frame.
-        written = {path: expected[path] for path, fine in made.items() if fine}
-        for path in _stale(written, verify=False):
-            made[path] = False
-            target = expected[path].target(path)
-            error = f"{path} was overwritten by another run; run the same command again"
-            plan.failures.append(Failure(target.stage, target.scene_id, target.view_id, error))
-        left = [f"left out: {scene}/{view}: {why}" for (scene, view), why in plan.left_out.items()]
-        return finish(plan, made, lambda: left)
+    (outcome,) = run_frame_stages([stage], data, params, scheduler)
+    if isinstance(outcome, StageError):
+        raise outcome
+    return outcome
+
+
+def run_frame_stages(
+    stages: Sequence[str], data: Path, params: Params, scheduler: str | None = None
+) -> list[Summary | StageError]:
+    """Bring the frames of stages up to date together: a worker opens each scene once for all.
+
+    `stages` in their order. A scene's light is rendered when its surfaces have been, as the
+    dataset's checks of these decide for which views. Returns what each stage did.
+    """
+    data = Path(data).resolve()
+    found: list[Summary | StageError] = []
+    with data_lock(data, stages[0]):
+        plans: list[StagePlan] = []
+        expected: dict[Path, ExpectedFrame] = {}
+        queue = LightQueue(data, params)
+        for stage in stages:
+            kinds = FRAME_STAGES[stage]
+            for kind in kinds[1:]:  # DVC expects every output folder of a stage, also an empty one
+                (data / kind).mkdir(parents=True, exist_ok=True)
+            plan, frames = plan_frames(stage, data, params, waiting=queue.waiting)
+            begin(plan)
+            plan.removed += sum(_tidy(data / kind) for kind in kinds)
+            plans.append(plan)
+            expected |= frames
+            queue.add(plan)
+        outputs = [[target.path for target in plan.outputs] for plan in plans]
+        made = execute(plans, scheduler, queue.following)
+        for plan, paths in zip(plans, outputs, strict=True):
+            try:
+                found.append(_finished(plan, {path: made[path] for path in paths}, expected))
+            except StageError as error:
+                found.append(error)
+    return found
+
+
+def _finished(
+    plan: StagePlan, made: dict[Path, bool], expected: Mapping[Path, ExpectedFrame]
+) -> Summary:
+    """Check and count what a stage has made; raises `StageError` for failures."""
+    # A worker of an earlier run may still have been alive and have overwritten a frame.
+    written = {path: expected[path] for path, fine in made.items() if fine}
+    for path in _stale(written, verify=False):
+        made[path] = False
+        target = expected[path].target(path)
+        error = f"{path} was overwritten by another run; run the same command again"
+        plan.failures.append(Failure(target.stage, target.scene_id, target.view_id, error))
+    left = [f"left out: {scene}/{view}: {why}" for (scene, view), why in plan.left_out.items()]
+    return finish(plan, made, lambda: left)
+
+
+class LightQueue:
+    """Items of light that wait for the surfaces of their scene, which are made beside them.
+
+    `add` takes the plans in the order of their stages; `waiting` are the scenes whose surfaces are
+    to be made.
+    """
+
+    def __init__(self, data: Path, params: Params) -> None:
+        self.data, self.params = data, params
+        self.waiting: Counter[str] = Counter()  # by scene: items of surfaces that have not ended
+        self._surfaces: dict[str, str] = {}  # their scenes by key
+        self._held: dict[str, list[Item]] = defaultdict(list)  # by scene
+        self._plan: dict[str, StagePlan] = {}  # of the held items
+
+    def add(self, plan: StagePlan) -> None:
+        """Note what a stage will make, and what it holds back."""
+        if FRAME_STAGES[plan.stage] == SURFACES:
+            self._surfaces = {item.key: item.group for item in plan.items}
+            self.waiting.update(self._surfaces.values())
+        for item in plan.held:
+            self._held[item.group].append(item)
+            self._plan[item.group] = plan
+
+    def following(self, key: str) -> tuple[list[Item], list[Item]]:
+        """Return the items that may begin once the item `key` has ended, and those left out."""
+        scene = self._surfaces.get(key)
+        if scene is None:
+            return [], []
+        self.waiting[scene] -= 1
+        held = self._held[scene] if not self.waiting[scene] else []
+        if not held:
+            return [], []
+        plan, params = self._plan[scene], self.params
+        due = {item.payload.view.name for item in held}
+        views = load_cameras(self.data / "cameras" / f"{scene}.json").views
+        left = _rejected(self.data, views, due, params.kinds, params.image, params.dataset.checks)
+        plan.left_out |= left
+        begun = [item for item in held if item.payload.view.name not in left]
+        return begun, [item for item in held if item.payload.view.name in left]
 
 
 def plan_frames(
-    stage: str, data: Path, params: Params, pending: Pending = NOTHING_PENDING
+    stage: str,
+    data: Path,
+    params: Params,
+    pending: Pending = NOTHING_PENDING,
+    waiting: Collection[str] = (),
 ) -> tuple[StagePlan, dict[Path, ExpectedFrame]]:
     """Return what a stage will do, and the frames it should find in the end.
 
-    Nothing is changed. `pending` scenes are left aside, as they will be others by then.
+    Nothing is changed. `pending` scenes are left aside, as they will be others by then. Light of
+    the scenes `waiting`, whose surfaces are yet to be made, is held back.
     """
     kinds, renderers = FRAME_STAGES[stage], accepted_renderers(params.farm)
     wanted = [kind for kind in kinds if kind in params.kinds]
@@ -121,9 +205,11 @@ def plan_frames(
     plan.returning = _current(plan.trash, stale, params.farm.checksums)
     stale = {path: frame for path, frame in stale.items() if path not in set(plan.returning)}
     plan.kept = len(expected) - len(stale) - len(plan.returning)
-    if kinds[0] in TRACED:
+    light = kinds[0] in TRACED
+    if light:
+        due = {frame.view.name for frame in stale.values() if frame.view.scene_id not in waiting}
         checks = params.dataset.checks
-        plan.left_out = _rejected(data, views, stale, params.kinds, params.image, checks)
+        plan.left_out = _rejected(data, views, due, params.kinds, params.image, checks)
         left = {path for path, frame in stale.items() if frame.view.name in plan.left_out}
         plan.orphans += sorted(path for path in left if path.exists())
         stale = {path: frame for path, frame in stale.items() if path not in left}
@@ -138,7 +224,9 @@ def plan_frames(
             {frame.kind: dict(frame.fingerprints()) for frame in frames},
             trace_seed(first, view, params.seed),
         )
-        plan.add(job, *(expected[path].target(path) for path in paths))
+        targets = [expected[path].target(path) for path in paths]
+        phase = list(FRAME_STAGES).index(stage)
+        plan.add(job, *targets, phase=phase, held=light and view.scene_id in waiting)
     return plan, expected
 
 
@@ -166,18 +254,17 @@ class ExpectedFrame:
 
 def _rejected(
     data: Path,
-    views: list[View],
-    stale: dict[Path, ExpectedFrame],
+    views: Sequence[View],
+    due: Collection[tuple[str, str]],
     kinds: Sequence[Kind],
     image: ImageParams,
     checks: CheckParams,
 ) -> dict[tuple[str, str], str]:
-    """Return by scene and view id which views of stale frames the dataset will reject, and why.
+    """Return by scene and view id which of the views `due` the dataset will reject, and why.
 
     It rejects them for frames without light; those that are missing, damaged or of another camera
     do not count, as they are made again.
     """
-    due = {frame.view.name for frame in stale.values()}
     whole = {view.walk for view in views if view.name in due and view.trajectory}
     asked = [
         view for view in views if view.name in due or (checks.whole_walks and view.walk in whole)

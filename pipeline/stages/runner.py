@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 
 from dask.system import cpu_count
 
-from pbrnet.pipeline.costs.forecast import ViewSize, estimator, seconds_of
+from pbrnet.pipeline.costs.forecast import Estimate, ViewSize, estimator, seconds_of
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.cluster import Farm, scheduler_address
 from pbrnet.pipeline.farm.settings import FarmParams
@@ -28,7 +28,7 @@ from pbrnet.pipeline.farm.transfer import TransferService
 from pbrnet.pipeline.farm.versions import code_version, scene_digest
 from pbrnet.pipeline.farm.worker import Item, Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
-from pbrnet.pipeline.progress import Progress, span
+from pbrnet.pipeline.progress import Pace, Progress, span
 from pbrnet.pipeline.records import Failure, Trash, save_failures, size_text
 from pbrnet.pipeline.render.scene import renderer_version
 from pbrnet.pipeline.render.variants import accepted, card_ids, choose
@@ -109,6 +109,7 @@ class StagePlan:
     accepted: tuple[str, ...] = ()  # renderers whose files hold, see `accepted_renderers`
     started: float = field(default_factory=time.monotonic)
     items: list[Item] = field(default_factory=list)
+    held: list[Item] = field(default_factory=list)  # whose time comes while others are made
     failures: list[Failure] = field(default_factory=list)
     kept: int = 0
     removed: int = 0
@@ -138,11 +139,11 @@ class StagePlan:
         """Trash of the data folder."""
         return Trash(self.data, self.farm.trash_days)
 
-    def add(self, job: Any, *targets: Target) -> None:
+    def add(self, job: Any, *targets: Target, phase: int = 0, held: bool = False) -> None:
         """Add an item; the files now at its targets are out of date."""
         first = targets[0]
         key = f"{'+'.join(target.stage for target in targets)}/{first.scene_id}/{first.view_id}"
-        self.items.append(Item(key, first.scene_id, job))
+        (self.held if held else self.items).append(Item(key, first.scene_id, job, phase=phase))
         self.targets[key] = list(targets)
 
 
@@ -193,38 +194,86 @@ def begin(plan: StagePlan) -> None:
     plan.removed += len(plan.orphans)
 
 
-def execute(plan: StagePlan, scheduler: str | None) -> dict[Path, bool]:
-    """Run the plan's items on the farm; return for each target whether it was made.
+# From the key of an item that has ended to the held items that may begin, and those that need not.
+Following = Callable[[str], tuple[Sequence[Item], Sequence[Item]]]
 
-    Workers of this machine have its best variant; those of a scheduler choose theirs, one of the
-    accepted ones. Failures are added to the plan.
+
+def execute(
+    plans: Sequence[StagePlan], scheduler: str | None, following: Following = lambda key: ((), ())
+) -> dict[Path, bool]:
+    """Run the items of plans on the farm; return for each target whether it was made.
+
+    Plans of one data folder and one work function are run together, a scene after the other.
+    `following` is asked for held items whenever an item has ended. Workers of this machine have its
+    best variant; those of a scheduler choose theirs, one of the accepted ones. Failures are added
+    to the plans.
     """
-    made = {target.path: False for target in plan.outputs}
-    if not plan.items:
+    made = {target.path: False for plan in plans for target in plan.outputs}
+    plans = [plan for plan in plans if plan.targets]
+    if not plans:
         return made
-    ledger, seconds = Ledger(plan.data), plan_seconds(plan)
+    plan_of = {key: plan for plan in plans for key in plan.targets}
+    data, params, first = plans[0].data, plans[0].farm, plans[0]
+    ledger, count = Ledger(data), len(plan_of)
+    known = [plan_seconds(plan) for plan in plans]
+    forecast = None if None in known else sum(seconds or 0.0 for seconds in known)
+    estimate = estimator(read_ledger(data))
+
+    def weighted(items: Iterable[Item]) -> list[Item]:
+        return [replace(item, weight=_weight(item, plan_of[item.key], estimate)) for item in items]
 
     def expected(workers: int) -> float | None:
-        return None if seconds is None else seconds / min(workers, len(plan.items))
+        return None if forecast is None else forecast / min(workers, count)
 
-    accepted = plan.accepted if plan.renders else None
-    total, workers = plan.kept + len(made), plan.farm.workers or cpu_count()
-    with Progress(total, plan.stage, plan.unit, plan.kept, expected(workers)) as progress:
+    accepted = first.accepted if first.renders else None
+    kept, workers = sum(plan.kept for plan in plans), params.workers or cpu_count()
+    label, unit = (first.stage, first.unit) if len(plans) == 1 else ("frames", "frames")
+    with Progress(kept + len(made), label, unit, kept, expected(workers)) as progress:
+        pace = Pace(Counter(plan_of[key].stage for key in plan_of))
+        if forecast is None:
+            progress.pace = pace
 
-        def finished(key: str) -> None:
-            progress.announce(key, len(plan.targets.get(key, ())))
+        def finished(key: str, seconds: float) -> None:
+            pace.ended(plan_of[key].stage, seconds)
+            progress.announce(key, len(plan_of[key].targets[key]))
 
         try:
-            with opened_farm(plan.data, plan.farm, scheduler, len(plan.items), accepted) as farm:
+            with opened_farm(data, params, scheduler, count, accepted) as farm:
+                pace.workers = min(farm.count, count)
                 progress.expected = expected(farm.count)
                 progress.write(farm.workers)
-                for outcome in farm.run(plan.work, _weighted(plan), finished):
+                items = weighted(item for plan in plans for item in plan.items)
+                for outcome in farm.run(first.work, items, finished):
+                    plan = plan_of[outcome.key]
                     made.update(_record(outcome, plan, ledger, progress))
+                    if outcome.error:
+                        pace.dropped(plan.stage)
+                    begun, dropped = following(outcome.key)
+                    farm.add(weighted(begun))
+                    for item in dropped:
+                        plan = plan_of[item.key]
+                        pace.dropped(plan.stage)
+                        progress.advance(len(plan.targets.pop(item.key)))
         finally:
             for folder in sorted({target.parent for target in made}):
                 remove_partials(folder)
             ledger.save()
     return made
+
+
+_kept: tuple[ExitStack, dict[object, Farm]] | None = None  # workers, and those that there are
+
+
+@contextmanager
+def kept_workers() -> Iterator[None]:
+    """Keep workers that render for all stages of the block: they start once."""
+    global _kept
+    with ExitStack() as stack:
+        _kept = stack, {}
+        try:
+            yield
+        finally:
+            _kept = None
 
 
 @contextmanager
@@ -233,12 +282,32 @@ def opened_farm(
     params: FarmParams,
     scheduler: str | None,
     items: int,
-    renderers: Collection[str] | None = None,
+    renderers: tuple[str, ...] | None = None,
 ) -> Iterator[Farm]:
     """Provide workers for so many items; those that render have one of the `renderers`.
 
     Workers that do not render write into the data folder, which they must see.
     """
+    if _kept is None or renderers is None:
+        with _started_farm(data, params, scheduler, items, renderers) as farm:
+            yield farm
+        return
+    stack, farms = _kept
+    asked = data, params, scheduler, renderers
+    if asked not in farms:
+        farms[asked] = stack.enter_context(_started_farm(data, params, scheduler, items, renderers))
+    farms[asked].serve(items)
+    yield farms[asked]
+
+
+@contextmanager
+def _started_farm(
+    data: Path,
+    params: FarmParams,
+    scheduler: str | None,
+    items: int,
+    renderers: Collection[str] | None,
+) -> Iterator[Farm]:
     with open_workspace(data, params.transfer, params.cache_mb) as workspace:
         setup: Callable[[int], None] = partial(use_code, code_version(), workspace)
         service: TransferService | None = None
@@ -255,16 +324,10 @@ def opened_farm(
             yield farm
 
 
-def _weighted(plan: StagePlan) -> list[Item]:
-    """Return the items with their estimated seconds as weights."""
-    estimate = estimator(read_ledger(plan.data))
-    return [
-        replace(
-            item,
-            weight=sum(estimate(t.stage, t.scene_id, t.view_id) for t in plan.targets[item.key]),
-        )
-        for item in plan.items
-    ]
+def _weight(item: Item, plan: StagePlan, estimate: Estimate) -> float:
+    """Return the estimated seconds of an item."""
+    targets = plan.targets[item.key]
+    return sum(estimate(one.stage, one.scene_id, one.view_id) for one in targets)
 
 
 def _record(

@@ -50,7 +50,7 @@ def run_scenes(
         remove_partials(data / "scenes")
         plan = plan_scenes(data, params, only)
         begin(plan)
-        made = execute(plan, scheduler)
+        made = execute([plan], scheduler)
         return finish(plan, made)
 
 

@@ -6,7 +6,7 @@ plugin names, so everything that leads out of the folder is refused first.
 
 from __future__ import annotations
 
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from pathlib import Path, PureWindowsPath
 from xml.etree.ElementTree import Element, ParseError
 
 import defusedxml.ElementTree
@@ -34,7 +34,8 @@ def check_scene_xml(xml: Path) -> None:
         raise InputError(f"{xml}: not valid XML ({error})") from None
     except (DefusedXmlException, LookupError, ValueError) as error:
         raise InputError(f"{xml}: entities or an unknown encoding; refused ({error})") from None
-    missing = [name for name in _names(xml, root) if not _is_inside(xml, name)]
+    inside = _Inside(xml)
+    missing = [name for name in _names(xml, root) if not inside.has(name)]
     if missing:
         more = f", and {len(missing) - 1} more files" if len(missing) > 1 else ""
         raise InputError(f"{xml}: the file {missing[0]} is missing{more}; import the scene again")
@@ -67,18 +68,31 @@ def _names(xml: Path, root: Element) -> list[str]:
 
 def _check_local(xml: Path, name: str) -> None:
     """Raise `InputError` for a text that as a path leads out of the folder, or that varies."""
-    written = PurePosixPath(name.replace("\\", "/"))
-    foreign = written.is_absolute() or PureWindowsPath(name).drive != "" or name.startswith("~")
-    if foreign or ".." in written.parts or "$" in name or "\0" in name:
+    written = name.replace("\\", "/")
+    drive = PureWindowsPath(name).drive if ":" in name else ""
+    foreign = written.startswith(("/", "~")) or drive
+    if foreign or ".." in written.split("/") or "$" in name or "\0" in name:
         raise InputError(f"{xml}: {shown(name)} leads out of the scene's folder; refused")
 
 
-def _is_inside(xml: Path, name: str) -> bool:
-    """Return whether a file is there; raises `InputError` for one that a link has elsewhere."""
-    path = xml.parent / name
-    if not path.exists():
-        return False
-    if not resolved(path).is_relative_to(resolved(xml.parent)):
-        raise InputError(f"{xml}: {shown(name)} is a link out of the scene's folder; refused")
-    regular_file(path, MAX_BYTES)
-    return True
+class _Inside:
+    """Files in a scene's folder, whose folders are resolved once each: scenes have many files."""
+
+    def __init__(self, xml: Path) -> None:
+        self._xml, self._root = xml, resolved(xml.parent)
+        self._folders: dict[str, Path] = {}  # without links, by their names in the scene
+
+    def has(self, name: str) -> bool:
+        """Return whether a file is there; raises `InputError` for one that a link has elsewhere."""
+        folder, _, last = name.rpartition("/")
+        if folder not in self._folders:
+            self._folders[folder] = resolved(self._xml.parent / folder)
+        path = self._folders[folder] / last
+        if not path.exists():
+            return False
+        place = resolved(path) if path.is_symlink() else self._folders[folder]
+        if not place.is_relative_to(self._root):
+            where = f"{self._xml}: {shown(name)}"
+            raise InputError(f"{where} is a link out of the scene's folder; refused")
+        regular_file(path, MAX_BYTES)
+        return True

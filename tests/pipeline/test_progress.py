@@ -5,7 +5,7 @@ import time
 import pytest
 
 from pbrnet.pipeline import progress
-from pbrnet.pipeline.progress import Progress, span
+from pbrnet.pipeline.progress import Pace, Progress, span
 
 
 @pytest.fixture
@@ -50,12 +50,34 @@ def test_the_forecast_gives_way_to_what_is_measured(clock: list[float]) -> None:
     assert bar.seconds_left() is None
 
 
-def test_without_forecast_there_is_no_estimate_before_the_first_item(clock: list[float]) -> None:
-    bar = Progress(12, "color", kept=8)
-    clock[0] += 5
+def test_without_forecast_a_few_items_tell_and_the_start_does_not_count(
+    clock: list[float],
+) -> None:
+    bar = Progress(20, "color", kept=8)
+    clock[0] += 60
     assert bar.seconds_left() is None
-    bar.announce("one", 2)
-    assert bar.seconds_left() == pytest.approx(5)
+    for number in range(3):
+        bar.announce(str(number), 1)
+        assert bar.seconds_left() is None, "60 s of start would make this 9 minutes"
+        clock[0] += 2
+    bar.announce("3", 1)
+    assert bar.seconds_left() == pytest.approx(8 * 2)
+
+
+def test_each_sort_of_item_tells_of_its_own(clock: list[float]) -> None:
+    """Inputs of 0.1 s say nothing about light of 5 s."""
+    pace, bar = Pace({"inputs": 10, "color": 5}, workers=2), Progress(15, "frames", "frames")
+    bar.pace = pace
+    for number in range(10):
+        pace.ended("inputs", 0.1)
+        bar.announce(str(number), 1)
+    assert bar.seconds_left() is None
+    for _ in range(3):
+        pace.ended("color", 5.0)
+    assert bar.seconds_left() == pytest.approx(2 * 5 / 2)
+    pace.dropped("color")
+    clock[0] += 1
+    assert bar.seconds_left() == pytest.approx(5 / 2 - 1)
 
 
 def test_what_a_worker_announced_counts_once(clock: list[float]) -> None:

@@ -33,7 +33,17 @@ def stages(monkeypatch: pytest.MonkeyPatch, **failing: Exception) -> list[tuple[
 
         return made
 
+    def frames(names: list[str], *given: Any) -> list[object]:
+        outcomes: list[object] = []
+        for name in names:
+            try:
+                outcomes.append(commands.STAGES[name](*given))
+            except StageError as error:
+                outcomes.append(error)
+        return outcomes
+
     monkeypatch.setattr(commands, "STAGES", {name: stage(name) for name in commands.STAGES})
+    monkeypatch.setattr(commands, "run_frame_stages", frames)
     return calls
 
 
@@ -47,6 +57,7 @@ def test_every_stage_runs_once_and_in_order(folder: Path, monkeypatch: pytest.Mo
     done = invoke(folder)
     assert done.exit_code == 0, done.output
     assert calls == [(name, folder / "d", 5) for name in commands.STAGES]
+    assert "[4-6/7] inputs, illumination, groundtruth" in done.output
     assert "[7/7] dataset" in done.output and "groundtruth: 1 made" in done.output
     calls.clear()
     assert invoke(folder, "--until", "cameras", "--seed", "7").exit_code == 0
@@ -89,6 +100,9 @@ def test_no_other_run_begins_between_its_stages(
             return "made"
 
     monkeypatch.setattr(commands, "STAGES", dict.fromkeys(commands.STAGES, stage))
+    monkeypatch.setattr(
+        commands, "run_frame_stages", lambda names, *given: [stage(*given) for _ in names]
+    )
     assert invoke(folder).exit_code == 0
     assert held == ["'pbrnet run'"] * len(commands.STAGES)
     with data_lock(folder / "d", "cameras"):

@@ -24,6 +24,7 @@ from pbrnet.scenes.arrays import BoolArray, Float32Array, Float64Array, Int64Arr
 
 Vector = Any  # x, y, z: a sequence of numbers, or of arrays
 _COPLANAR = 1e-5  # metres between two faces that are in one plane
+_BESIDE = 1e-3  # metres between the bounds of shapes that may touch, and more than rounding
 _GRID = 1e-3  # of normals and of distances to the origin (metres): first guess of equal planes
 _REACH = 2e-6  # radians by which a ray may pass a face that it meets
 # Sideways parts of the three directions, ten times as far; no line has all of them on one side.
@@ -81,7 +82,8 @@ def partners_of(
     """
     first, second = _overlaps(triangles, opaque, same_side)
     if clear is not None and clear.any():
-        found = _overlaps(triangles, opaque | clear, same_side=False)
+        beside = _shapes_beside(triangles, clear)
+        found = _overlaps(triangles, (opaque | clear) & beside, same_side=False)
         owner = owners_of(triangles)
         mixed = clear[owner[found[0]]] & opaque[owner[found[1]]]
         first, second = (
@@ -92,6 +94,21 @@ def partners_of(
         first, second = first[order], second[order]
     starts = np.searchsorted(first, np.arange(len(triangles.faces) + 1))
     return starts.astype(np.int64), second
+
+
+def _shapes_beside(triangles: Triangles, chosen: BoolArray) -> BoolArray:
+    """Return which shapes have bounds that touch those of any of the `chosen` shapes."""
+    meshes = np.flatnonzero(triangles.first)
+    beside = np.zeros(len(triangles.first), dtype=bool)
+    if len(meshes):
+        corners = triangles.vertices[triangles.faces]
+        starts = triangles.first[meshes]
+        low = np.minimum.reduceat(corners.min(axis=1), starts) - _BESIDE
+        high = np.maximum.reduceat(corners.max(axis=1), starts) + _BESIDE
+        some = chosen[meshes]
+        apart = (low[:, None] > high[some]) | (high[:, None] < low[some])
+        beside[meshes] = np.any(~np.any(apart, axis=2), axis=1)
+    return beside
 
 
 def _overlaps(

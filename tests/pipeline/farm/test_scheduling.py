@@ -61,6 +61,23 @@ def test_the_longest_of_the_largest_scene_comes_first() -> None:
     assert not queue
 
 
+def test_what_follows_in_a_scene_goes_to_the_worker_that_has_it_open() -> None:
+    """Phases share no batch; added items come before scenes that nobody has opened."""
+    items = [
+        Item(f"{scene}{phase}{number}", scene, None, 1.0 + number, phase)
+        for scene in "ab"
+        for phase in (1, 0)
+        for number in range(2)
+    ]
+    queue = BatchQueue(items, batch=8, window=1)
+    taken = [queue.take("w", 1)]
+    queue.add([Item("a20", "a", None, 9.0, 2)])
+    while queue:
+        taken.append(queue.take("w", 1))
+    named = [" ".join(item.key for item in batch) for batch in taken]
+    assert named == ["a01 a00", "a11 a10", "a20", "b01 b00", "b11 b10"]
+
+
 def test_estimates_come_from_the_same_thing_or_from_its_scene(tmp_path: Path) -> None:
     ledger = Ledger(tmp_path)
     for scene, factor in (("plain", 1.0), ("rich", 3.0)):

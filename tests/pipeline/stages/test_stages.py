@@ -18,17 +18,20 @@ from pbrnet.pipeline.commands import stages
 from pbrnet.pipeline.commands.options import Request
 from pbrnet.pipeline.commands.start import plan_stages
 from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.dataset.checks import Rejection, surfaces_of
 from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.frames import frame_path, read_frame, read_meta
 from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.records import data_lock
+from pbrnet.pipeline.render.scene import RenderScene, open_scene
+from pbrnet.pipeline.stages import frame_stage, render_jobs
 from pbrnet.pipeline.stages.cameras import run_cameras
-from pbrnet.pipeline.stages.frame_stage import run_frames
-from pbrnet.pipeline.stages.runner import StageError, plan_line
+from pbrnet.pipeline.stages.frame_stage import run_frame_stages, run_frames
+from pbrnet.pipeline.stages.runner import StageError, Summary, plan_line
 from pbrnet.pipeline.stages.scenes import run_scenes
-from pbrnet.pipeline.views import ImageParams, load_cameras, save_cameras
-from pbrnet.scenes.contract import load_scene
+from pbrnet.pipeline.views import ImageParams, View, load_cameras, save_cameras
+from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError, PbrnetError
 from pbrnet.scenes.params import SceneParams
 from tests.fixtures.in_process import worker_processes
@@ -105,6 +108,41 @@ def test_one_process_makes_the_same_bytes_as_two_workers(finished: Path, tmp_pat
     for stage in STAGES.values():
         stage(tmp_path, alone)
     assert files_in(tmp_path, "cameras", *KINDS) == files_in(finished, "cameras", *KINDS)
+
+
+def test_stages_together_make_what_they_make_one_by_one(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each scene is opened once, and light that the checks reject is not rendered."""
+    data, opened = tmp_path / "data", list[str]()
+    for name in ("scenes", "cameras"):
+        shutil.copytree(finished / name, data / name)
+
+    def noted(scene: Scene) -> RenderScene:
+        opened.append(scene.scene_id)
+        return open_scene(scene)
+
+    monkeypatch.setattr(render_jobs, "open_scene", noted)
+    names = ["inputs", "illumination", "groundtruth"]
+    summaries = run_frame_stages(names, data, PARAMS)
+    made = [summary.made for summary in summaries if isinstance(summary, Summary)]
+    assert made == [4, 8, 8] and sorted(opened) == ["alpha", "beta"]
+    assert files_in(data, *KINDS) == files_in(finished, *KINDS)
+
+    def judged(data: Path, view: View, *rest: Any) -> Any:
+        found = surfaces_of(data, view, *rest)
+        wrong = view == views_in(data)[0] and not isinstance(found, Rejection)
+        return Rejection("few_surfaces", "none") if wrong else found
+
+    monkeypatch.setattr(frame_stage, "surfaces_of", judged)
+    for kind in KINDS:
+        shutil.rmtree(data / kind)
+    light = run_frame_stages(names, data, PARAMS)[2]
+    assert isinstance(light, Summary) and light.made == 6 and "left out" in light.notes[0]
+    for kind in ("shading", "color"):
+        shutil.rmtree(data / kind)
+    alone = run_frames("groundtruth", data, PARAMS)
+    assert (alone.made, alone.notes) == (light.made, light.notes)
 
 
 def test_a_second_run_keeps_everything_and_starts_nobody(
