@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import platform
 import resource
+import time
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -24,6 +26,8 @@ PACKED = PACKAGE / "weights"  # pretrained networks: a checkout's, or an install
 # import looked for.
 STAGE_KEY = "made_by_stage"
 STAGE_FILES_KEY = "opened_files"
+_SURE = 2.0  # seconds after which a changed file has another time
+_digests: dict[Path, tuple[int, str]] = {}  # of scene folders, with the state of their files
 
 
 @lru_cache(maxsize=1)
@@ -70,14 +74,32 @@ def processor() -> str:
 def scene_digest(folder: Path) -> str:
     """Return 64 hex digits over a scene folder, but for the stage's own keys and what may move.
 
-    Raises `InputError` for a scene that cannot be read.
+    It is computed again when a file's time, size or place on the disk has changed. Raises
+    `InputError` for a scene that cannot be read.
     """
+    files = sorted(file for file in folder.rglob("*") if file.is_file())
+    facts = [file.stat() for file in files]
+    state = hash(
+        tuple(
+            (str(file), one.st_mtime_ns, one.st_ctime_ns, one.st_size, one.st_ino)
+            for file, one in zip(files, facts, strict=True)
+        )
+    )
+    known = _digests.get(folder)
+    if known is None or known[0] != state:
+        known = state, _scene_digest(folder, files)
+        # A change within the resolution of the file system's clock would not be seen.
+        if time.time() - max((one.st_ctime for one in facts), default=0.0) > _SURE:
+            _digests[folder] = known
+    return known[1]
+
+
+def _scene_digest(folder: Path, files: Sequence[Path]) -> str:
     scene = load_scene(folder)
     source = {
         key: value for key, value in scene.source.items() if key not in (STAGE_KEY, STAGE_FILES_KEY)
     }
     bare = replace(scene, source=source, joints=())
-    files = sorted(file for file in folder.rglob("*") if file.is_file())
     contents = {
         file.relative_to(folder).as_posix(): digest_file(file)
         for file in files
