@@ -198,11 +198,19 @@ def _opened(folder: Path, digest: str) -> tuple[RenderScene, dict[str, Any]]:
     first = key not in _open
     if first:
         while len(_open) >= _OPEN_SCENES:
-            _, (_, stack) = _open.popitem(last=False)
-            stack.close()
+            _close_oldest()
             free_memory()
         with contextlib.ExitStack() as stack:
             place = stack.enter_context(scene_folder(folder, digest))
             _open[key] = open_scene(load_scene(place)), stack.pop_all()
     _open.move_to_end(key)
     return _open[key][0], {"opening": time.perf_counter() - started, "first": first}
+
+
+def _close_oldest() -> None:
+    """Close the scene that was opened first; no name must keep it while the next one opens.
+
+    Kernels have places of materials compiled in, which depend on what else there is.
+    """
+    _, (_, stack) = _open.popitem(last=False)
+    stack.close()

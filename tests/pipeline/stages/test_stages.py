@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import subprocess
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -113,20 +114,22 @@ def test_one_process_makes_the_same_bytes_as_two_workers(finished: Path, tmp_pat
 def test_stages_together_make_what_they_make_one_by_one(
     finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each scene is opened once, and light that the checks reject is not rendered."""
-    data, opened = tmp_path / "data", list[str]()
+    """Each scene is opened once, alone; light that the checks reject is not rendered."""
+    data, opened = tmp_path / "data", list[tuple[str, weakref.ref[RenderScene]]]()
     for name in ("scenes", "cameras"):
         shutil.copytree(finished / name, data / name)
 
     def noted(scene: Scene) -> RenderScene:
-        opened.append(scene.scene_id)
-        return open_scene(scene)
+        assert not any(other() for _, other in opened)
+        found = open_scene(scene)
+        opened.append((scene.scene_id, weakref.ref(found)))
+        return found
 
     monkeypatch.setattr(render_jobs, "open_scene", noted)
     names = ["inputs", "illumination", "groundtruth"]
     summaries = run_frame_stages(names, data, PARAMS)
     made = [summary.made for summary in summaries if isinstance(summary, Summary)]
-    assert made == [4, 8, 8] and sorted(opened) == ["alpha", "beta"]
+    assert made == [4, 8, 8] and sorted(name for name, _ in opened) == ["alpha", "beta"]
     assert files_in(data, *KINDS) == files_in(finished, *KINDS)
 
     def judged(data: Path, view: View, *rest: Any) -> Any:
