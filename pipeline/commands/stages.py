@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -25,23 +26,13 @@ from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frame_stages, run_frames
 from pbrnet.pipeline.stages.runner import StageError, kept_workers
 from pbrnet.pipeline.terminal import lines_of, say
+from pbrnet.scenes.checked import imported
 from pbrnet.scenes.errors import PbrnetError
 
-# Generators and importers are imported where they are used: stages that render do without.
 
-
-def run_assets(data: Path, params: Params, scheduler: str | None = None) -> object:
-    """Fetch and convert catalogues; return a summary."""
-    from pbrnet.pipeline.stages.assets import run_assets as run
-
-    return run(data, params, scheduler)
-
-
-def run_scenes(data: Path, params: Params, scheduler: str | None = None) -> object:
-    """Make and import scenes; return a summary."""
-    from pbrnet.pipeline.stages.scenes import run_scenes as run
-
-    return run(data, params, scheduler)
+def _run_late(name: str, *given: Any) -> object:
+    """Run the function "module:name": generators and importers are not loaded to render."""
+    return imported(name)(*given)
 
 
 def run_dataset(data: Path, params: Params, scheduler: str | None = None) -> str:
@@ -55,8 +46,8 @@ def run_dataset(data: Path, params: Params, scheduler: str | None = None) -> str
 
 
 STAGES: dict[str, Callable[[Path, Params, str | None], object]] = {
-    "assets": run_assets,
-    "scenes": run_scenes,
+    "assets": partial(_run_late, "pbrnet.pipeline.stages.assets:run_assets"),
+    "scenes": partial(_run_late, "pbrnet.pipeline.stages.scenes:run_scenes"),
     "cameras": run_cameras,
     "inputs": partial(run_frames, "inputs"),
     "illumination": partial(run_frames, "illumination"),

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.channels import SURFACES, dataset_channels
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.export.rows import DatasetRows, ViewRow
@@ -65,7 +66,7 @@ def verify_rows(
     rng = generator(seed, "verify")
     numbers = rng.choice(len(given.rows), min(count, len(given.rows)), replace=False)
     drawn = [given.rows[number] for number in sorted(numbers.tolist())]
-    plans = _plans(dataset, params)
+    plans = _plans(dataset, params.cameras)
     deviations, faults = list[float](), dict[str, str]()
     names = digest_bytes(*(row.name.encode() for row in drawn))[:12]
     for part, rows in _by_sampling(drawn).items():
@@ -81,10 +82,10 @@ def verify_rows(
     return Verdict(len(deviations) - len(close), len(close), max(close, default=0.0), faults)
 
 
-def _plans(dataset: Path, params: Params) -> dict[str, str]:
+def _plans(dataset: Path, cameras: CameraParams) -> dict[str, str]:
     """Return the plan of each scene if scenes of one plan share cameras; else nothing."""
     path = dataset / "scenes.csv"
-    if not params.cameras.share_cameras:
+    if not cameras.share_cameras:
         return {}
     if not path.is_file():
         raise InputError(f"{path}: no such file; cameras.share_cameras needs the plans in it")
@@ -123,7 +124,7 @@ def _render(
     scenes |= {name for name, plan in plans.items() if plan in shared}
     run_scenes(folder, params, scheduler, scenes)
     run_cameras(folder, params, scheduler)
-    if not _joined(params):
+    if not _joined(params.cameras):
         names = {row.name for row in rows}
         for path in sorted((folder / "cameras").glob("*.json")):
             file = load_cameras(path)
@@ -134,9 +135,8 @@ def _render(
     pack_dataset(folder, params)
 
 
-def _joined(params: Params) -> bool:
+def _joined(cameras: CameraParams) -> bool:
     """Test whether rows depend on other views of their scene: walks, pairs and overlapping sets."""
-    cameras = params.cameras
     return bool(
         cameras.walks or cameras.stereo_baseline or cameras.overlap_views or cameras.trajectories
     )

@@ -81,7 +81,7 @@ def run_frame_stages(
     with data_lock(data, stages[0]):
         plans: list[StagePlan] = []
         expected: dict[Path, ExpectedFrame] = {}
-        queue = LightQueue(data, params)
+        queue = LightQueue(data, params.kinds, params.image, params.dataset.checks)
         for stage in stages:
             kinds = FRAME_STAGES[stage]
             for kind in kinds[1:]:  # DVC expects every output folder of a stage, also an empty one
@@ -124,8 +124,10 @@ class LightQueue:
     to be made.
     """
 
-    def __init__(self, data: Path, params: Params) -> None:
-        self.data, self.params = data, params
+    def __init__(
+        self, data: Path, kinds: Sequence[Kind], image: ImageParams, checks: CheckParams
+    ) -> None:
+        self.data, self._rules = data, (kinds, image, checks)
         self.waiting: Counter[str] = Counter()  # by scene: items of surfaces that have not ended
         self._surfaces: dict[str, str] = {}  # their scenes by key
         self._held: dict[str, list[Item]] = defaultdict(list)  # by scene
@@ -149,10 +151,10 @@ class LightQueue:
         held = self._held[scene] if not self.waiting[scene] else []
         if not held:
             return [], []
-        plan, params = self._plan[scene], self.params
+        plan = self._plan[scene]
         due = {item.payload.view.name for item in held}
         views = load_cameras(self.data / "cameras" / f"{scene}.json").views
-        left = _rejected(self.data, views, due, params.kinds, params.image, params.dataset.checks)
+        left = _rejected(self.data, views, due, *self._rules)
         plan.left_out |= left
         begun = [item for item in held if item.payload.view.name not in left]
         return begun, [item for item in held if item.payload.view.name in left]

@@ -15,7 +15,7 @@ import shapely
 from shapely.geometry import LineString
 
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.geometry.regions import difference, union
+from pbrnet.scenes.geometry.regions import buffered, difference, union
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.sweethome.building.levels import Storey
 from pbrnet.scenes.sweethome.building.openings import Opening
@@ -36,7 +36,7 @@ def with_walls_at_doors(storey: Storey, openings: list[Opening], changes: Change
     """
     straight = [wall for wall in storey.walls if not wall.arc and has_length(wall)]
     regions = [
-        LineString([wall.start, wall.end]).buffer(0.5 * wall.thickness, cap_style="flat")
+        buffered(LineString([wall.start, wall.end]), 0.5 * wall.thickness, cap_style="flat")
         for wall in straight
     ]
     tree = shapely.STRtree(regions)
