@@ -42,7 +42,7 @@ from pbrnet.pipeline.pathtrace.light_parts import LightParts, NoParts
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.pathtrace.panes import Panes
 from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering, mis_weight
-from pbrnet.pipeline.render.drjit_arrays import partner
+from pbrnet.pipeline.render.drjit_arrays import met_emitter, partner
 from pbrnet.pipeline.render.raycast.meshes import Triangles, ray_intersect
 from pbrnet.pipeline.render.variants import best_variant
 
@@ -176,7 +176,7 @@ class JointPath:
         """Return the direction sample, from a vertex, of what BSDF sampling met there."""
         ds = mi.DirectionSample3f(scene, si=si, ref=previous)
         if self.environment is not None:
-            ds.emitter = dr.select(si.is_valid(), si.shape.emitter(), self.environment)
+            ds.emitter = met_emitter(si, self.environment)
         return ds
 
     def add_emission(self, states: list[PathState], emitted: mi.Color3f, density: mi.Float) -> None:

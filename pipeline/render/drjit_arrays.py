@@ -81,6 +81,11 @@ def environment_pointer(scene: mi.Scene) -> mi.EmitterPtr:
     return dr.reinterpret_array(mi.EmitterPtr, dr.opaque(mi.UInt32, number))
 
 
+def met_emitter(si: mi.SurfaceInteraction3f, environment: mi.EmitterPtr) -> mi.EmitterPtr:
+    """Return the emitter that a ray met; as `si.emitter(scene)`, with `environment_pointer`."""
+    return dr.select(si.is_valid(), si.shape.emitter(), environment)
+
+
 def partner_table(pairs: list[tuple[mi.BSDF, mi.BSDF]]) -> mi.BSDFPtr:
     """Return a table with each BSDF's partner at its registry id; `pairs` are (BSDF, partner)."""
     own, partners = (_indices([pair[which] for pair in pairs]) for which in (0, 1))

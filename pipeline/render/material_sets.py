@@ -48,6 +48,7 @@ class MaterialSets:
         self._neutral_albedo: float | None = None
         self._applied: float | None = None  # the albedo of the applied set; None: own materials
         self._lobes: Lobes | None = None
+        self._lobe_bsdfs: dict[int, Any] = {}  # by node; also those that no shape has
         self._kept: dict[Callable[..., Any], tuple[int, Any]] = {}
         self.version = 0  # counts the sets of BSDFs made; launches recorded before are void
 
@@ -123,7 +124,7 @@ class MaterialSets:
 
     def _make_lobes(self) -> Lobes:
         lobes = {node: diffuse_lobe(bsdf) for node, bsdf in self._described.items()}
-        made = self._maker.make(lobes, (self._made,)).made
+        made = self._lobe_bsdfs = self._maker.make(lobes, (self._made,)).made
         found = []
         for (_, material), (_, own) in zip(_shapes(self._graph), self._own, strict=True):
             if material < 0:  # Mitsuba's default material is diffuse

@@ -15,7 +15,7 @@ import mitsuba as mi
 
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.pathtrace.scattering import diffuse_lobes, mis_weight, share
-from pbrnet.pipeline.render.drjit_arrays import partner
+from pbrnet.pipeline.render.drjit_arrays import met_emitter, partner
 from pbrnet.pipeline.transport.cells import CELL, LightTable
 from pbrnet.pipeline.transport.rays import ShapeTables, facing_normal, first_surface, surface_point
 
@@ -30,6 +30,7 @@ class World:
     tables: ShapeTables
     lights: PlannedLights
     lobes: mi.BSDFPtr  # table of the BSDFs' diffuse lobes
+    environment: mi.EmitterPtr  # from `environment_pointer`
 
 
 @dataclass
@@ -115,6 +116,7 @@ def met(
     """
     si, passed = first_surface(world.scene, world.tables, point.spawn_ray(direction), active)
     ds = mi.DirectionSample3f(world.scene, si=si, ref=point)
+    ds.emitter = met_emitter(si, world.environment)
     emitted = dr.select(active, mi.Color3f(ds.emitter.eval(si, active)), 0)
     sampled &= ~passed
     density = world.lights.density(world.scene, point, ds, active & sampled)

@@ -13,7 +13,7 @@ import numpy as np
 from pbrnet.pipeline.pathtrace.launches import Recordings
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.pathtrace.panes import panes_of
-from pbrnet.pipeline.render.drjit_arrays import column, partner_table, to_numpy
+from pbrnet.pipeline.render.drjit_arrays import column, environment_pointer, partner_table, to_numpy
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.transport.cells import LightTable
 from pbrnet.pipeline.transport.gather import World
@@ -93,7 +93,8 @@ class TransportLauncher:
         return found
 
     def _world(self, lights: PlannedLights) -> World:
-        return World(self._scene, self._tables, lights, self._lobes)
+        environment = environment_pointer(self._scene)
+        return World(self._scene, self._tables, lights, self._lobes, environment)
 
     def _kernel(self, lights: PlannedLights, cache: LightTable, view: View) -> Kernel:
         size = (view.width, view.height)

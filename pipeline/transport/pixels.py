@@ -20,7 +20,7 @@ import mitsuba as mi
 
 from pbrnet.pipeline.pathtrace.panes import PaneMirror, Panes
 from pbrnet.pipeline.pathtrace.scattering import diffuse_lobes, mis_weight, share
-from pbrnet.pipeline.render.drjit_arrays import partner
+from pbrnet.pipeline.render.drjit_arrays import met_emitter, partner
 from pbrnet.pipeline.transport.cells import LightTable
 from pbrnet.pipeline.transport.gather import (
     World,
@@ -130,7 +130,7 @@ class Kernel:
             return dr.zeros(mi.Color3f, sampler.wavefront_size())
         met, share, ray = pane
         si, _ = first_surface(self.world.scene, self.world.tables, ray, met)
-        radiance = mi.Color3f(si.emitter(self.world.scene, met).eval(si, met))
+        radiance = mi.Color3f(met_emitter(si, self.world.environment).eval(si, met))
         radiance += lit_texture(self.world.tables, self.cache, si, ray.d, sampler, met)
         return dr.select(met, share * radiance, 0)
 
@@ -187,8 +187,9 @@ def _surfaces(
     normal = facing_normal(si, ray.d)
     cosine = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
     towards = mi.Frame3f(mi.Normal3f(normal)).to_world(cosine)
+    emitter = met_emitter(si, kernel.world.environment)
     return {
-        "emitted": left * mi.Color3f(si.emitter(kernel.world.scene).eval(si, mi.Bool(True))),
+        "emitted": left * mi.Color3f(emitter.eval(si, mi.Bool(True))),
         "albedo": left * diffuse_albedo(kernel.world, si, towards, seen),
         "normal": dr.select(seen, normal, 0),
         "position": dr.select(seen, mi.Vector3f(si.p), 0),
