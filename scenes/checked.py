@@ -10,10 +10,11 @@ import re
 import reprlib
 import types
 import typing
-from collections.abc import Callable, Mapping
-from functools import cache
+from collections.abc import Callable, Collection, Mapping
+from functools import cache, partial
+from itertools import cycle
 from pathlib import Path
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeGuard, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pbrnet.scenes.errors import ParameterError, PbrnetError
 
@@ -132,35 +133,99 @@ def build(
     type or a value outside the field's `within(...)` raises `error`, naming key, value and what is
     allowed.
     """
+    try:
+        return _read(cls, data, base)
+    except _RefusedError as refused:
+        raise error(refused.described(where)) from None
+
+
+class _RefusedError(Exception):
+    """A value that is not accepted: what to say of it, given its key, and the keys that lead there.
+
+    Whoever reads a part of the data adds its key, so that keys are only joined for a message.
+    """
+
+    def __init__(self, words: Callable[[str], str]) -> None:
+        self.words, self.keys = words, list[object]()
+
+    def described(self, where: str) -> str:
+        """Words about the value, whose outermost key is `where`."""
+        for key in reversed(self.keys):
+            where = f"{where}[{key}]" if isinstance(key, int) else _join(where, key)
+        return self.words(where)
+
+
+def _read(cls: type[T], data: Any, base: T | None = None) -> T:
+    """The dataclass `cls` of a mapping, as `build` describes it."""
     if not isinstance(data, dict):
-        raise error(f"{where or cls.__name__}: expected a mapping of keys, got {shown(data)}")
-    hints, fields = _types(cls), _fields(cls)  # type: ignore[arg-type]
+        raise _RefusedError(
+            lambda where: f"{where or cls.__name__}: expected a mapping of keys, got {shown(data)}"
+        )
+    fields = _readers(cls)  # type: ignore[arg-type]
     for key in data:
         if key not in fields:
-            close = difflib.get_close_matches(str(key)[:100], fields, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else ""
-            raise error(f"{_join(where, key)}: unknown key{hint} (known: {', '.join(fields)})")
+            raise _unknown(key, fields)
     values = {}
-    for name, field in fields.items():
-        key = _join(where, name)
+    for name, (field, section, read) in fields.items():
         if name in data:
             usual = getattr(base, name) if base is not None else field.default
-            if dataclasses.is_dataclass(hints[name]) and isinstance(usual, hints[name]):
-                values[name] = build(hints[name], data[name], key, error, usual)
-            else:
-                values[name] = _convert(hints[name], data[name], key, field.metadata, error)
+            try:
+                if section is not None and isinstance(usual, section):
+                    values[name] = _read(section, data[name], usual)
+                else:
+                    values[name] = read(data[name])
+            except _RefusedError as refused:
+                refused.keys.append(name)
+                raise
         elif base is not None:
             values[name] = getattr(base, name)
         elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
-            raise error(f"{key}: missing; expected {_describe(hints[name])}")
+            raise _missing(name, _types(cls)[name])  # type: ignore[arg-type]
     built = cls(**values)
     verify: Callable[[str], None] | None = getattr(built, "verify", None)
     if verify is not None:
         try:
-            verify(where)
-        except ValueError as wrong:
-            raise error(str(wrong)) from None
+            verify("")
+        except ValueError:
+            raise _RefusedError(partial(_verified, verify)) from None
     return built
+
+
+def _unknown(key: object, fields: Collection[str]) -> _RefusedError:
+    close = difflib.get_close_matches(str(key)[:100], fields, n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    known = ", ".join(fields)
+    return _RefusedError(lambda where: f"{_join(where, key)}: unknown key{hint} (known: {known})")
+
+
+def _missing(name: str, hint: Any) -> _RefusedError:
+    return _RefusedError(lambda where: f"{_join(where, name)}: missing; expected {_describe(hint)}")
+
+
+def _verified(verify: Callable[[str], None], where: str) -> str:
+    """The words of the error that `verify` raises at this place."""
+    try:
+        verify(where)
+    except ValueError as wrong:
+        return str(wrong)
+    return where
+
+
+Field = tuple[dataclasses.Field[Any], type | None, Callable[[Any], Any]]
+
+
+@cache
+def _readers(cls: type) -> dict[str, Field]:
+    """Fields of a dataclass by name: each with its own class, if that is one, and its reader."""
+    return {
+        name: (
+            field,
+            hint if _is_class(hint) else None,
+            _reader(hint, field.metadata),
+        )
+        for name, field in _fields(cls).items()
+        for hint in (_types(cls)[name],)
+    }
 
 
 @cache
@@ -203,80 +268,129 @@ def _join(where: str, key: object) -> str:
     return f"{where}.{name}" if where else str(name)
 
 
-def _convert(hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetError]) -> Any:
+def _reader(hint: Any, metadata: Mapping[str, Any]) -> Callable[[Any], Any]:
+    """Function from a value to what a field of this type holds; it raises `_RefusedError`."""
     origin = get_origin(hint)
-    if dataclasses.is_dataclass(hint):
-        return build(hint, value, key, error)  # type: ignore[arg-type]
+    if _is_class(hint):
+        return partial(_read, hint)
     if origin in (Union, types.UnionType):
-        options = [option for option in get_args(hint) if option is not type(None)]
-        if value is None and type(None) in get_args(hint):
-            return None
-        # A mapping is for the dataclass among them, a list for the tuple, and nothing else is.
-        shape = (isinstance(value, dict), isinstance(value, (list, tuple)))
-        fitting = [
-            one
-            for one in options
-            if (dataclasses.is_dataclass(one), get_origin(one) is tuple) == shape
-        ]
-        return _convert((fitting or options)[0], value, key, metadata, error)
+        return _union_reader(get_args(hint), metadata)
     if origin is tuple:
-        return _convert_tuple(hint, value, key, metadata, error)
+        return _tuple_reader(hint, metadata)
     if origin is dict:
-        if not isinstance(value, dict):
-            raise error(f"{key}: expected {_describe(hint)}, got {shown(value)}")
-        item_hint = get_args(hint)[1]
-        return {
-            str(name): _convert(item_hint, item, _join(key, name), metadata, error)
-            for name, item in value.items()
-        }
+        return _dict_reader(hint, metadata)
     if origin is Literal:
-        if not any(type(value) is type(one) and value == one for one in get_args(hint)):
-            # YAML reads on, off, yes and no without quotes as truth values.
-            quote = "; quote it" if isinstance(value, bool) else ""
-            allowed = ", ".join(map(repr, get_args(hint)))
-            raise error(f"{key}: {shown(value)} is not one of {allowed}{quote}")
-        return value
+        return partial(_one_of, get_args(hint))
     if hint is Any:
-        return value
-    if hint is Path and isinstance(value, str):
-        return Path(value)
-    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        return lambda value: value
+    return _scalar_reader(hint, metadata)
+
+
+def _is_class(hint: Any) -> TypeGuard[type]:
+    return dataclasses.is_dataclass(hint)
+
+
+def _union_reader(hints: tuple[Any, ...], metadata: Mapping[str, Any]) -> Callable[[Any], Any]:
+    options = [one for one in hints if one is not type(None)]
+    readers = [_reader(one, metadata) for one in options]
+    # A mapping is for the dataclass among them, a list for the tuple, and nothing else is.
+    shapes = [(dataclasses.is_dataclass(one), get_origin(one) is tuple) for one in options]
+    optional = len(options) < len(hints)
+
+    def read(value: Any) -> Any:
+        if value is None and optional:
+            return None
+        shape = (isinstance(value, dict), isinstance(value, (list, tuple)))
+        return readers[shapes.index(shape) if shape in shapes else 0](value)
+
+    return read
+
+
+def _tuple_reader(hint: Any, metadata: Mapping[str, Any]) -> Callable[[Any], Any]:
+    hints = get_args(hint)
+    endless = len(hints) == 2 and hints[1] is Ellipsis
+    readers = [_reader(one, metadata) for one in (hints[:1] if endless else hints)]
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, (list, tuple)):
+            raise _expected(hint, value)
+        if not endless and len(value) != len(readers):
+            raise _RefusedError(
+                lambda key: f"{key}: expected {len(readers)} values, got {shown(value)}"
+            )
+        items = list[Any]()
         try:
-            value = float(value)
-        except OverflowError:
-            raise error(f"{key}: expected a finite number, got {shown(value)}") from None
-    if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
-        raise error(f"{key}: expected {_describe(hint, metadata)}, got {shown(value)}")
-    if hint is float and not math.isfinite(value):
-        raise error(f"{key}: expected a finite number, got {shown(value)}")
-    if "check" in metadata and not metadata["check"](value):
-        raise error(f"{key}: {shown(value)} is not allowed; must be {metadata['allowed']}")
-    return value
+            for reader, item in zip(cycle(readers), value, strict=False):
+                items.append(reader(item))
+        except _RefusedError as refused:
+            refused.keys.append(len(items))
+            raise
+        return tuple(items)
+
+    return read
 
 
-def _convert_tuple(
-    hint: Any, value: Any, key: str, metadata: Any, error: type[PbrnetError]
-) -> tuple[Any, ...]:
-    if not isinstance(value, (list, tuple)):
-        raise error(f"{key}: expected {_describe(hint)}, got {shown(value)}")
-    item_hints = get_args(hint)
-    if len(item_hints) == 2 and item_hints[1] is Ellipsis:
-        item_hints = (item_hints[0],) * len(value)
-    if len(item_hints) != len(value):
-        raise error(f"{key}: expected {len(item_hints)} values, got {shown(value)}")
-    return tuple(
-        item
-        if _needs_no_check(item_hint, item, metadata)
-        else _convert(item_hint, item, f"{key}[{index}]", metadata, error)
-        for index, (item_hint, item) in enumerate(zip(item_hints, value, strict=True))
+def _dict_reader(hint: Any, metadata: Mapping[str, Any]) -> Callable[[Any], Any]:
+    reader = _reader(get_args(hint)[1], metadata)
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, dict):
+            raise _expected(hint, value)
+        items = {}
+        for name, item in value.items():
+            try:
+                items[str(name)] = reader(item)
+            except _RefusedError as refused:
+                refused.keys.append(name if isinstance(name, str) else shown(name))
+                raise
+        return items
+
+    return read
+
+
+def _one_of(allowed: tuple[Any, ...], value: Any) -> Any:
+    if any(type(value) is type(one) and value == one for one in allowed):
+        return value
+    # YAML reads on, off, yes and no without quotes as truth values.
+    quote = "; quote it" if isinstance(value, bool) else ""
+    words = f"{shown(value)} is not one of {', '.join(map(repr, allowed))}{quote}"
+    raise _RefusedError(lambda key: f"{key}: {words}")
+
+
+def _scalar_reader(hint: Any, metadata: Mapping[str, Any]) -> Callable[[Any], Any]:
+    check = metadata.get("check")
+
+    def read(value: Any) -> Any:
+        if hint is float and type(value) is int:
+            try:
+                value = float(value)
+            except OverflowError:
+                raise _not_finite(value) from None
+        if type(value) is not hint:
+            if hint is Path and isinstance(value, str):
+                return Path(value)
+            if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
+                raise _expected(hint, value, metadata)
+        if hint is float and not math.isfinite(value):
+            raise _not_finite(value)
+        if check is not None and not check(value):
+            words = f"{shown(value)} is not allowed; must be {metadata['allowed']}"
+            raise _RefusedError(lambda key: f"{key}: {words}")
+        return value
+
+    return read
+
+
+def _expected(
+    hint: Any, value: Any, metadata: Mapping[str, Any] = types.MappingProxyType({})
+) -> _RefusedError:
+    return _RefusedError(
+        lambda key: f"{key}: expected {_describe(hint, metadata)}, got {shown(value)}"
     )
 
 
-def _needs_no_check(hint: Any, value: Any, metadata: Any) -> bool:
-    """Return whether a value clearly is of a plain type: most of a long list are."""
-    if type(value) is not hint or metadata:
-        return False
-    return hint is str or (hint is float and math.isfinite(value))
+def _not_finite(value: Any) -> _RefusedError:
+    return _RefusedError(lambda key: f"{key}: expected a finite number, got {shown(value)}")
 
 
 def _describe(hint: Any, metadata: Any = types.MappingProxyType({})) -> str:

@@ -112,12 +112,12 @@ def plan_scenes(data: Path, params: Params, only: Collection[str] | None = None)
         )
     plan.orphans = [one for one, mark in marks.items() if mark and one.name not in wanted]
     for scene_id, job in wanted.items():
-        if is_up_to_date(job):
+        if is_up_to_date(job, marks.get(job.folder)):
             plan.kept += 1
-        elif stage_fingerprint(job.folder) is None and (job.folder / "scene.json").is_file():
+        elif job.folder in marks and marks[job.folder] is None:
             error = f"{job.folder} contains a scene of another tool; rename or remove it"
             plan.failures.append(Failure("scenes", scene_id, "", error))
-        elif is_up_to_date(replace(job, folder=plan.trash.place(job.folder))):
+        elif _is_in(plan.trash.place(job.folder), job):
             plan.returning.append(job.folder)
         else:
             plan.add(job, Target(job.folder, "scenes", scene_id))
@@ -232,13 +232,18 @@ def scene_name(path: Path) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-")[:_LONGEST_NAME].strip("-") or "scene"
 
 
-def is_up_to_date(job: HomeJob | ImportJob) -> bool:
-    """Return whether the scene of a job is there, with its fingerprint.
+def _is_in(folder: Path, job: HomeJob | ImportJob) -> bool:
+    """Return whether a folder, of the trash, holds the scene of a job."""
+    return is_up_to_date(replace(job, folder=folder), stage_fingerprint(folder))
+
+
+def is_up_to_date(job: HomeJob | ImportJob, mark: str | None) -> bool:
+    """Return whether the scene of a job is there: `mark` is that of its folder.
 
     For an import, all files that it looked for must be unchanged: none edited, none removed, none
     added in a place where it looked.
     """
-    if stage_fingerprint(job.folder) != job.fingerprint:
+    if mark != job.fingerprint:
         return False
     if isinstance(job, HomeJob):
         return True
