@@ -138,7 +138,10 @@ class Params:
         if self.optics.active:
             self._verify_optics()
         if self.image.is_panorama and self.cameras.framing != "paper":
-            raise ValueError("cameras.framing: photograph is not for equirectangular images")
+            raise ValueError(
+                "cameras.framing: photograph is not for equirectangular images; set "
+                "cameras.framing: paper"
+            )
         if not self.image.is_pinhole:
             self._verify_lens()
 

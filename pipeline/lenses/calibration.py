@@ -182,7 +182,8 @@ def _nerfstudio(path: Path, content: Mapping[str, Any], camera: str) -> Calibrat
         raise InputError(f"no frame {shown(camera)} as its file_path")
     if named:
         entry |= {key: value for key, value in named[0].items() if key != "transform_matrix"}
-    projection = _of(_NERFSTUDIO, entry.get("camera_model", "OPENCV"), "camera_model")
+    usual = "OPENCV_FISHEYE" if entry.get("is_fisheye") is True else "OPENCV"  # instant-ngp's key
+    projection = _of(_NERFSTUDIO, entry.get("camera_model", usual), "camera_model")
     numbers = {name: entry.get(name) for name in ("fl_x", "cx", "cy")}
     if None in numbers.values():
         raise InputError("fl_x, cx and cy are needed, at the top or in a frame")

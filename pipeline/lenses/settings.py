@@ -38,7 +38,7 @@ class LensParams:
         (), "pixels, [f] or [fx, fy]; []: from half_fov_x", within(1e-3, 1e7)
     )
     centre: tuple[Number, ...] = param((), "pixels, [cx, cy]; []: the middle", within(-1e7, 1e7))
-    half_width: float = param(
+    half_width: Number = param(
         2.0, "metres, of orthographic images without focal", within(1e-3, 1e4)
     )
     calibration: str = param(
@@ -54,11 +54,12 @@ class LensParams:
                 raise ValueError(
                     f"{where}.{name}: {allowed} numbers, not {len(getattr(self, name))}"
                 )
-        for name in ("distortion", "focal", "centre"):
-            for number in getattr(self, name):
+        ranged = {name: getattr(self, name) for name in ("distortion", "focal", "centre")}
+        for name, numbers in {**ranged, "half_width": (self.half_width,)}.items():
+            for number in numbers:
                 if isinstance(number, tuple) and number[0] > number[1]:
                     raise ValueError(f"{where}.{name}: {list(number)}; a range is [least, most]")
-            if self.calibration and getattr(self, name):
+            if self.calibration and numbers and name in ranged:
                 raise ValueError(
                     f"{where}.{name}: lens.calibration gives it; leave one of them out"
                 )
@@ -127,7 +128,8 @@ def lens_of(
     centre = [_drawn(number, rng) for number in options.centre]
     if not focal:
         plain = Lens(image.projection, *size, (), distortion)
-        focal = [_focal(plain, half_fov_x or image.half_fov_x, options.half_width)]
+        half_width = _drawn(options.half_width, rng)
+        focal = [_focal(plain, half_fov_x or image.half_fov_x, half_width)]
     matrix = _matrix(focal, centre or [0.5 * side for side in size])
     return Lens(image.projection, *size, matrix, distortion)
 

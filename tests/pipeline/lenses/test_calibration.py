@@ -114,6 +114,12 @@ def test_a_fisheye_of_kalibr_needs_that_projection(tmp_path: Path) -> None:
         build_params({"image": {**image, "projection": "perspective"}})
 
 
+def test_a_fisheye_of_instant_ngp_is_no_pinhole(tmp_path: Path) -> None:
+    text = json.dumps({**NERFSTUDIO, "camera_model": None, "is_fisheye": True})
+    text = text.replace('"camera_model": null, ', "")
+    assert read_calibration(written(tmp_path, "t.json", text)).projection == "fisheye"
+
+
 def test_what_is_written_for_opencv_is_read_back(tmp_path: Path) -> None:
     matrix = ((210.5, 0.0, 160.25), (0.0, 209.0, 121.75), (0.0, 0.0, 1.0))
     for lens in (

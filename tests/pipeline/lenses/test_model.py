@@ -166,6 +166,10 @@ def test_ranges_are_drawn_and_fixed_numbers_stay() -> None:
     assert all(-0.3 <= own.distortion[0] <= -0.1 and own.distortion[1] == 0.02 for own in draw)
     assert all(90 <= own.K[0][0] == own.K[1][1] <= 110 for own in draw)
     assert lens_of(image).distortion == (-0.2, 0.02, 0, 0)
+    flat = {"width": 60, "projection": "orthographic", "lens": {"half_width": [2, 3]}}
+    flat_image = build_params({"image": flat}).image
+    assert 10 < lens_of(flat_image, rng=np.random.default_rng(1)).K[0][0] < 15
+    assert lens_of(flat_image).K[0][0] == pytest.approx(12)
 
 
 def test_plain_parameters_say_nothing_about_the_lens() -> None:
@@ -178,6 +182,7 @@ def test_plain_parameters_say_nothing_about_the_lens() -> None:
         ({"lens": {"distortion": [0.1]}}, "1 numbers; perspective images have one of 0, 4, 5, 8"),
         ({"projection": "orthographic", "lens": {"distortion": [0.1] * 4}}, "one of 0"),
         ({"lens": {"focal": [[3, 2]]}}, "a range is"),
+        ({"projection": "orthographic", "lens": {"half_width": [3, 2]}}, "a range is"),
         ({"lens": {"focal": [1, 2, 3]}}, "0 or 1 or 2 numbers, not 3"),
         ({"half_fov_x": 1.5}, "from 0.05 to 1.4 with image.projection: persp"),
         ({"lens": {"camera": "cam1"}}, "needs lens.calibration"),
