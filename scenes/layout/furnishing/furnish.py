@@ -95,16 +95,24 @@ def furnish_layout(
     if lamps:
         changes.note("a ceiling lamp was added to each room without a lamp: {}",
                      ", ".join(each.room for each in lamps))  # fmt: skip
-    return Furnished((*placed, *lamps), tuple(standing), _record(pieces))
+    return Furnished((*placed, *lamps), tuple(standing), _record(pieces, placed))
 
 
-def _record(pieces: Sequence[_Piece]) -> dict[str, Any]:
-    """Counts of objects and plain boxes, and how well pieces fill their boxes."""
+def _record(pieces: Sequence[_Piece], placed: Sequence[PlacedInRoom]) -> dict[str, Any]:
+    """Counts of objects and plain boxes, how well pieces fill their boxes, and which is which.
+
+    `made` has, for the id of each stated object, the id of its piece in the scene and their
+    intersection over union, None for a plain box.
+    """
     fitted = [each.fit.iou for each in pieces if each.fit.kind]
     return {
         "objects": len(pieces),
         "plain_boxes": sum(not each.fit.kind for each in pieces),
         "median_iou": round(float(np.median(fitted)), 4) if fitted else None,
+        "made": {
+            each.stated.id: [one.placed.id, round(each.fit.iou, 4) if each.fit.kind else None]
+            for each, one in zip(pieces, placed, strict=True)
+        },
     }
 
 

@@ -71,15 +71,12 @@ class _Wall:
 
 
 def recognises(content: Any) -> bool:
-    """Test whether a file's content is a house: rooms with floor polygons, and walls."""
+    """Test whether a file's content is a house: walls, and rooms with floor polygons or none."""
     if not isinstance(content, dict) or not isinstance(content.get("walls"), list):
         return False
     rooms = content.get("rooms")
-    return bool(
-        isinstance(rooms, list)
-        and rooms
-        and isinstance(rooms[0], dict)
-        and "floorPolygon" in rooms[0]
+    return isinstance(rooms, list) and all(
+        isinstance(room, dict) and "floorPolygon" in room for room in rooms[:1]
     )
 
 
@@ -91,6 +88,8 @@ def read(content: Any, path: Path, assets: Path | None = None) -> Layout:
     house, changes = Node(content, f"{path}: "), Changes()
     sizes = asset_sizes(assets) if assets is not None else {}
     rooms = [_room(room, changes) for room in house["rooms"].items()]
+    if not rooms:
+        raise house["rooms"].error("the house has none")
     walls = {wall["id"].text(): _wall(wall) for wall in house["walls"].items()}
     objects = [
         made

@@ -73,6 +73,7 @@ def test_sizes_of_a_database_of_assets_are_exact(tmp_path: Path) -> None:
         (("rooms", 0, "floorPolygon"), [], r"rooms\[0\].floorPolygon: expected three corners"),
         (("doors", 0, "holePolygon"), 3, r"doors\[0\].holePolygon: expected a list"),
         (("objects", 0, "children"), {"a": 1}, r"objects\[0\].children: expected a list"),
+        (("rooms",), [], "house.json: rooms: the house has none"),
         (("walls", 0, "id"), None, r"walls\[0\].id: expected text"),
         (("objects",), [0] * 20_001, "items; at most 20,000"),
     ],
@@ -83,6 +84,7 @@ def test_wrong_values_are_named_by_key(keys: tuple[Any, ...], value: Any, told: 
     for key in keys[:-1]:
         place = place[key]
     place[keys[-1]] = value
+    assert procthor.recognises(content)
     with pytest.raises(InputError, match=told):
         procthor.read(content, Path("house.json"))
 
