@@ -34,14 +34,15 @@ docs/exports.md describes what each format holds. pbrnet import reads the files 
 @click.option(
     "--cameras",
     type=FILE,
-    help="Camera file whose views become cameras.  [default: that of the scene's data folder]",
+    help="Camera file whose views become cameras; not for mitsuba.  [default: that of the "
+    "scene's data folder]",
 )
 @click.option(
     "--panes/--no-panes",
     default=True,
     show_default=True,
     help="Sheets of glass in windows. Omit them for path tracers such as Cycles, which do not "
-    "sample sun and sky through glass.",
+    "sample sun and sky through glass. Not for mitsuba.",
 )
 @idle_seed_option
 def export_scene_command(

@@ -64,16 +64,23 @@ def export_scene(
 
     `cameras` is a camera file whose views become cameras; by default that of the scene's project,
     if it is there. Without `panes`, windows stay openings without glass. Beside `out` appear
-    `OUT-sky.exr` for a scene with a sky, and `OUT.json`, which lists what the format does not
-    hold. All are written by rename. Raises `InputError` for a scene that cannot be used or changes
-    meanwhile, `ParameterError` for a suffix of another format, `MachineError` if `out` is something
-    else than a regular file, or what would be replaced beside it is of no export.
+    `OUT-sky.exr` for a scene with a sky, and a file named like `out` with `.json` added, which
+    lists what the format does not hold. All are written by rename. Raises `InputError` for a scene
+    that cannot be used or changes meanwhile, `ParameterError` for a suffix of another format, a
+    file in the scene folder and options that an archive does not have, `MachineError` if `out` is
+    something else than a regular file, or what would be replaced beside it is of no export.
     """
     target = TARGETS[name]
     if out.suffix.lower() not in target.suffixes:
         raise ParameterError(f"{out}: --to {name} writes {' or '.join(target.suffixes)} files")
+    if out.resolve().is_relative_to(folder.resolve()):
+        raise ParameterError(f"{out}: lies in the scene folder; choose another --out")
     unchanged = partial(_check_unchanged, folder, _states(folder))
     if name == "mitsuba":
+        if cameras is not None or not panes:
+            raise ParameterError(
+                "--to mitsuba writes the scene folder as it is; leave out --cameras and --no-panes"
+            )
         scene = load_scene(folder)
         with atomic_file(out) as archive:
             write_archive(folder, archive)
@@ -81,7 +88,7 @@ def export_scene(
         return Exported((out,), len(scene.objects), ())
     if name != "glb":
         optional("pxr", "usd")
-    notes = out.with_name(f"{out.stem}.json")
+    notes = out.with_name(f"{out.name}.json")
     _check_replaced(notes, out.with_name(f"{out.stem}-textures") if name == "usd" else None)
     content = read_content(folder, cameras)
     variants = [] if name == "glb" else light_variants(content)

@@ -114,7 +114,7 @@ def test_glb_holds_labels_lights_and_all_images(home: Scene, exported: Path) -> 
     (sun,) = document["extensions"]["KHR_lights_punctual"]["lights"]
     assert sun["type"] == "directional" and 1e3 < sun["intensity"] < 2e5  # lux
     assert exported.with_name("home-sky.exr").is_file()
-    held = json.loads(exported.with_name("home.json").read_text())
+    held = json.loads(exported.with_name("home.glb.json").read_text())
     assert any("no sky" in line for line in held["not held"])
     kinds = [node["extras"].get("kind") for node in nodes if "extras" in node]
     assert kinds.count("window pane") == sum(portal.panes > 0 for portal in home.portals) > 0
@@ -381,8 +381,13 @@ def test_wrong_places_and_scenes_are_refused(home: Scene, tmp_path: Path) -> Non
     (tmp_path / "pipe.zip").symlink_to("/dev/null")
     with pytest.raises(MachineError, match="not replaced"):
         export_scene(home.folder, "mitsuba", tmp_path / "pipe.zip")
-    (tmp_path / "home.json").write_text("{}")
-    with pytest.raises(MachineError, match=r"home\.json: not replaced"):
+    with pytest.raises(ParameterError, match="lies in the scene folder"):
+        export_scene(home.folder, "mitsuba", home.folder / "home.zip")
+    for options in ({"cameras": tmp_path / "views.json"}, {"panes": False}):
+        with pytest.raises(ParameterError, match="leave out --cameras and --no-panes"):
+            export_scene(home.folder, "mitsuba", tmp_path / "home.zip", **options)
+    (tmp_path / "home.glb.json").write_text("{}")
+    with pytest.raises(MachineError, match=r"home\.glb\.json: not replaced"):
         export_scene(home.folder, "glb", tmp_path / "home.glb")
     (tmp_path / "own-textures").mkdir()
     with pytest.raises(MachineError, match="own-textures: not replaced"):
