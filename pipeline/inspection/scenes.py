@@ -138,7 +138,7 @@ def inspect_assets(folder: Path) -> Inspection:
     return Inspection(
         "assets",
         f"Furniture catalogues: {len(index.pieces)} of {total} pieces usable, "
-        f"from {len(index.libraries)} libraries",
+        f"from {counted(index.libraries, 'catalogue')}",
         {
             "Libraries": [
                 {**row, "from": library.package or library.file}
@@ -158,6 +158,11 @@ def inspect_assets(folder: Path) -> Inspection:
                 for one in sorted(unused, key=lambda one: one.key)
             },
             "Triangles": _triangles(index.pieces),
+            "Checks of own pieces": {
+                key: "; ".join(notes)
+                for key in sorted(index.own_keys)
+                if (notes := load_asset(folder / key).checks.notes)
+            },
             "Refused": rows_of(index.refused, "piece=key", "name", "reason"),
         },
         lambda: draw_index(index),

@@ -160,7 +160,8 @@ def test_homes_may_take_own_pieces_for_their_kinds(data: Path) -> None:
 
 def test_inspect_shows_own_pieces(data: Path) -> None:
     told = inspect_path(data / "assets")
-    assert f"{3 + USD} of 8 pieces usable" in told.title
+    assert f"{3 + USD} of 8 pieces usable, from 1 catalogue" in told.title
+    assert "stretched by 1.25" in told.text and "parts float" in told.text
     assert told.draw is not None
     assert np.asarray(told.draw()).std() > 5
 
