@@ -28,7 +28,7 @@ from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased
 from pbrnet.scenes.geometry.regions import largest_part, simplified, union
 from pbrnet.scenes.ifc.classes import category_of_element, is_window, occupies_no_room
 from pbrnet.scenes.ifc.options import IfcOptions
-from pbrnet.scenes.ifc.slabs import lacks_slab, slabs_of
+from pbrnet.scenes.ifc.slabs import built_ceiling, lacks_slab, slabs_of
 from pbrnet.scenes.importing.assembly import Draft, assemble
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.credits import find_credit
@@ -164,12 +164,25 @@ class _Building:
     def _add_slabs(self) -> None:
         """Add floors and ceilings to spaces that lack them, at the heights that the file states."""
         rays = RayCaster(np.concatenate([shape.mesh.corners for shape in self.shapes]))
+        self._end_at_ceilings(rays)
         for name, color, predefined in (("floor", FLOOR, "FLOOR"), ("ceiling", CEILING, "CEILING")):
             rooms = [room for _, room in self.rooms if lacks_slab(room, rays, name == "ceiling")]
             if rooms:
                 shape = sealing_shape(f"added_{name}", slabs_of(rooms, name == "ceiling"), color)
                 self._add(shape, "IfcCovering", predefined)
                 self.changes.note(f"spaces without a {name} got one at their height: {len(rooms)}")
+
+    def _end_at_ceilings(self, rays: RayCaster) -> None:
+        """Lower the ceilings of spaces to those that are built inside them."""
+        stated, self.rooms = self.rooms, []
+        for name, room in stated:
+            height = built_ceiling(room, rays)
+            if height < room.floor_z + _LEAST_HEIGHT:
+                self.changes.note("spaces too low to be rooms were left out: {}", name)
+                continue
+            if height < room.ceiling_z:
+                self.changes.note("spaces higher than their ceiling end at it: {}", name)
+            self.rooms.append((name, replace(room, ceiling_z=height)))
 
     def _add_unstated_rooms(self) -> None:
         """Add the closed rooms of storeys without a space, or note that they have none.

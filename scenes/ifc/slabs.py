@@ -24,6 +24,9 @@ _PLACES = 100
 _THICK = 0.1  # metres
 _OVER = 0.25  # metres by which slabs cover the walls
 _LEAST_SLOPE = 0.1  # vertical part of the normal of a sloping ceiling
+_FURNITURE = 0.5  # metres above a floor from which a level surface over all of it is a ceiling
+_COVERED = 0.8  # share of a floor that it covers at least
+_SAME_LEVEL = 0.1  # metres
 
 
 def lacks_slab(room: FoundRoom, rays: RayCaster, above: bool) -> bool:
@@ -34,6 +37,21 @@ def lacks_slab(room: FoundRoom, rays: RayCaster, above: bool) -> bool:
     distances, _ = rays.cast(points, np.array([0.0, 0.0, 1.0 if above else -1.0]))
     reach = (room.ceiling_z - points[:, 2] if above else points[:, 2] - room.floor_z) + _BEYOND
     return float((distances <= reach).mean()) < _LEAST_HITS
+
+
+def built_ceiling(room: FoundRoom, rays: RayCaster) -> float:
+    """Return the height of the level ceiling that is built in a room, else the stated one.
+
+    Authoring tools give spaces a default height, which often reaches through ceiling and roof.
+    """
+    plan = inside_points(room.floor, _PLACES)
+    if room.solid is not None or not len(plan):
+        return room.ceiling_z
+    points = np.column_stack([plan, np.full(len(plan), room.floor_z + _FURNITURE)])
+    levels = points[:, 2] + rays.cast(points, np.array([0.0, 0.0, 1.0]))[0]
+    level = float(np.median(levels))
+    is_ceiling = (np.abs(levels - level) < _SAME_LEVEL).mean() >= _COVERED
+    return level if is_ceiling and level < room.ceiling_z - _SAME_LEVEL else room.ceiling_z
 
 
 def slabs_of(rooms: Sequence[FoundRoom], above: bool) -> Float64Array:

@@ -3,7 +3,8 @@
 A name of furniture that is given to a whole room tells nothing.
 
 Input: the shapes of a building in metres, Z up. Large meshes whose names tell nothing, as scans and
-merged exports have them, are split by connected parts. Parts that stand on or in each other, such
+merged exports have them, are split by connected parts, as are the shapes of a large node, which
+exporters write one for each material. Parts that stand on or in each other, such
 as a table's legs and top, stay together as one piece; what is too large for furniture, flat like
 the face of a wall, or tiny stays in the mesh. Pieces have no known category.
 """
@@ -90,10 +91,15 @@ def split_unnamed(shapes: list[Shape], labels: Mapping[str, tuple[str, ...]]) ->
 
     `labels` holds the names of the nodes that contain a shape, by its id.
     """
-    merged = [shape for shape in shapes if _is_merged(shape, labels.get(shape.id, ()))]
+    wide = _wide_nodes(shapes, labels)
+    merged = [
+        shape for shape in shapes
+        if (labels.get(shape.id) in wide or _is_wide([shape]))
+        and _is_untold(shape, labels.get(shape.id, ()))
+    ]  # fmt: skip
     parts = {shape.id: pieces_of_mesh(shape.mesh, _DECIMALS) for shape in merged}
     counts = [int(parts[shape.id].max()) + 1 for shape in merged]
-    if not merged or sum(counts) > _MAX_PARTS or sum(counts) == len(merged):
+    if not merged or sum(counts) > _MAX_PARTS or (sum(counts) == len(merged) and not wide):
         return Pieces(shapes, {}, {})
     bounds = np.concatenate([_part_bounds(shape, parts[shape.id]) for shape in merged])
     is_piece, label = _pieces_of(bounds)
@@ -124,10 +130,25 @@ def split_unnamed(shapes: list[Shape], labels: Mapping[str, tuple[str, ...]]) ->
     return Pieces(made, origin, piece)
 
 
-def _is_merged(shape: Shape, labels: tuple[str, ...]) -> bool:
-    """Return whether a shape may hold several things: large, and without a telling name."""
-    low, high = shape.mesh.bounds
-    if float((high - low)[:2].max()) <= _MERGED_EXTENT or len(shape.mesh.faces) > _MAX_FACES:
+def _wide_nodes(
+    shapes: list[Shape], labels: Mapping[str, tuple[str, ...]]
+) -> set[tuple[str, ...]]:
+    """The innermost nodes that hold several shapes and are wider than a thing."""
+    nodes: dict[tuple[str, ...], list[Shape]] = {}
+    for shape in shapes:
+        if labels.get(shape.id):
+            nodes.setdefault(labels[shape.id], []).append(shape)
+    return {node for node, held in nodes.items() if len(held) > 1 and _is_wide(held)}
+
+
+def _is_wide(shapes: list[Shape]) -> bool:
+    low, high = bounds_of(shapes)
+    return float((high - low)[:2].max()) > _MERGED_EXTENT
+
+
+def _is_untold(shape: Shape, labels: tuple[str, ...]) -> bool:
+    """Return whether neither a shape's name nor those of its nodes tell what it is."""
+    if len(shape.mesh.faces) > _MAX_FACES:
         return False
     names = (*(label.partition(":")[2] for label in labels), shape.name)
     if shape.surface.see_through or any(has_structural_name(name) for name in names):

@@ -71,6 +71,21 @@ def test_metres_far_away_without_spaces_or_glass(tmp_path: Path) -> None:
 
 
 @INSTALLED
+def test_spaces_that_reach_through_their_ceiling_end_at_it(tmp_path: Path) -> None:
+    """As Revit writes rooms with a default height; a plenum below the roof is no room."""
+    made = house(spaces=False)
+    made.space("Wohnzimmer", (0, 0, 0), (5000, 4000, 4000))
+    made.space("Bad", (5100, 0, 0), (8100, 4000, 2600))
+    made.space("Roof area", (0, 0, 1900), (8100, 4000, 6000))
+    scene = imported(tmp_path, made.text)
+    assert [room.name for room in scene.rooms] == ["Wohnzimmer", "Bad"]
+    assert [room.ceiling_z for room in scene.rooms] == pytest.approx([2.6, 2.6])
+    assert [portal.kind for portal in scene.portals] == ["window"]
+    assert any("end at it: Wohnzimmer" in each for each in scene.changes)
+    assert any("too low to be rooms were left out: Roof area" in each for each in scene.changes)
+
+
+@INSTALLED
 def test_spaces_without_slabs_get_floors_and_ceilings(tmp_path: Path) -> None:
     scene = imported(tmp_path, house(slabs=False).text)
     assert [room.ceiling_z for room in scene.rooms] == [2.6, 2.6]

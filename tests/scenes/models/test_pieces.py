@@ -84,3 +84,20 @@ def test_nothing_is_lost_or_doubled_and_parts_of_two_meshes_are_one_piece() -> N
 def test_a_small_mesh_and_one_of_a_single_part_stay_as_they_are() -> None:
     shapes = [box_shape("a", TABLE[0]), box_shape("b", Block("x", (0, 0, 0), (8, 8, 0.1)))]
     assert split_unnamed(shapes, {}).shapes == shapes
+
+
+def test_the_shapes_of_a_wide_node_without_a_name_are_its_things() -> None:
+    """As SketchUp writes a room: one node, one shape for each material."""
+    shapes = [
+        box_shape("wood", *TABLE[1:]),
+        box_shape("varnish", TABLE[0]),
+        box_shape("cloth", SOFA),
+        box_shape("paint", Block("x", (0, 0, 0), (5, 0.1, 2.5))),
+    ]
+    found = split_unnamed(shapes, {shape.id: (":SketchUp",) for shape in shapes})
+    table = {found.piece[id_] for id_, origin in found.origin.items() if origin in ("wood", "varnish")}
+    seat = {found.piece[id_] for id_, origin in found.origin.items() if origin == "cloth"}
+    assert len(table) == len(seat) == 1 and table != seat
+    assert any(shape.id == "paint" for shape in found.shapes)
+    named = {shape.id: (":Sofa 3",) for shape in shapes}
+    assert split_unnamed(shapes, named).shapes == shapes
