@@ -130,9 +130,7 @@ def split_unnamed(shapes: list[Shape], labels: Mapping[str, tuple[str, ...]]) ->
     return Pieces(made, origin, piece)
 
 
-def _wide_nodes(
-    shapes: list[Shape], labels: Mapping[str, tuple[str, ...]]
-) -> set[tuple[str, ...]]:
+def _wide_nodes(shapes: list[Shape], labels: Mapping[str, tuple[str, ...]]) -> set[tuple[str, ...]]:
     """The innermost nodes that hold several shapes and are wider than a thing."""
     nodes: dict[tuple[str, ...], list[Shape]] = {}
     for shape in shapes:

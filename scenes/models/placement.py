@@ -20,7 +20,7 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.importing.categories import category_of, own_name, surface_of, words_of
-from pbrnet.scenes.importing.changes import UNSURE_SCALE, UNSURE_UP
+from pbrnet.scenes.importing.changes import NO_ROOM, UNSURE_SCALE, UNSURE_UP
 from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.models.model import Model
 from pbrnet.scenes.models.options import ModelOptions
@@ -47,6 +47,7 @@ LARGEST_OBJECT = 6.0  # metres; a larger model without a room is a scene of its 
 LEAST_CONFIDENCE = 0.5
 _SMALLEST_SCENE, _LARGEST_SCENE = 1.5, 400.0  # metres, of a model that may have rooms
 _SMALLEST_OBJECT = 0.02  # metres
+_ROOM_SIDE, _ROOM_HEIGHT = 2.5, 1.8  # metres, from which an unnamed object may be a part of a room
 _UP_PRIOR = {"y": 0.7, "z": 0.27, "x": 0.03}
 _BUILDING_WORDS = {"wall", "walls", "floor", "floors", "ceiling", "room", "roof", "house", "home",
                    "apartment", "flat", "building", "interior", "kitchen", "bathroom", "bedroom",
@@ -194,10 +195,11 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
     doubts = [doubt] if doubt else []
     if is_unclear and not math.isclose(scale, estimate.scale):
         doubts.append(_scale_doubt(estimate, scale))
+    if is_object:
+        doubts = _object_doubts(named, scale * np.ptp(turned.reshape(-1, 3), axis=0))
     kind: Literal["building", "object"] = "object" if is_object else "building"
     return Placement(
-        kind, _axis(axis), scale, min(1.0, confidence), tuple(reasons), interior,
-        () if is_object else tuple(doubts),
+        kind, _axis(axis), scale, min(1.0, confidence), tuple(reasons), interior, tuple(doubts)
     )  # fmt: skip
 
 
@@ -218,6 +220,20 @@ def _interior(corners: Float64Array, extent: float, named: _Named, model: Model)
             "pieces of furniture one by one"
         )
     return None
+
+
+def _object_doubts(named: _Named, size: Float64Array) -> list[str]:
+    """The doubt about an object of `size` (3,) metres that is called a building, or as large."""
+    if named.building >= _SURE_BUILDING:
+        why = "its names are those of a building"
+    elif named.building > _SURE_OBJECT and size[:2].min() >= _ROOM_SIDE and size[2] >= _ROOM_HEIGHT:
+        why = "it is as large as a room"
+    else:
+        return []
+    return [
+        f"{NO_ROOM}: the file was taken for a single object, though {why}; "
+        "if it is one, ignore this, else add walls and a floor, or give --scale or --up"
+    ]
 
 
 def _fitting_clues(

@@ -27,6 +27,7 @@ _THICKEST = 0.7  # metres, of a wall
 _BOX = 0.03  # share by which the surface of a box may differ from that of its bounds
 _BESIDE = 0.05  # metres by which what is inside a wall may stand out of it
 _LEAST = 0.2  # metres, width and height of a hole
+_THINNEST = 0.002  # metres, of a wall with holes; scanners also write walls of no thickness
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,9 @@ class _Slab:
         """The box as a mesh, with holes from one face to the other."""
         cut = union([box(*low[:2], *high[:2]) for low, high in holes])
         plan = difference(box(*self.low[:2], *self.high[:2]), cut)
-        corners = extruded(plan, float(self.low[2]), float(self.high[2])) @ self.frame
+        middle = 0.5 * float(self.low[2] + self.high[2])
+        half = 0.5 * max(float(self.high[2] - self.low[2]), _THINNEST)
+        corners = extruded(plan, middle - half, middle + half) @ self.frame
         return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 

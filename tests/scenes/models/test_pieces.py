@@ -95,7 +95,9 @@ def test_the_shapes_of_a_wide_node_without_a_name_are_its_things() -> None:
         box_shape("paint", Block("x", (0, 0, 0), (5, 0.1, 2.5))),
     ]
     found = split_unnamed(shapes, {shape.id: (":SketchUp",) for shape in shapes})
-    table = {found.piece[id_] for id_, origin in found.origin.items() if origin in ("wood", "varnish")}
+    table = {
+        found.piece[id_] for id_, origin in found.origin.items() if origin in ("wood", "varnish")
+    }
     seat = {found.piece[id_] for id_, origin in found.origin.items() if origin == "cloth"}
     assert len(table) == len(seat) == 1 and table != seat
     assert any(shape.id == "paint" for shape in found.shapes)
