@@ -25,6 +25,7 @@ _THICK = 0.1  # metres
 _OVER = 0.25  # metres by which slabs cover the walls
 _LEAST_SLOPE = 0.1  # vertical part of the normal of a sloping ceiling
 _FURNITURE = 0.5  # metres above a floor from which a level surface over all of it is a ceiling
+_FINISH = 0.15  # metres; the same below the open sky
 _COVERED = 0.8  # share of a floor that it covers at least
 _SAME_LEVEL = 0.1  # metres
 
@@ -47,8 +48,11 @@ def built_ceiling(room: FoundRoom, rays: RayCaster) -> float:
     plan = inside_points(room.floor, _PLACES)
     if room.solid is not None or not len(plan):
         return room.ceiling_z
-    points = np.column_stack([plan, np.full(len(plan), room.floor_z + _FURNITURE)])
-    levels = points[:, 2] + rays.cast(points, np.array([0.0, 0.0, 1.0]))[0]
+    for foot in (_FURNITURE, _FINISH):  # a plenum may be lower than furniture
+        points = np.column_stack([plan, np.full(len(plan), room.floor_z + foot)])
+        levels = points[:, 2] + rays.cast(points, np.array([0.0, 0.0, 1.0]))[0]
+        if np.isfinite(levels).mean() > 1 - _COVERED:
+            break
     level = float(np.median(levels))
     is_ceiling = (np.abs(levels - level) < _SAME_LEVEL).mean() >= _COVERED
     return level if is_ceiling and level < room.ceiling_z - _SAME_LEVEL else room.ceiling_z

@@ -194,7 +194,9 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
         reasons.append(f"a scene of its own, since it is {scale * extent:.3g} m across")
     doubts = [doubt] if doubt else []
     if is_unclear and not math.isclose(scale, estimate.scale):
-        doubts.append(_scale_doubt(estimate, scale))
+        doubts.append(_scale_doubt(estimate, scale, "as the file states"))
+    elif _is_hardly_clearer(model.unit, scale, share) and options.scale is None:
+        doubts.append(_scale_doubt(estimate, scale, f"though the file states {model.unit:g} m"))
     if is_object:
         doubts = _object_doubts(named, scale * np.ptp(turned.reshape(-1, 3), axis=0))
     kind: Literal["building", "object"] = "object" if is_object else "building"
@@ -591,9 +593,14 @@ def _unclear_reason(estimate: ScaleEstimate, scale: float) -> str:
     )
 
 
-def _scale_doubt(estimate: ScaleEstimate, scale: float) -> str:
+def _is_hardly_clearer(stated: float | None, scale: float, share: float) -> bool:
+    """Return whether another unit than the stated one was taken that is not far more probable."""
+    return bool(stated) and not math.isclose(scale, stated or 1.0) and share < _SURE_TOGETHER
+
+
+def _scale_doubt(estimate: ScaleEstimate, scale: float, source: str) -> str:
     return (
-        f"{UNSURE_SCALE}: {unit_name(scale)} was taken, as the file states, but "
+        f"{UNSURE_SCALE}: {unit_name(scale)} was taken, {source}, but "
         f"{_other_units(estimate, scale)} are possible; check the plan, and give --scale"
     )
 

@@ -76,7 +76,7 @@ def test_spaces_that_reach_through_their_ceiling_end_at_it(tmp_path: Path) -> No
     made = house(spaces=False)
     made.space("Wohnzimmer", (0, 0, 0), (5000, 4000, 4000))
     made.space("Bad", (5100, 0, 0), (8100, 4000, 2600))
-    made.space("Roof area", (0, 0, 1900), (8100, 4000, 6000))
+    made.space("Roof area", (0, 0, 2300), (8100, 4000, 6000))
     scene = imported(tmp_path, made.text)
     assert [room.name for room in scene.rooms] == ["Wohnzimmer", "Bad"]
     assert [room.ceiling_z for room in scene.rooms] == pytest.approx([2.6, 2.6])
