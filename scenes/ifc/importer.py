@@ -348,6 +348,9 @@ def _objects(
         category, is_structure = category_of_element(element)
         if category in ("slab", ""):
             category = structure_category(members[0], index) or "structure"
+        elif category == "other" and element["class"] == "IfcBuildingElementProxy":
+            category = structure_category(members[0], index) or category
+            is_structure = category != "other"
         low, high = bounds_of(members)
         objects.append(
             make_object(

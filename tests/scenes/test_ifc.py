@@ -86,6 +86,17 @@ def test_spaces_that_reach_through_their_ceiling_end_at_it(tmp_path: Path) -> No
 
 
 @INSTALLED
+def test_proxies_that_bound_rooms_are_parts_of_the_building(tmp_path: Path) -> None:
+    """As modellers write a house that knows no walls; a thing in a room stays one."""
+    text = house(spaces=False).text.replace("IFCWALL(", "IFCBUILDINGELEMENTPROXY(")
+    text = text.replace("SOLIDWALL", "ELEMENT").replace("IFCFURNITURE(", "IFCBUILDINGELEMENTPROXY(")
+    scene = imported(tmp_path, text.replace("Fauteuil 7", "Element 7"))
+    found = {each.name: (each.category, each.is_structure) for each in scene.objects}
+    assert {found[name] for name in ("south", "north", "west", "east")} == {("wall", True)}
+    assert found["Element 7"] == ("other", False)
+
+
+@INSTALLED
 def test_spaces_without_slabs_get_floors_and_ceilings(tmp_path: Path) -> None:
     scene = imported(tmp_path, house(slabs=False).text)
     assert [room.ceiling_z for room in scene.rooms] == [2.6, 2.6]
