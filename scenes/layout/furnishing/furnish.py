@@ -101,7 +101,7 @@ def furnish_layout(
 def _record(pieces: Sequence[_Piece], placed: Sequence[PlacedInRoom]) -> dict[str, Any]:
     """Counts of objects and plain boxes, how well pieces fill their boxes, and which is which.
 
-    `made` has, for the id of each stated object, the id of its piece in the scene and their
+    `stated` has, for the id of each stated object, the id of its piece in the scene and their
     intersection over union, None for a plain box.
     """
     fitted = [each.fit.iou for each in pieces if each.fit.kind]
@@ -109,7 +109,7 @@ def _record(pieces: Sequence[_Piece], placed: Sequence[PlacedInRoom]) -> dict[st
         "objects": len(pieces),
         "plain_boxes": sum(not each.fit.kind for each in pieces),
         "median_iou": round(float(np.median(fitted)), 4) if fitted else None,
-        "made": {
+        "stated": {
             each.stated.id: [one.placed.id, round(each.fit.iou, 4) if each.fit.kind else None]
             for each, one in zip(pieces, placed, strict=True)
         },

@@ -47,7 +47,7 @@ def test_an_import_is_a_whole_scene(flat: Scene) -> None:
     assert Counter(portal.kind for portal in flat.portals) == {"window": 2, "door": 1}
     assert flat.lighting == "evening" and flat.source["style"] == "minimal"
     assert flat.source["furnishing"]["median_iou"] > 0.9
-    made = {id_ for id_, _ in flat.source["furnishing"]["made"].values()}
+    made = {id_ for id_, _ in flat.source["furnishing"]["stated"].values()}
     assert made <= {one.id for one in flat.objects}
     assert ("A. Maker", "CC0-1.0") in {(one.author, one.licence) for one in flat.credits}
 
