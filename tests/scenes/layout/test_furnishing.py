@@ -142,7 +142,9 @@ def test_what_fits_no_piece_is_named_and_a_plain_box() -> None:
     assert result.record["plain_boxes"] == 1 and result.record["median_iou"] > 0.9
     assert any("harp" in text for text in changes.sentences())
     stated = [one["category"] for one in FLAT["objects"]]
-    (plain,) = [number for number, (_, iou) in enumerate(result.record["stated"].values()) if not iou]
+    (plain,) = [
+        number for number, (_, iou) in enumerate(result.record["stated"].values()) if not iou
+    ]
     assert stated[plain] == "harp"
     placed = [each.placed.id for each in result.placed[: len(stated)]]
     assert [id_ for id_, _ in result.record["stated"].values()] == placed
