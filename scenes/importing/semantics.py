@@ -37,3 +37,8 @@ def category_number(category: str) -> int:
     """Return the number of a category, that of "other" for one that has none of its own."""
     known = category if category in CATEGORY_LABELS[1:] else "other"
     return CATEGORY_LABELS.index(known)
+
+
+def nyu13_name(category: str) -> str:
+    """Return the name of a category's class among the 13; empty for none."""
+    return NYU13_NAMES[NYU13_OF_NYU40[NYU40_OF_CATEGORY[category_number(category)]]]

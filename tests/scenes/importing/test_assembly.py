@@ -9,7 +9,7 @@ from pbrnet.scenes.importing.assembly import _with_some_room
 from pbrnet.scenes.importing.changes import NO_ROOM, Changes
 from pbrnet.scenes.reconstruction.rooms import FoundRoom
 from pbrnet.scenes.registry import import_scene
-from tests.fixtures.rooms import Block, write_obj
+from tests.fixtures.rooms import Block, shell, write_obj
 
 
 def test_without_rooms_the_file_bounds_the_room_not_the_added_ground(tmp_path: Path) -> None:
@@ -34,3 +34,12 @@ def test_only_what_a_camera_sees_is_a_room_without_a_warning(
     assert rooms == [guess] and is_closed == [False]
     (note,) = changes.sentences()
     assert note.startswith(NO_ROOM) != is_room
+
+
+@pytest.mark.parametrize("thing", ["block", "sofa", "toilet"])
+def test_rooms_without_furniture_are_named(thing: str, tmp_path: Path) -> None:
+    blocks = [*shell(), Block(thing, (1, 1, 0), (2, 2, 0.8))]
+    path = write_obj(tmp_path / "in" / "room.obj", blocks)
+    scene = import_scene(path, tmp_path / "out", up="z", scale=1.0)
+    named = any(note.startswith("no object is known as furniture") for note in scene.changes)
+    assert named == (thing == "block")
