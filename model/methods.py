@@ -17,8 +17,9 @@ Target = Literal["shading", "color"]
 MAX_SAMPLES = 8  # per pixel, of noisy samples
 MIN_TILE = 16  # least side of a tile in pixels
 PAPER_INPUTS = ("depth", "normal", "reflectance", "intensity", "distance")
-# Direct light by the panorama's sources: an input of the joins `position` and `colour`.
-DIRECT, DIRECT_COLOUR = "direct", "direct_colour"
+# Direct light by the panorama's sources, an input of these joins of the panorama.
+DIRECT, DIRECT_COLOUR, DIRECT_SHADOWS = "direct", "direct_colour", "direct_shadows"
+DIRECT_OF = {"position": DIRECT, "colour": DIRECT_COLOUR, "shadows": DIRECT_SHADOWS}
 GEOMETRY = ("depth", "normal", "materials")  # inputs that all bands of plus and hybrid share
 _ENCODING = "pbrnet.model.data.encoding"
 _BASELINES, _NETWORKS = "pbrnet.model.baselines", "pbrnet.model.networks"
@@ -207,7 +208,7 @@ PREDICTABLE = ("pbrnet", *PRODUCTS, *BASELINES)
 
 def direct_inputs(panorama: str) -> tuple[str, ...]:
     """Return the image of direct light that a join of the panorama adds to the inputs, if any."""
-    return {"position": (DIRECT,), "colour": (DIRECT_COLOUR,)}.get(panorama, ())
+    return (DIRECT_OF[panorama],) if panorama in DIRECT_OF else ()
 
 
 def columns_of(methods: Iterable[str]) -> tuple[str, ...]:

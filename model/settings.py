@@ -90,8 +90,8 @@ class TrainParams:
     )
     exposure: Literal["own", "shared"] = param("shared", "shared, or own as in the paper")
     flips: bool = param(True, "mirror views at random with probability 1/2")
-    panorama: Literal["resize", "normal", "position", "colour"] = param(
-        "normal", "normal, resize, position or colour; see docs/networks.md"
+    panorama: Literal["resize", "normal", "position", "colour", "shadows"] = param(
+        "normal", "normal, resize, position, colour or shadows; see docs/networks.md"
     )
     checkpoint_steps: int = param(500, "steps between checkpoints", within(1))
     loss: LossParams = param(LossParams(), "part-perceptual")

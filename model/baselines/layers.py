@@ -7,7 +7,7 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.data.encoding import Tensors, input_named
-from pbrnet.model.methods import DIRECT, DIRECT_COLOUR, PAPER_INPUTS, direct_inputs
+from pbrnet.model.methods import DIRECT_OF, PAPER_INPUTS, direct_inputs
 from pbrnet.model.networks.pbrnet import NormalPanorama, Panorama, log_panorama
 
 IMAGES = ("depth", "normal", "reflectance")
@@ -24,7 +24,7 @@ def stacked(inputs: Tensors) -> torch.Tensor:
     panorama = torch.cat(log_panorama(inputs["intensity"], inputs["distance"]), dim=1)
     size = inputs["normal"].shape[-2:]
     resized = functional.interpolate(panorama, size, mode="bilinear", align_corners=False)
-    direct = [inputs[name] for name in (DIRECT, DIRECT_COLOUR) if name in inputs]
+    direct = [inputs[name] for name in DIRECT_OF.values() if name in inputs]
     return torch.cat([*(inputs[name] for name in IMAGES), resized, *direct], dim=1)
 
 
@@ -32,8 +32,8 @@ class Stack(nn.Module):
     """Input image of a baseline; the panorama is joined to it as in our networks.
 
     With `panorama` `resize` it is `stacked`. With `normal` it has panorama features that are looked
-    up in the direction of each pixel's normal instead of the resized panorama; with `position` and
-    `colour` it has these and the panorama's direct light. Baselines therefore get the same
+    up in the direction of each pixel's normal instead of the resized panorama; with the joins of
+    `DIRECT_OF` it has these and the panorama's direct light. Baselines therefore get the same
     information as our networks.
     """
 

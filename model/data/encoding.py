@@ -24,7 +24,13 @@ import torch
 from pbrnet.model.data.direct_light import lamps_in_view, reflected_light
 from pbrnet.model.data.display import log_average, luminance, tonemap_exposed
 from pbrnet.model.data.reader import PAPER, Columns, Example
-from pbrnet.model.methods import DIRECT, DIRECT_COLOUR, MAX_SAMPLES, PAPER_INPUTS
+from pbrnet.model.methods import (
+    DIRECT,
+    DIRECT_COLOUR,
+    DIRECT_SHADOWS,
+    MAX_SAMPLES,
+    PAPER_INPUTS,
+)
 from pbrnet.pipeline.channels import column_channel
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, tonemap
 from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
@@ -184,10 +190,15 @@ def _direct_colour(view: Columns) -> ArrayOrTensor:
     return _direct_in({name: view[name] for name in (*_DIRECT_COLUMNS, "tint")}, 3)
 
 
-def _direct_in(view: Columns, bands: int) -> ArrayOrTensor:
-    """Unshadowed direct light of matte grey surfaces in its own exposure: display, logarithm.
+def _direct_shadows(view: Columns) -> ArrayOrTensor:
+    """Direct light by the grey panorama with its shadows, (H, W, 2), see `_direct_in`."""
+    return _direct_in({name: view[name] for name in (*_DIRECT_COLUMNS, "visibility")}, 1)
 
-    (H, W, 2 bands), of one band where the panorama is grey.
+
+def _direct_in(view: Columns, bands: int) -> ArrayOrTensor:
+    """Direct light of matte grey surfaces in its own exposure: display, logarithm.
+
+    (H, W, 2 bands), of one band where the panorama is grey. The view's `visibility` shadows it.
     """
     light = _stack([reflected_light(view, NEUTRAL)]) + lamps_in_view(view)
     level = light[:, :1] if bands == 1 else luminance(light)
@@ -233,6 +244,7 @@ def _images(*columns: str, optional: bool = False) -> Input:
 #     distance itself, because it may average them first
 #   direct: unshadowed direct light of the grey panorama in its own exposure: display, logarithm
 #   direct_colour: the same of the panorama in its colours, three bands each
+#   direct_shadows: the same as direct, with the shadows of `visibility`
 #   transport: direct light, indirect light, picture; linear, in the view's unit
 #   level: log average of direct + indirect light, bands alike
 #   materials: roughness, metalness, and 1 where they are known
@@ -246,6 +258,7 @@ INPUTS = {
     "distance": Input(("distance",), 1, _clamped_distance, whole=True),
     DIRECT: Input(_DIRECT_COLUMNS, 2, _direct),
     DIRECT_COLOUR: Input((*_DIRECT_COLUMNS, "tint"), 6, _direct_colour),
+    DIRECT_SHADOWS: Input((*_DIRECT_COLUMNS, "visibility"), 2, _direct_shadows),
     "transport": _images("transport_direct", "transport_indirect", "transport_color"),
     "level": Input(("transport_direct", "transport_indirect"), 1, _level, whole=True),
     "materials": _images("roughness", "metalness", "material_known", optional=True),

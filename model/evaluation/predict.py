@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,9 +33,10 @@ from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import inputs_of, visible_surfaces
 from pbrnet.pipeline.passes.materials import materials_of
 from pbrnet.pipeline.passes.registry import render, settings_of
-from pbrnet.pipeline.passes.settings import GroundTruthParams
+from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
 from pbrnet.pipeline.passes.transport import render_transport
 from pbrnet.pipeline.passes.truth import Preparation, noisy_trace, prepare, render_samples
+from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene, set_variant
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
@@ -119,6 +121,11 @@ class ViewRenderer:
         if "illumination" in taken:
             panorama = render_illumination(scene, view, params.illumination)
             rendered = rendered.having("illumination", panorama)
+        if "visibility" in taken:
+            rays = params.illumination.shadow_rays or IlluminationParams().shadow_rays
+            lit = replace(params.illumination, shadow_rays=rays)
+            shadows = render_visibility(scene, view, lit, panorama)
+            rendered = rendered.having("visibility", shadows)
         trained_with = max((card.training.get("noisy_spp", 0) for card in cards), default=0)
         spp = trained_with and (samples or trained_with)
         prepared = prepared_for(scene, view, params.seed) if "transport" in taken or spp else None
@@ -219,11 +226,17 @@ def columns_taken(
             return True
         return any(card.training.get(name) for card in cards)
 
-    names = [name for method in methods for name in method.inputs if taken(name)]
+    joins: Sequence[str] = sorted({card.architecture.panorama for card in cards or ()}) or [""]
+    names = [
+        name
+        for method, join in product(methods, joins)
+        for name in method.inputs_with(join)
+        if taken(name)
+    ]
     found: dict[Kind, list[str]] = {}
     columns = dict.fromkeys(column for name in names for column in input_named(name).columns)
     for column in columns:
-        if column != NOISY_SPP:
+        if column not in (NOISY_SPP, "K"):
             found.setdefault(column_channel(column).kind, []).append(column)
     return found
 

@@ -19,7 +19,7 @@ from pbrnet.model.data.encoding import Policy, Tensors, centred, input_named
 from pbrnet.model.methods import direct_inputs
 from pbrnet.scenes.checked import within
 
-Panorama = Literal["resize", "normal", "position", "colour"]
+Panorama = Literal["resize", "normal", "position", "colour", "shadows"]
 
 GRID = (32, 64)  # cells that a panorama of any size is averaged to before the `normal` join
 WIDEST = 8  # levels double their width up to this many times the first level's
@@ -54,8 +54,8 @@ class GuidedNet(nn.Module):
     """A convolution for each input, concatenation of the features, then a U-Net.
 
     With the images depth and normal this is the paper's shading network. With reflectance as a
-    third image it predicts colour directly: the baseline `unet`. With the joins `position` and
-    `colour` the panorama's unshadowed direct light is another image.
+    third image it predicts colour directly: the baseline `unet`. With the joins of `DIRECT_OF` the
+    panorama's direct light is another image.
     """
 
     def __init__(

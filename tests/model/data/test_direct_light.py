@@ -15,7 +15,7 @@ from pbrnet.model.data.direct_light import (
 )
 from pbrnet.model.data.encoding import DIRECT_RANGE, encode, solid_angles
 from pbrnet.model.data.reader import Dataset, Example, mirrored
-from pbrnet.model.methods import DIRECT, DIRECT_COLOUR
+from pbrnet.model.methods import DIRECT, DIRECT_COLOUR, DIRECT_SHADOWS
 from pbrnet.pipeline.panorama_lights import panorama_directions, sources
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of, tonemap
 from pbrnet.scenes.color import luminance
@@ -180,6 +180,21 @@ def test_the_input_in_colour_is_direct_light_by_the_tints() -> None:
     light += lamps_in_view(lit)[0].permute(1, 2, 0).numpy()
     display = encode([lit], (DIRECT_COLOUR,))[DIRECT_COLOUR][0, :3].permute(1, 2, 0).numpy()
     expected = tonemap(light, exposure_of(light, ToneParams()))
+    assert (display + 1) / 2 == pytest.approx(expected, abs=1e-5)
+
+
+def test_the_input_with_shadows_is_direct_light_by_the_visibility() -> None:
+    view = lit_wall()
+    share = np.ones(SIZE, np.float32)
+    plain = encode([view], (DIRECT,))[DIRECT]
+    same = encode([view.having(visibility=share)], (DIRECT_SHADOWS,))[DIRECT_SHADOWS]
+    assert torch.equal(same, plain)
+    share[:, ::2] = 0.25
+    light = reflected_light(view, 0.5) * share[..., None]
+    light += lamps_in_view(view)[0].permute(1, 2, 0).numpy()
+    shaded = view.having(visibility=share)
+    display = encode([shaded], (DIRECT_SHADOWS,))[DIRECT_SHADOWS][0, 0].numpy()
+    expected = tonemap(light, exposure_of(light, ToneParams()))[..., 0]
     assert (display + 1) / 2 == pytest.approx(expected, abs=1e-5)
 
 

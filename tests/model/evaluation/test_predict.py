@@ -391,7 +391,7 @@ def test_from_a_scene_only_what_the_network_takes_is_rendered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made: list[str] = []
-    names = ("render_illumination", "render_transport", "materials_of")
+    names = ("render_illumination", "render_transport", "materials_of", "render_visibility")
 
     def counted(name: str) -> Callable[..., Any]:
         render = getattr(prediction, name)
@@ -405,6 +405,9 @@ def test_from_a_scene_only_what_the_network_takes_is_rendered(
         untrained_models(Path("models"), ("plus",), levels=3, materials=materials)
         predicted("data/scenes/box", "--view", "v", "--method", "plus", "--out", "s.png")
     assert made == [names[1], names[2], names[1]], "no panorama"
+    untrained_models(Path("models"), levels=3, panorama="shadows")
+    predicted("data/scenes/box", "--view", "v", "--method", "pbrnet", "--out", "s.png")
+    assert made[3:] == [names[0], names[3]]
 
 
 def test_with_the_truth_the_unit_is_the_scenes() -> None:

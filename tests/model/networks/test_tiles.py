@@ -20,7 +20,9 @@ def example(tmp_path_factory: pytest.TempPathFactory) -> Example:
     """A view of odd size, several tiles wide and high."""
     size = {"width": 187, "height": 141}
     data = box_dataset(tmp_path_factory.mktemp("large"), 0, 0, 2, transport=True, **size)
-    return next(Dataset(data / "dataset", "test").ordered())
+    view = next(Dataset(data / "dataset", "test").ordered())
+    share = np.random.default_rng(0).random(view["depth"].shape, dtype=np.float32)
+    return view.having(visibility=share)
 
 
 @pytest.mark.parametrize("levels", [1, 2, 3, 4])
@@ -44,7 +46,7 @@ def test_the_margin_of_a_u_net_is_that_of_its_receptive_field(levels: int) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("panorama", ["normal", "resize", "position", "colour"])
+@pytest.mark.parametrize("panorama", ["normal", "resize", "position", "colour", "shadows"])
 @pytest.mark.parametrize("method", ["pbrnet", "product", "unet", "plus"])
 def test_tiles_give_the_whole_picture(
     method: str, panorama: Panorama, example: Example, tmp_path: Path

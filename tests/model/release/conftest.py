@@ -78,6 +78,7 @@ def views(tmp_path_factory: pytest.TempPathFactory) -> list[Example]:
                 roughness=rough,
                 metalness=metal,
                 material_known=np.ones_like(rough),
+                visibility=rough,
                 noisy_spp=np.array(3),
             )
         )
