@@ -176,7 +176,7 @@ def place_model(model: Model, name: str, options: ModelOptions) -> Placement:
             f"no room was found in a scene {scale * extent:.3g} m across, and {question}"
         )
     if is_object and not stated_up:
-        axis = "y"
+        axis, reasons[0] = "y", "+Y points up, as in most models of single objects"
     if is_object and options.scale is None and scale * extent < _SMALLEST_OBJECT:
         scale = 0.5 / extent
         reasons.append(f"an object of {extent:.3g} units was enlarged to 0.5 m")

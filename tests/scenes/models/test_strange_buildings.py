@@ -121,6 +121,13 @@ def test_what_may_be_a_building_is_no_object_without_a_warning(
     assert done.exit_code == 1 and "NO ROOM WAS FOUND: the file was taken for" in done.output
 
 
+def test_the_reason_for_the_axis_of_an_object_agrees_with_it(tmp_path: Path) -> None:
+    parts = [Part("floor", sheets()["Floor"])]  # level in Z, yet an object by default stands in Y
+    placement = imported(parts, tmp_path, up="z").source["placement"]
+    assert placement["kind"] == "object" and placement["up"] == "y"
+    assert placement["reasons"][0].startswith("+Y points up")
+
+
 def test_a_scan_with_a_part_of_its_ceiling_is_one_whole_room(tmp_path: Path) -> None:
     parts = sheets()
     parts["Ceiling"] = parts["Ceiling"] * [0.4, 0.5, 1]
