@@ -30,6 +30,16 @@ def lines_of(lines: Iterable[object]) -> str:
     return "\n".join(map(visible, lines))
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a number with a noun, in the plural unless it is one: `1 view`, `1,200 views`."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def views_of(views: int, scenes: int, split: str = "") -> str:
+    """Return numbers of views and scenes as `12 views of 1 test scene`."""
+    return f"{counted(views, 'view')} of {counted(scenes, f'{split} scene'.lstrip())}"
+
+
 def say(*lines: object, err: bool = False) -> None:
     """Print lines, each made `visible`, with `err` on standard error.
 

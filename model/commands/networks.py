@@ -25,7 +25,7 @@ from pbrnet.model.training.backbone import make_backbone
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.commands.options import FILE, FOLDER, Request, common_options
 from pbrnet.pipeline.records import data_lock
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import say, views_of
 from pbrnet.scenes.files import atomic_file, write_json
 
 
@@ -132,7 +132,7 @@ of the split or on another scene with its floor plan.""",
 def evaluate(request: Request, folders: Folders) -> None:
     """Evaluate the trained networks, the baselines, and reflectance x shading."""
     result = evaluation.evaluate(request.params, folders)
-    say(f"{result['views']} views of {result['scenes']} {result['split']} scenes")
+    say(views_of(result["views"], result["scenes"], result["split"]))
     for method in evaluation.EVALUATED_METHODS:
         if method in result["methods"]:
             say(_line(method, result["methods"][method]))

@@ -12,7 +12,7 @@ from pbrnet.model.benchmark.views import load_views, pin_views, save_views
 from pbrnet.pipeline.commands.options import FILE, FOLDER
 from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.pipeline.splits import SPLITS
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import counted, say, views_of
 from pbrnet.scenes.files import write_json
 
 
@@ -82,7 +82,7 @@ def score(
         rows = DatasetRows(dataset, (split or "test",))
         views = pin_views(rows, count, pin.stem, "1")
         save_views(pin, views)
-        say(f"{pin}: {len(views.views)} views of {split or 'test'}")
+        say(f"{pin}: {counted(len(views.views), 'view')} of {split or 'test'}")
         return
     if not folders:
         raise click.UsageError("give a FOLDER of images")
@@ -93,7 +93,7 @@ def score(
     first = scores[0]
     of = f" of the list {chosen.name} {chosen.version}" if chosen else ""
     scenes = len({view.scene_id for view in first.views})
-    say(f"{task}: {len(first.views)} views of {scenes} scenes{of}")
+    say(f"{task}: {views_of(len(first.views), scenes)}{of}")
     say(*table(scores, seed))
     if out is not None:
         about = None if chosen is None else {"name": chosen.name, "version": chosen.version}

@@ -274,18 +274,25 @@ def find_views(
     Raises `InputError` for an unknown view, and for a camera file of another scene.
     """
     views = load_cameras(cameras).views
-    known = ", ".join(view.view_id for view in views[:8]) or "none"
     found = []
     for name in names or [view.view_id for view in views]:
         view = next((view for view in views if view.view_id == name), None)
         if view is None:
-            raise InputError(f"{cameras}: no view {name!r} (there are: {known})")
+            raise InputError(f"{cameras}: no view {name!r} (there are: {_named(views)})")
         found.append(resized(view, size) if size else view)
     if not found:
         raise InputError(f"{cameras}: contains no views")
     if found[0].scene_id != load_scene(scene).scene_id:
         raise InputError(f"{cameras}: cameras of {found[0].scene_id!r}, not of the scene {scene}")
     return found
+
+
+def _named(views: Iterable[View]) -> str:
+    """Names of views; of a walk or another trajectory, the first and the last."""
+    names: dict[str, list[str]] = {}
+    for view in views:
+        names.setdefault(view.trajectory or view.view_id, []).append(view.view_id)
+    return ", ".join(" to ".join(dict.fromkeys((of[0], of[-1]))) for of in names.values()) or "none"
 
 
 def placed_view(scene_id: str, eye: AnyArray, towards: AnyArray, intrinsics: AnyArray) -> View:

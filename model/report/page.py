@@ -50,6 +50,7 @@ from pbrnet.pipeline.dataset.checks import REASONS
 from pbrnet.pipeline.images import Picture, enlarge, fit, png_facts, read_picture
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.plotting import new_chart
+from pbrnet.pipeline.terminal import counted
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_bytes, write_text
@@ -142,8 +143,10 @@ class _Page:
         }
         backbone = self._backbone()
         nodes = {
-            "scenes": Node("Scenes", f"{len(self.records.scenes)}, {rooms} rooms", scenes),
-            "cameras": Node("Cameras", f"{views} views", picture.get("color", "")),
+            "scenes": Node(
+                "Scenes", f"{len(self.records.scenes)}, {counted(rooms, 'room')}", scenes
+            ),
+            "cameras": Node("Cameras", counted(views, "view"), picture.get("color", "")),
             "inputs": Node("Inputs", size, picture.get("normal", "")),
             "illumination": Node(
                 "Illumination",
@@ -153,7 +156,7 @@ class _Page:
             "groundtruth": Node(
                 "Ground truth", f"{self.params.groundtruth.spp} samples", picture.get("shading", "")
             ),
-            "dataset": Node("Dataset", f"{rows} rows", many),
+            "dataset": Node("Dataset", counted(rows, "row"), many),
             "backbone": Node("Backbone", backbone.get("network", _MISSING)),
             "shading": Node(
                 "Shading network",

@@ -37,6 +37,7 @@ from pbrnet.model.studies.trials.plan import (
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import FOLDER
 from pbrnet.pipeline.splits import kept_back
+from pbrnet.pipeline.terminal import counted, views_of
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes
 from pbrnet.scenes.seeds import generator
@@ -194,8 +195,8 @@ def prepare(
 def _notes(other: OtherSource, division: Division, wanted: int, plans: int) -> tuple[str, ...]:
     source = (
         f"source: {other.pattern} in {other.data}, {plans} floor plans; tuned on "
-        f"{division.tuning_views} views of {len(division.tuning)} scenes, tested on "
-        f"{division.testing_views} views of {len(division.testing)} others"
+        f"{views_of(division.tuning_views, len(division.tuning))}, tested on "
+        f"{counted(division.testing_views, 'view')} of {len(division.testing)} others"
     )
     if division.tuning_views >= wanted:
         return (source,)

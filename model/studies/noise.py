@@ -46,6 +46,7 @@ from pbrnet.pipeline.passes.registry import settings_of
 from pbrnet.pipeline.passes.truth import postprocessed
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.render.scene import set_variant
+from pbrnet.pipeline.terminal import counted
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import plain
@@ -233,5 +234,7 @@ def command(request: TrialRequest, samples: tuple[int, ...], renders: Path | Non
     scenes = {scene for trial in trials for scene in trial.scenes}
     truths = NoisyTruthStore(params, data, renders or data / "studies" / "noise", samples, scenes)
     due = {spp: len(truths.due(spp, sorted(scenes))) for spp in samples}
-    lines = [f"{count} views to render with {spp} samples first" for spp, count in due.items()]
+    lines = [
+        f"{counted(count, 'view')} to render with {spp} samples first" for spp, count in due.items()
+    ]
     request.run(study, [truths.with_source(trial) for trial in trials], lines)

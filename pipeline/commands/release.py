@@ -30,7 +30,7 @@ from pbrnet.pipeline.release.recipe import (
 from pbrnet.pipeline.release.scenes import FORMATS, add_scenes
 from pbrnet.pipeline.release.verify import verify_rows
 from pbrnet.pipeline.stages.runner import StageError
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import counted, say
 from pbrnet.scenes.errors import PbrnetError
 from pbrnet.scenes.files import resolved
 
@@ -114,7 +114,7 @@ def release(
             )
         say(*verdict.lines)
         if verdict.faults:
-            raise PbrnetError(f"{name}: {len(verdict.faults)} rows are not those of the recipe")
+            raise PbrnetError(f"{name}: {counted(len(verdict.faults), 'row')} unlike the recipe's")
         return
     if dataset is not None:
         raise click.UsageError("--dataset goes with --verify")
@@ -136,7 +136,7 @@ def release(
     add_to_card(dataset, name, recipe, known)
     sums = read_sums(dataset / SUMS)
     say(
-        f"{name} {recipe.version}: {summary.total} rows, {made.bytes / 1e6:.1f} MB, "
+        f"{name} {recipe.version}: {counted(summary.total, 'row')}, {made.bytes / 1e6:.1f} MB, "
         f"{made.core_hours:.2f} core-hours, in {dataset}"
     )
     if scenes is not None:
@@ -166,7 +166,8 @@ def _make(request: Request) -> tuple[DatasetSummary, StageError | None]:
 
 def _with_scenes(out: Path, format_: str) -> None:
     beside = add_scenes(out, format_)
-    say(f"{len(beside.files)} scenes, {beside.count} files, in {out / 'dataset' / 'scenes'}")
+    scenes, files = counted(len(beside.files), "scene"), counted(beside.count, "file")
+    say(f"{scenes}, {files}, in {out / 'dataset' / 'scenes'}")
     if beside.unlicensed:
         say("left out, licence or author unknown: " + ", ".join(beside.unlicensed))
 

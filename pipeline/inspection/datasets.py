@@ -24,9 +24,10 @@ from pbrnet.pipeline.dataset.parquet import (
 )
 from pbrnet.pipeline.frames import read_frame
 from pbrnet.pipeline.images import Picture
-from pbrnet.pipeline.inspection.drawings import counted, draw_frame, draw_previews, picture_of
+from pbrnet.pipeline.inspection.drawings import draw_frame, draw_previews, picture_of
 from pbrnet.pipeline.inspection.realism import draw_realism, measure
 from pbrnet.pipeline.inspection.sections import Inspection, Table
+from pbrnet.pipeline.terminal import counted
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError
@@ -132,7 +133,7 @@ def inspect_shards(paths: Sequence[Path], name: str) -> Inspection:
     total = sum(file.metadata.num_rows for file in files)
     return Inspection(
         "dataset" if len(paths) > 1 else "shard",
-        f"{name}: {counted(range(total), 'view')} in {counted(paths, 'file')}",
+        f"{name}: {counted(total, 'view')} in {counted(len(paths), 'file')}",
         {
             "Scenes by split": {split: len(names) for split, names in sorted(scenes.items())},
             "Files": rows,
@@ -147,7 +148,7 @@ def inspect_ledger(path: Path) -> Inspection:
     ledger = read_ledger_file(path)
     return Inspection(
         "ledger",
-        f"Ledger {path}: {counted(range(ledger.num_rows), 'row')}",
+        f"Ledger {path}: {counted(ledger.num_rows, 'row')}",
         {"Stages": ledger_table(ledger)},
         lambda: picture_of(draw_ledger(ledger)),
     )
@@ -165,7 +166,7 @@ def inspect_diversity(folder: Path) -> Inspection:
     views = sum(len(values["depth"]) for values in figures.values())
     return Inspection(
         "diversity",
-        f"{folder}: {counted(range(views), 'view')} from {counted(figures, 'source')}",
+        f"{folder}: {counted(views, 'view')} from {counted(len(figures), 'source')}",
         {"Figures": summary_table(figures)},
         lambda: picture_of(draw_figures(figures)),
     )
@@ -181,7 +182,7 @@ def inspect_realism(data: Path) -> Inspection:
     classes = [{"class": name, "share": f"{share:.1%}"} for name, share in found.classes.items()]
     return Inspection(
         "realism",
-        f"{data}: {counted(range(views), 'view')}",
+        f"{data}: {counted(views, 'view')}",
         {"Figures": found.table(), "Pixels by NYU40 class": classes, "Repeats": found.repeats},
         lambda: picture_of(draw_realism(found)),
     )

@@ -11,7 +11,7 @@ from typing import Any
 from safetensors import SafetensorError, safe_open
 
 from pbrnet.pipeline.inspection.datasets import inspect_frame, inspect_parquet, inspect_shards
-from pbrnet.pipeline.inspection.drawings import counted, draw_layers
+from pbrnet.pipeline.inspection.drawings import draw_layers
 from pbrnet.pipeline.inspection.scenes import (
     inspect_assets,
     inspect_cameras,
@@ -19,6 +19,7 @@ from pbrnet.pipeline.inspection.scenes import (
     inspect_scene,
 )
 from pbrnet.pipeline.inspection.sections import Inspection, Table
+from pbrnet.pipeline.terminal import counted
 from pbrnet.scenes.assets.index import INDEX
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import read_json
@@ -101,7 +102,8 @@ def inspect_model(path: Path) -> Inspection:
         raise InputError(f"{card_path}: expected a JSON object")
     return Inspection(
         "model",
-        f"Model {path.name}: {sum(counts.values()):,} parameters in {counted(tensors, 'tensor')}",
+        f"Model {path.name}: {counted(sum(counts.values()), 'parameter')} in "
+        f"{counted(len(tensors), 'tensor')}",
         {
             "Card": _flatten(card) or ["There is no model card beside the file."],
             "Metadata of the file": metadata,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence, Sized
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,7 @@ from pbrnet.pipeline.images import (
 )
 from pbrnet.pipeline.inspection.renders import draw_dollhouse, quick_renders
 from pbrnet.pipeline.photograph import meter, photograph
+from pbrnet.pipeline.terminal import counted
 from pbrnet.pipeline.views import CameraFile, View
 from pbrnet.scenes.contract import Room, Scene
 
@@ -87,7 +88,8 @@ def draw_plan(scene: Scene, views: Sequence[View] = ()) -> Picture:
         _draw_storey(axes, scene, views, level, above)
         storey = f", floor at {level:g} m" if len(levels) > 1 else ""
         axes.set_title(
-            f"{scene.scene_id}{storey} · {scene.lighting} · {counted(views, 'view')}", fontsize=10
+            f"{scene.scene_id}{storey} · {scene.lighting} · {counted(len(views), 'view')}",
+            fontsize=10,
         )
     figure.supxlabel(
         "yellow: lit · blue: clear window or opening · grey bar: frosted or closed · red: cameras",
@@ -200,11 +202,6 @@ def picture_of(figure: Figure) -> Picture:
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
-
-
-def counted(items: Sized, noun: str) -> str:
-    """Return the number of items with a noun, in the plural unless there is one."""
-    return f"{len(items)} {noun}{'' if len(items) == 1 else 's'}"
 
 
 def _draw_storey(

@@ -102,7 +102,8 @@ def quick_renders(scene: Scene, views: Sequence[View], count: int = 2) -> list[t
         seed = derive(0, view.view_id)
         channels, _ = render(opened, _resized(view), settings, seed)["color"]
         linear = stacked(channels).astype(np.float32)
-        pictures.append((view.view_id, photograph(linear)))
+        label = view.view_id if views else f"{view.room or 'scene'}, no view of the camera file"
+        pictures.append((label, photograph(linear)))
     return pictures
 
 

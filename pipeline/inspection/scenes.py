@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 from shapely.geometry import Polygon
 
+from pbrnet.pipeline.farm.versions import STAGE_FILES_KEY, STAGE_KEY
 from pbrnet.pipeline.images import Picture, contact_sheet, enlarge, read_picture
-from pbrnet.pipeline.inspection.drawings import counted, draw_cameras, draw_plan, draw_scene
+from pbrnet.pipeline.inspection.drawings import draw_cameras, draw_plan, draw_scene
 from pbrnet.pipeline.inspection.sections import Inspection, Table, facts_of, rows_of
 from pbrnet.pipeline.inspection.sizes import scene_sizes
 from pbrnet.pipeline.render.leaks import find_leaks
 from pbrnet.pipeline.render.scene import open_scene, set_variant
+from pbrnet.pipeline.terminal import counted
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.assets.index import PREVIEW, AssetIndex, IndexEntry, load_asset, load_index
 from pbrnet.scenes.contract import load_scene
@@ -52,12 +54,16 @@ def inspect_scene(folder: Path, renders: bool = True) -> Inspection:
     lumens = [light.lumens for light in scene.lights if light.lumens is not None]
     return Inspection(
         "scene",
-        f"Scene {scene.scene_id}: {counted(scene.rooms, 'room')}, "
-        f"{counted(scene.objects, 'object')}, {counted(scene.lights, 'light')}, "
-        f"{counted(scene.portals, 'portal')}",
+        f"Scene {scene.scene_id}: {counted(len(scene.rooms), 'room')}, "
+        f"{counted(len(scene.objects), 'object')}, {counted(len(scene.lights), 'light')}, "
+        f"{counted(len(scene.portals), 'portal')}",
         {
             "General": {
-                **{f"source {key}": value for key, value in scene.source.items()},
+                **{
+                    f"source {key}": value
+                    for key, value in scene.source.items()
+                    if key not in (STAGE_KEY, STAGE_FILES_KEY)
+                },
                 "lighting": scene.lighting,
                 "plan": scene.plan or scene.scene_id,
                 "units": scene.units,
@@ -108,7 +114,7 @@ def inspect_cameras(path: Path) -> Inspection:
     ]
     return Inspection(
         "cameras",
-        f"Cameras of scene {cameras.scene_id}: {counted(cameras.views, 'view')} "
+        f"Cameras of scene {cameras.scene_id}: {counted(len(cameras.views), 'view')} "
         f"from {cameras.candidates} candidates",
         {"Rejected candidates": dict(cameras.rejected), "Views": views},
         lambda: draw_plan(scene, cameras.views) if scene else draw_cameras(cameras),
@@ -137,8 +143,8 @@ def inspect_assets(folder: Path) -> Inspection:
     unused = set(index_by_kind.own).difference(*kinds.values())
     return Inspection(
         "assets",
-        f"Furniture catalogues: {len(index.pieces)} of {total} pieces usable, "
-        f"from {counted(index.libraries, 'catalogue')}",
+        f"Furniture catalogues: {len(index.pieces)} of {counted(total, 'piece')} usable, "
+        f"from {counted(len(index.libraries), 'catalogue')}",
         {
             "Libraries": [
                 {**row, "from": library.package or library.file}
@@ -175,7 +181,7 @@ def inspect_piece(folder: Path) -> Inspection:
     piece, origin = asset.piece, asset.provenance
     return Inspection(
         "piece",
-        f"Catalogue piece {piece.key}: {piece.name}, {counted(asset.parts, 'part')}",
+        f"Catalogue piece {piece.key}: {piece.name}, {counted(len(asset.parts), 'part')}",
         {
             "General": {
                 "name": piece.name,

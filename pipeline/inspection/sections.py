@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from pbrnet.pipeline.images import Picture
-from pbrnet.pipeline.terminal import visible
+from pbrnet.pipeline.terminal import counted, visible
 
+_LINE, _CELL = 120, 60  # most signs of a value at the end of a line, and before others
 Table = list[dict[str, Any]]
 # A section is a mapping of names to values, a table, or a list of sentences.
 Section = dict[str, Any] | Table | list[str]
@@ -54,13 +55,13 @@ class Inspection:
 def _section_lines(section: Section) -> list[str]:
     if isinstance(section, dict):
         width = max(len(visible(key)) for key in section)
-        return [f"  {visible(key):{width}}  {_shorten(value)}" for key, value in section.items()]
+        return [f"  {visible(key):{width}}  {_words(value)}" for key, value in section.items()]
     if isinstance(section[0], str):
         return [f"  - {sentence}" for sentence in section]
     rows = [row for row in section if isinstance(row, dict)]
     names = list(rows[0])
     table = [
-        {name: visible(value) for name, value in row.items()}
+        {name: _words(value, _LINE if name == names[-1] else _CELL) for name, value in row.items()}
         for row in (dict(zip(names, names, strict=True)), *rows)
     ]
     widths = {name: max(len(row[name]) for row in table) for name in names}
@@ -72,6 +73,14 @@ def _section_lines(section: Section) -> list[str]:
     return ["  " + "  ".join(line).rstrip() for line in cells]
 
 
-def _shorten(value: Any, most: int = 120) -> str:
-    text = visible(value)
+def _words(value: Any, most: int = _LINE) -> str:
+    """Return a value as text of at most so many signs: without Python's brackets and quotes."""
+    if isinstance(value, dict):
+        text = ", ".join(f"{visible(key)}: {_words(item, _CELL)}" for key, item in value.items())
+    elif isinstance(value, (list, tuple)):
+        flat = not any(isinstance(one, (dict, list, tuple)) for one in value)
+        text = ", ".join(map(visible, value)) if flat else ""
+        text = text if 0 < len(text) <= most else counted(len(value), "item")
+    else:
+        text = visible(value)
     return text if len(text) <= most else f"{text[: most - 1]}…"

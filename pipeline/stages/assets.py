@@ -20,7 +20,7 @@ from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import Trash, data_lock
 from pbrnet.pipeline.stages.runner import StageError, opened_farm
-from pbrnet.pipeline.terminal import lines_of
+from pbrnet.pipeline.terminal import counted, lines_of
 from pbrnet.scenes.assets.index import (
     OWN_TABLE,
     AssetIndex,
@@ -55,8 +55,8 @@ class AssetSummary:
         lines = [
             f"assets: {self.made} made, {self.kept} kept, {self.removed} removed, "
             f"{self.seconds:.1f} s",
-            f"{len(self.index.pieces)} of {total} pieces usable, "
-            f"from {len(self.index.libraries)} catalogues",
+            f"{len(self.index.pieces)} of {counted(total, 'piece')} usable, "
+            f"from {counted(len(self.index.libraries), 'catalogue')}",
         ]
         lines += [
             f"  {library.key}: {library.usable} of {library.pieces}, {library.licence}"
@@ -97,7 +97,8 @@ def run_assets(data: Path, params: Params, scheduler: str | None = None) -> Asse
         save_index(root, index)
         if failures:
             raise StageError(
-                f"assets: {len(failures)} pieces failed, {len(made)} made, {len(kept)} kept",
+                f"assets: {counted(len(failures), 'piece')} failed, {len(made)} made, "
+                f"{len(kept)} kept",
                 *(f"  {failure}" for failure in failures[:_SHOWN]),
                 "Everything else is done; run the same command again to retry.",
             )

@@ -27,6 +27,7 @@ from pbrnet.pipeline.images import (
 )
 from pbrnet.pipeline.inspection.describe import inspect_path
 from pbrnet.pipeline.inspection.renders import draw_dollhouse, quick_renders
+from pbrnet.pipeline.inspection.sections import Inspection
 from pbrnet.pipeline.inspection.sizes import scene_sizes, triangles_of
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
@@ -144,6 +145,18 @@ def test_damaged_and_foreign_files_are_named(
     with pytest.raises(InputError, match=words) as caught:
         inspect_path(target)
     assert str(target) in str(caught.value)
+
+
+def test_values_are_short_words() -> None:
+    source = {
+        "kind": "model",
+        "placed": {"up": "z", "reasons": ["a", "b"]},
+        "views": [{"a": 1}] * 3,
+    }
+    credit = {"title": "x" * 370, "author": "me"}
+    text = Inspection("scene", "a", {"General": source, "Credits": [credit]}, np.zeros).text
+    assert "placed  up: z, reasons: a, b\n" in text and "views   3 items\n" in text
+    assert max(map(len, text.splitlines())) < 80 and "x…  me" in text
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from pbrnet.model.studies.illumination.study import IlluminationConfig, study_il
 from pbrnet.model.studies.options import config_options
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import Request
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import counted, say, views_of
 
 
 @click.command(
@@ -53,12 +53,12 @@ def command(request: Request, folders: Folders, renders: Path | None, **options:
 
 def _lines(result: IlluminationResult, target: Path) -> list[str]:
     lines = [
-        f"{result.views} views of {result.scenes} {result.split} scenes, {result.spp} samples per "
+        f"{views_of(result.views, result.scenes, result.split)}, {result.spp} samples per "
         "pixel, denoised; changes are ln(luminance after / before)"
     ]
     for name in known_first(result.changes, CHANGES):
         change = result.changes[name]
-        lines.append(f"{CHANGES[name]} ({change.views} views):")
+        lines.append(f"{CHANGES[name]} ({counted(change.views, 'view')}):")
         lines += [
             f"{method:>14}: {_measures(change.methods[method], change.reference)}"
             for method in known_first(change.methods, TITLES)

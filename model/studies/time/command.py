@@ -13,7 +13,7 @@ from pbrnet.model.studies.time.results import CLOCKS, TimeResult, part_rows, ver
 from pbrnet.model.studies.time.study import TimeConfig, study_time
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.commands.options import Request
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import say, views_of
 
 
 @click.command(
@@ -47,7 +47,7 @@ def command(request: Request, folders: Folders, renders: Path | None, **options:
 def _lines(result: TimeResult, target: Path) -> list[str]:
     width, height = result.size
     lines = [
-        f"{result.views} views of {result.scenes} {result.split} scenes at {width}x{height}, "
+        f"{views_of(result.views, result.scenes, result.split)} at {width}x{height}, "
         f"{result.repeats} turns; {result.machine['processor']}, {result.machine['threads']}, load "
         f"{result.machine['load']}; {CLOCKS[result.clock]}"
     ]

@@ -11,6 +11,7 @@ from matplotlib.ticker import FuncFormatter
 
 from pbrnet.model.studies.time.results import CLOCKS, RENDERERS, TimeResult
 from pbrnet.model.titles import METHOD_TITLES
+from pbrnet.pipeline.terminal import views_of
 
 _LINES = {
     "mitsuba": ("#7f7f7f", "-"),
@@ -50,7 +51,7 @@ def time_figure(result: TimeResult) -> Figure:
     figure.set_figheight(4.4 + 0.2 * rows)
     figure.legend(handles, labels, loc="outside lower center", ncols=_COLUMNS, fontsize=9)
     figure.suptitle(
-        f"{width}x{height}, {result.views} views of {result.scenes} {result.split} scenes; "
+        f"{width}x{height}, {views_of(result.views, result.scenes, result.split)}; "
         f"numbers: samples per pixel, reference {result.reference_spp}",
         fontsize=11,
     )

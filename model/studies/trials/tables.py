@@ -10,6 +10,7 @@ from pbrnet.model.studies.trials.results import MEASURES, MetricEstimate, Trials
 from pbrnet.model.studies.trials.runs import expected_seconds, states
 from pbrnet.model.studies.trials.words import COMPARISONS
 from pbrnet.model.training.train import Folders
+from pbrnet.pipeline.terminal import counted, views_of
 
 
 def plan_lines(study: TrialStudy, trials: Sequence[Trial], folders: Folders) -> list[str]:
@@ -23,9 +24,11 @@ def plan_lines(study: TrialStudy, trials: Sequence[Trial], folders: Folders) -> 
             total += seconds or 0.0
         steps = ", ".join(f"{name} {count}" for name, count in trial.steps.items())
         time = "time unknown" if seconds is None else f"about {_format_time(seconds)}"
-        lines.append(f"{trial.name:<{width}}  {state:<7}  {trial.views} views, {steps}, {time}")
+        lines.append(
+            f"{trial.name:<{width}}  {state:<7}  {counted(trial.views, 'view')}, {steps}, {time}"
+        )
     least = "at least " if unknown else "about "
-    lines.append(f"{len(trials)} trials, {least}{_format_time(total)} of training left")
+    lines.append(f"{counted(len(trials), 'trial')}, {least}{_format_time(total)} of training left")
     if unknown:
         lines.append("the time of a network is known once one of its kind has been trained")
     return lines
@@ -44,7 +47,7 @@ def result_lines(result: TrialsResult) -> list[str]:
         for row in result.rows
     )
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [*result.notes, f"{result.views} views of {result.scenes} {result.split} scenes"]
+    lines = [*result.notes, views_of(result.views, result.scenes, result.split)]
     group = ""
     for cells, of in zip(rows, ("", *(row.group for row in result.rows)), strict=True):
         if of and of != group:

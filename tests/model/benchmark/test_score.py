@@ -142,7 +142,7 @@ def test_the_command_compares_submissions_and_writes_json(dataset: Path, tmp_pat
     out = tmp_path / "scores.json"
     done = run(good, bad, "--dataset", dataset, "--split", "train", "--out", out)
     assert done.exit_code == 0, done.output
-    assert "color: 5 views of 1 scenes" in done.output
+    assert "color: 5 views of 1 scene" in done.output
     first, second = json.loads(out.read_text())["scores"]
     assert (first["name"], first["about"], first["seconds"]) == ("good", {"samples": 4}, 0.25)
     assert second["seconds"] == pytest.approx(4)  # of the five views of this split

@@ -18,7 +18,7 @@ from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation import evaluate as evaluation
 from pbrnet.model.evaluation.evaluate import LeakError, evaluate
 from pbrnet.model.evaluation.inference import load_networks
-from pbrnet.model.evaluation.predict import resized
+from pbrnet.model.evaluation.predict import find_views, resized
 from pbrnet.model.evaluation.product import product, product_linear
 from pbrnet.model.evaluation.reference import sheet, summary
 from pbrnet.model.settings import EvaluateParams, StageTrainParams, TrainParams
@@ -26,10 +26,18 @@ from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.dataset.settings import DatasetParams
 from pbrnet.pipeline.images import png_facts, read_picture
+from pbrnet.pipeline.inspection.renders import view_at
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.splits import SplitParams
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, tonemap
-from pbrnet.pipeline.views import ImageParams, View, as_matrix, intrinsics_of
+from pbrnet.pipeline.views import (
+    CameraFile,
+    ImageParams,
+    View,
+    as_matrix,
+    intrinsics_of,
+    save_cameras,
+)
 from pbrnet.scenes.color import decode_srgb
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
@@ -391,6 +399,17 @@ def test_another_size_keeps_the_horizontal_view_and_square_pixels() -> None:
     assert half_x[0] == pytest.approx(half_x[1])
     assert wide.intrinsics[0, 0] == wide.intrinsics[1, 1]
     assert tuple(wide.intrinsics[:2, 2]) == (40, 15)
+
+
+def test_all_views_are_named_for_one_that_is_not_there(tmp_path: Path) -> None:
+    frames = [
+        replace(view_at((0, 0, 1), (1, 0, 1), name=f"walk-00-{n:04d}"), trajectory="walk-00")
+        for n in range(3)
+    ]
+    rest = [view_at((0, 0, 1), (1, 0, 1), name=f"room-s{n}") for n in range(9)]
+    save_cameras(tmp_path / "a.json", CameraFile("a", (*rest, *frames)))
+    with pytest.raises(InputError, match=r"room-s8, walk-00-0000 to walk-00-0002\)$"):
+        find_views(tmp_path, tmp_path / "a.json", ["x"], None)
 
 
 @pytest.mark.parametrize(
