@@ -12,7 +12,7 @@ from pbrnet.pipeline.export.parts import ExportOptions, Job, run_export
 from pbrnet.pipeline.export.registry import FORMATS
 from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.pipeline.splits import SPLITS
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import counted, say
 
 _DEFAULT = ExportOptions()
 
@@ -106,6 +106,5 @@ def export_data(
     out = out or data / "exports" / name
     done = run_export(FORMATS[name], Job(rows, data / "scenes", ExportOptions(**options), out))
     kept = f", {done.kept} of {done.parts} parts existed already" if done.kept else ""
-    views = min(done.views, len(rows.rows))  # some formats write a view's files in two parts
-    left = f", {len(rows.rows) - views} left out" if views < len(rows.rows) else ""
-    say(f"{views} views as {name} in {out}{left}{kept}")
+    left = f", {len(rows.rows) - done.views} left out" if done.views < len(rows.rows) else ""
+    say(f"{counted(done.views, 'view')} as {name} in {out}{left}{kept}")

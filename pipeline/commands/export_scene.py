@@ -15,10 +15,10 @@ from pbrnet.pipeline.terminal import say
     "export-scene",
     epilog="""\b
 Examples:
-  pbrnet export-scene data/scenes/home-0000 --to glb       home-0000.glb, with textures and lights
+  pbrnet export-scene data/scenes/home-0000 --to glb       exports/home-0000.glb, textures inside
   pbrnet export-scene data/scenes/home-0000 --to glb --out house.glb --cameras views.json
-  pbrnet export-scene data/scenes/home-0000 --to usdz      home-0000.usdz, metres, Z up
-  pbrnet export-scene data/scenes/home-0000 --to mitsuba   home-0000.zip, for the mitsuba command
+  pbrnet export-scene data/scenes/home-0000 --to usdz      metres, Z up
+  pbrnet export-scene data/scenes/home-0000 --to mitsuba   a zip for the mitsuba command
 \b
 docs/exports.md describes what each format holds. pbrnet import reads the files back.""",
 )
@@ -30,7 +30,7 @@ docs/exports.md describes what each format holds. pbrnet import reads the files 
     required=True,
     help="Format: " + "; ".join(f"{one.name}: {one.title}" for one in TARGETS.values()) + ".",
 )
-@click.option("--out", type=FILE, help="File to write.  [default: SCENE's id in this folder]")
+@click.option("--out", type=FILE, help="File to write.  [default: exports/SCENE]")
 @click.option(
     "--cameras",
     type=FILE,
@@ -52,7 +52,7 @@ def export_scene_command(
 
     Lists what the format cannot hold, also in a JSON file beside the output.
     """
-    out = out or Path(scene.resolve().name + TARGETS[name].suffixes[0])
+    out = out or Path("exports", scene.resolve().name + TARGETS[name].suffixes[0])
     done = export_scene(scene, name, out, cameras, panes)
     say(f"{scene} -> {', '.join(map(str, done.files))}: {done.objects} objects")
     if done.lost:

@@ -68,7 +68,10 @@ def size_option(help_text: str) -> Decorator:
 data_option = click.option("--data", type=FOLDER, default=Path("data"), help="Data folder.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 idle_seed_option = click.option(
-    "--seed", type=int, expose_value=False, help="Has no effect; nothing is random."
+    "--seed",
+    type=int,
+    expose_value=False,
+    hidden=True,  # nothing is random
 )
 
 
@@ -101,7 +104,8 @@ def common_options(command: Command) -> Command:
         remove_orphans: bool = False,
         **others: Any,
     ) -> Any:
-        params = load_params(params_file, seed)
+        # Scenes that `pbrnet scenes` describes are given, and need no parameters.
+        params = Params() if others.get("described") else load_params(params_file, seed)
         warn_of_keys(Path("keys.yaml"))
         resolved(data)  # refuses links in a circle
         days = 0.0 if remove_orphans else None

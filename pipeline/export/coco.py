@@ -74,19 +74,17 @@ def _parts(kind: str, job: Job) -> Sequence[Part]:
     parts = []
     for scene, rows in job.rows.scenes().items():
         split = rows[0].split
-        parts.append(
-            Part(f"images/{split}/{scene}", len(rows), partial(_write_pictures, job, rows))
-        )
+        # Views count once, with their annotations.
+        parts.append(Part(f"images/{split}/{scene}", 0, partial(_write_pictures, job, rows)))
         write = partial(_write_instances if kind == "instances" else _write_panoptic, job, rows)
         parts.append(Part(f"annotations/{kind}_{split}/{scene}", len(rows), write))
     return parts
 
 
-def _write_pictures(job: Job, rows: Sequence[ViewRow], folder: Path, advance: Advance) -> None:
+def _write_pictures(job: Job, rows: Sequence[ViewRow], folder: Path, _: Advance) -> None:
     found = zip(exposures(rows, job.options), job.rows.read(rows, ("color",)), strict=True)
     for exposure, (row, content) in found:
         write_picture(folder / f"{row.view_id}.png", content.images["color"], exposure)
-        advance()
 
 
 def _labels(job: Job, rows: Sequence[ViewRow]) -> Iterator[tuple[ViewRow, AnyArray, AnyArray]]:

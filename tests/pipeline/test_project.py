@@ -35,7 +35,8 @@ def test_init_writes_a_project_and_overwrites_nothing() -> None:
     assert pbrnet("init").exit_code == 0
     for name in ("params.yaml", "dvc.yaml", "keys.yaml"):
         assert Path(name).read_text() == (ROOT / name).read_text()
-    assert "/data/" in Path(".gitignore").read_text()
+    ignored = Path(".gitignore").read_text().splitlines()
+    assert {"/data/", "/exports/", "/inspect-*.png"} <= {*ignored}
 
 
 def test_init_adds_to_the_gitignore_that_there_is() -> None:

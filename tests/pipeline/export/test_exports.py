@@ -191,7 +191,7 @@ def test_the_command_exports_a_selection(dataset: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     data = ("--data", dataset.parent)
     said = printed("export-data", "--to", "colmap", "--split", "test", *data, "--out", out)
-    assert "1 views as colmap" in said
+    assert "1 view as colmap" in said
     assert [path.name for path in out.iterdir() if path.is_dir()] == ["home-b"]
     error = refused("export-data", "--to", "colmap", "--scene", "home-z", *data, "--out", out)
     assert "home-a, home-b" in error

@@ -117,7 +117,10 @@ def test_a_described_home_is_read_back(home: Design) -> None:
     assert made.record["median_iou"] >= 0.97 and not made.record["plain_boxes"]
 
 
-def test_a_scene_folder_is_described_like_its_home(tmp_path: Path) -> None:
+def test_a_scene_folder_is_described_like_its_home(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # where no params.yaml is
     params = SceneParams(rooms_min=3, rooms_max=3, texture_size=64, outdoors="none")
     home = design_home(params, HomeSeeds(8), None)
     make_home(tmp_path / "home", "home", params, 8, "day")
