@@ -14,6 +14,7 @@ from tqdm import tqdm
 from pbrnet.pipeline.terminal import say, visible
 
 FIRST, EVERY = 3.0, 10.0  # seconds until the first line, and between lines
+COMPILING = "compiling or loading kernels"  # a note for what renders
 _TRUSTED = 0.2  # share of the work after which the forecast counts no more
 _FEW = 3  # items that tell how long the others take
 
@@ -21,11 +22,15 @@ _FEW = 3  # items that tell how long the others take
 class Pace:
     """Seconds left of items of several sorts, by the seconds that others of each sort took.
 
-    Start-up is not in it. `items` counts the items of each sort; `workers` make them side by side.
+    `items` counts the items of each sort, `workers` make them side by side. The first item of a
+    worker, which compiles kernels, counts until there are others. While none of a sort has ended,
+    its items take as long as others for their `sizes`.
     """
 
-    def __init__(self, items: Mapping[str, int], workers: int = 1) -> None:
-        self.left, self.workers = dict(items), workers
+    def __init__(
+        self, items: Mapping[str, int], sizes: Mapping[str, float], workers: int = 1
+    ) -> None:
+        self.left, self.sizes, self.workers = dict(items), sizes, workers
         self._needed = {sort: min(_FEW, count) for sort, count in items.items()}
         self._spent: dict[str, list[float]] = {sort: [] for sort in items}
         self._latest = time.monotonic()
@@ -40,12 +45,23 @@ class Pace:
         self.left[sort] = max(0, self.left[sort] - 1)
         self._latest = time.monotonic()
 
-    def seconds_left(self) -> float | None:
-        """Return the estimate; None until a few items of each sort have ended."""
+    @property
+    def is_rough(self) -> bool:
+        """True until a few items of each sort that is left have ended."""
         due = [sort for sort, count in self.left.items() if count]
-        if any(len(self._spent[sort]) < self._needed[sort] for sort in due):
+        return any(len(self._spent[sort]) < self._needed[sort] for sort in due)
+
+    def seconds_left(self) -> float | None:
+        """Return the estimate; None until an item has ended."""
+        means = {
+            sort: fmean(spent[self.workers :] or spent)
+            for sort, spent in self._spent.items()
+            if spent
+        }
+        if not means:
             return None
-        spent = sum(self.left[sort] * fmean(self._spent[sort]) for sort in due)
+        rate = fmean(mean / self.sizes[sort] for sort, mean in means.items())
+        spent = sum(n * means.get(sort, rate * self.sizes[sort]) for sort, n in self.left.items())
         return max(0.0, spent / self.workers - (time.monotonic() - self._latest))
 
 
@@ -56,7 +72,8 @@ class Progress:
     printed after `FIRST` seconds, then every `EVERY` seconds, and once at the end, whether or not
     items are finished meanwhile. `unit` is a plural noun. `kept` of the `total` items were there
     before. `expected` is the forecast of the task's seconds; without one, `pace` estimates the time
-    left if it is set, else the time that a few items took after the first.
+    left if it is set, else the time that a few items took after the first. `note` is shown beside
+    the numbers until an item brings another.
     """
 
     def __init__(
@@ -66,13 +83,14 @@ class Progress:
         unit: str = "views",
         kept: int = 0,
         expected: float | None = None,
+        note: str = "",
     ) -> None:
         self.total, self.label, self.unit = total, label, unit
         self.kept, self.expected = kept, expected
         self.done = kept
         self.pace: Pace | None = None
         self._first: tuple[float, int] | None = None  # when some were finished, and how many
-        self._note = ""  # the latest
+        self._note = note  # the latest
         self._ahead: dict[str, int] = {}  # finished on workers, in batches that are not back yet
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._started = time.monotonic()
@@ -84,6 +102,8 @@ class Progress:
             if sys.stderr.isatty()
             else None
         )
+        if self._bar is not None:
+            self._bar.set_postfix_str(note, refresh=False)
 
     def __enter__(self) -> Progress:
         threading.Thread(target=self._beat, name="progress", daemon=True).start()
@@ -112,8 +132,7 @@ class Progress:
             counted = self._ahead.pop(of, 0)
             self._start_clock()
         if self._bar is not None:
-            if note:
-                self._bar.set_postfix_str(visible(note), refresh=False)
+            self._bar.set_postfix_str(visible(note), refresh=False)
             self._bar.update(count - counted)
         else:
             self._print_if_due()
@@ -176,11 +195,12 @@ class Progress:
         if shown > self.kept and seconds > 0:
             rate = (shown - self.kept) / seconds
             parts.append(f"{rate:.2f}/s" if rate >= 0.1 else f"{1 / rate:.0f} s each")
+        rough = self.expected is None and self.pace is not None and self.pace.is_rough
         if left is not None:
-            parts.append(f"{span(left)} left")
+            parts.append(f"{'roughly ' if rough else ''}{span(left)} left")
         elif not self._ended.is_set():
             parts.append(f"{span(seconds)} so far")
-        say(f"{', '.join(parts)} {note}".rstrip(), err=True)
+        say(", ".join([*parts, note] if note else parts), err=True)
 
 
 def span(seconds: float) -> str:

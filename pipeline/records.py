@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from pbrnet.pipeline.terminal import counted
 from pbrnet.scenes.errors import MachineError, PbrnetError
 from pbrnet.scenes.files import machine_errors, write_json
 
@@ -148,7 +149,7 @@ class Trash:
             return ""
         size = size_text(entries)
         return (
-            f"trash: {len(entries)} files or folders, {size}, in {self.folder}, each kept for "
+            f"trash: {counted(len(entries), 'item')}, {size}, in {self.folder}, each kept for "
             f"{self.days:g} days (farm.trash_days); --remove-orphans empties it"
         )
 

@@ -39,7 +39,7 @@ from pbrnet.pipeline.images import Picture, png_bytes
 from pbrnet.pipeline.passes.denoise import Quality
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.photograph import photograph
-from pbrnet.pipeline.progress import Progress
+from pbrnet.pipeline.progress import COMPILING, Progress
 from pbrnet.pipeline.terminal import say
 from pbrnet.pipeline.views import View, intrinsics_of
 from pbrnet.scenes.arrays import Float64Array
@@ -160,7 +160,8 @@ def predict(request: Request, **options: Any) -> int:
     failed = list(wanted.selected.failed)
     for name, message in wanted.selected.failed.items():
         say(f"Error: {name}: {message}", err=True)
-    with Progress(len(pictures), "predict") as progress:
+    note = COMPILING if wanted.scenes else ""
+    with Progress(len(pictures), "predict", note=note) as progress:
         for view, draw in pictures:
             try:
                 say(*_write(wanted, view, draw(), total))

@@ -117,11 +117,11 @@ class CameraParams:
         """Return the share of the rooms of a type that get views."""
         return next((each.share for each in self.room_shares if each.type == room_type), 1.0)
 
-    @property
-    def most_views(self) -> int:
-        """Most views of a scene, without trajectories and stored cameras."""
-        sampled = self.views_per_scene * max(1, self.overlap_views)  # each may begin a set
-        views = sampled + self.walks * self.walk_frames
+    def most_views(self, scenes: int = 1, stored: int = 0) -> int:
+        """Most views of scenes with so many stored cameras, without trajectories."""
+        single = scenes * self.views_per_scene + (stored if self.stored_views else 0)
+        views = single * max(1, self.overlap_views)  # each may begin a set
+        views += scenes * self.walks * self.walk_frames
         return 2 * views if self.stereo_baseline else views
 
     @property

@@ -20,8 +20,10 @@ from pbrnet.pipeline.costs.forecast import (
     view_size,
 )
 from pbrnet.pipeline.costs.ledger import read_ledger
+from pbrnet.pipeline.farm.versions import STAGE_KEY
 from pbrnet.pipeline.release.recipe import load_recipe
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import say, views_of
+from pbrnet.scenes.contract import load_scene, scene_folders
 from pbrnet.scenes.errors import ParameterError
 
 
@@ -73,8 +75,9 @@ def cost(
 
     The forecast is fitted to the cost of earlier views in DATA/ledger.parquet, so render a few
     first, on the same kind of machines. Its error is estimated by cross-validation between halves
-    of those scenes; --check prints only these errors. Without --views, every scene is assumed to
-    have cameras.views_per_scene views, and the frames of its walks.
+    of those scenes; --check prints only these errors. Scenes are those of the parameters and those
+    that 'pbrnet import' wrote to DATA/scenes. Without --views, every scene is assumed to have
+    cameras.views_per_scene views, its stored cameras, and the frames of its walks.
     """
     ledger = joined([read_ledger(folder) for folder in (request.data, *also)])
     params = request.params if recipe is None else load_recipe(recipe).parameters
@@ -86,18 +89,23 @@ def cost(
         return
     left_out = set(KINDS) - set(params.kinds)
     costs = [cost for cost in costs if cost.stage not in left_out]
-    each = params.cameras.most_views
-    if scenes is None:
-        scenes = params.scenes.most_scenes if views is None else math.ceil(views / each)
+    stored = 0
+    if scenes is None and views is None:
+        imported = _imported(request.data) if recipe is None else []
+        scenes, stored = params.scenes.most_scenes + len(imported), sum(imported)
+    scenes = scenes or math.ceil((views or 0) / params.cameras.most_views())
     if not scenes:
-        raise ParameterError("the parameters contain no scenes; give their number with --scenes")
-    views, of_view = views or scenes * each, view_size(params)
+        raise ParameterError(
+            f"the parameters and {request.data / 'scenes'} contain no scenes; give their number "
+            "with --scenes"
+        )
+    views, of_view = views or params.cameras.most_views(scenes, stored), view_size(params)
     seconds = {cost.stage: cost.total(scenes, views, of_view.samples(cost.stage)) for cost in costs}
     hours = sum(seconds.values()) / 3600
     error = errors[TOGETHER].worst
     kinds = params.kinds
     each_frame = {k: n for k, n in frame_bytes(ledger, of_view).items() if k in kinds}
-    stored = views * sum(each_frame.values())
+    size_of_all = views * sum(each_frame.values())
     absent = [kind for kind in kinds if kind not in each_frame]
     if as_json:
         facts = {
@@ -105,13 +113,13 @@ def cost(
             "views": views,
             "core_hours": hours,
             "relative_error": None if math.isnan(error) else error,
-            "frame_bytes": round(stored),
+            "frame_bytes": round(size_of_all),
             "not_included": absent,
             "stages": {stage: value / 3600 for stage, value in seconds.items()},
         }
         say(*json.dumps(facts, indent=2).split("\n"))
         return
-    say(f"{views:,} views of {scenes:,} scenes, {params.image.width}x{params.image.height}")
+    say(f"{views_of(views, scenes)}, {params.image.width}x{params.image.height}")
     say(f"{'stage':14}{'core-hours':>12}{'s per view':>12}   views or scenes measured")
     for cost in costs:
         worst = errors[cost.stage].worst
@@ -122,11 +130,17 @@ def cost(
         say(f"{kind}: not included, because the ledger has no such frames yet")
     note = "error unknown: too few scenes" if math.isnan(error) else f"error within {error:.0%}"
     say(f"{'total':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")
-    if stored:
+    if size_of_all:
         least = "at least " if absent else ""
-        say(f"frames: {least}{_bytes(stored)}; the dataset's shards need about as much again")
+        say(f"frames: {least}{_bytes(size_of_all)}; the dataset's shards need about as much again")
     if cores:
         say(f"on {cores:,} cores: {_span(hours / cores)}, if all of them are busy")
+
+
+def _imported(data: Path) -> list[int]:
+    """Return the number of stored cameras of each scene that no stage made."""
+    sources = [load_scene(folder).source for folder in scene_folders(data / "scenes")]
+    return [len(source.get("views", ())) for source in sources if STAGE_KEY not in source]
 
 
 def _show_check(found: dict[str, HeldOut], as_json: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from functools import partial
@@ -21,11 +22,11 @@ from pbrnet.pipeline.commands.start import say_plans, start_lines
 from pbrnet.pipeline.dataset.description.card import DatasetSummary
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.records import run_lock
+from pbrnet.pipeline.records import Trash, run_lock
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, run_frame_stages, run_frames
-from pbrnet.pipeline.stages.runner import StageError, kept_workers
-from pbrnet.pipeline.terminal import lines_of, say
+from pbrnet.pipeline.stages.runner import StageError, stages_together
+from pbrnet.pipeline.terminal import counted, lines_of, say
 from pbrnet.scenes.checked import imported
 from pbrnet.scenes.errors import PbrnetError
 
@@ -107,7 +108,8 @@ def scenes(request: Request, describe: Path | None, described: tuple[Path, ...])
         written = describe_scenes(described, describe)
     else:
         written = describe_homes(request.data, params.scenes, params.seed, describe)
-    say(f"{len(written)} layouts in {describe}; change one and read it with: pbrnet import")
+    layouts = counted(len(written), "layout")
+    say(f"{layouts} in {describe}; change one and read it with: pbrnet import")
 
 
 @click.command(
@@ -226,23 +228,25 @@ def run(request: Request, until: str) -> None:
     kinds = {kind for name in names for kind in FRAME_STAGES.get(name, (name,))}
     say(*start_lines(request, kinds), err=True)
     with nullcontext() if request.dry_run else run_lock(request.data, "run"):
-        say_plans(request, names)
+        known = say_plans(request, names)
         if not request.dry_run:
-            _run_all(request, names)
+            trash = Trash(request.data.resolve(), request.params.farm.trash_days)
+            with stages_together(trash) if known else nullcontext():
+                _run_all(request, names)
 
 
 def _run_all(request: Request, names: list[str]) -> None:
     """Run stages, also after failures of scenes or views, which are named in the end."""
     frames = [name for name in names if name in FRAME_STAGES]
     before = names[: names.index(frames[0])] if frames else names
-    with kept_workers():
-        failed = [name for name in before if not _done(request, name)]
-        if frames:
-            numbers = [list(STAGES).index(name) + 1 for name in (frames[0], frames[-1])]
-            say(f"[{numbers[0]}-{numbers[1]}/{len(STAGES)}] {', '.join(frames)}")
-            given = request.data, request.params, request.scheduler
-            for name, outcome in zip(frames, run_frame_stages(frames, *given), strict=True):
-                failed += [name] * _failed(outcome)
+    failed = [name for name in before if not _done(request, name)]
+    if frames:
+        numbers = [list(STAGES).index(name) + 1 for name in (frames[0], frames[-1])]
+        say(f"[{numbers[0]}-{numbers[1]}/{len(STAGES)}] {', '.join(frames)}")
+        given, started = (request.data, request.params, request.scheduler), time.monotonic()
+        for name, outcome in zip(frames, run_frame_stages(frames, *given), strict=True):
+            failed += [name] * _failed(outcome)
+        say(f"together {time.monotonic() - started:.1f} s")
     failed += [name for name in names[len(before) + len(frames) :] if not _done(request, name)]
     if failed:
         raise StageError(f"failures in {', '.join(failed)}, listed above; everything else is done")
@@ -282,22 +286,25 @@ def require_whole_walks(summary: DatasetSummary) -> None:
     """Raise `StageError` with the names of walks that have rejected frames."""
     if summary.walks:
         named = ", ".join(
-            f"{scene}/{walk} ({count} frames)" for (scene, walk), count in summary.walks.items()
+            f"{scene}/{walk} ({counted(count, 'frame')})"
+            for (scene, walk), count in summary.walks.items()
         )
         raise StageError(
-            f"dataset: rejected frames in {len(summary.walks)} walks: {named}; the rest is packed. "
-            "dataset.checks has the limits; whole_walks rejects such walks as a whole"
+            f"dataset: rejected frames in {counted(len(summary.walks), 'walk')}: {named}; "
+            "the rest is packed. dataset.checks has the limits; whole_walks rejects such walks as "
+            "a whole"
         )
 
 
 def summary_lines(summary: DatasetSummary, folder: Path) -> list[str]:
     """Return rows, splits, size and rejections of a packed dataset as lines of text."""
     splits = ", ".join(
-        f"{split} {rows} of {summary.scenes[split]} scenes" for split, rows in summary.rows.items()
+        f"{split} {rows} of {counted(summary.scenes[split], 'scene')}"
+        for split, rows in summary.rows.items()
     )
     lines = [
-        f"{summary.sampled} views sampled, {summary.total} rows ({splits})",
-        f"{len(summary.files)} shards, {summary.bytes / 1e6:.1f} MB in {folder}",
+        f"{counted(summary.sampled, 'view')} sampled, {counted(summary.total, 'row')} ({splits})",
+        f"{counted(len(summary.files), 'shard')}, {summary.bytes / 1e6:.1f} MB in {folder}",
     ]
     if not summary.packed:
         lines.append("up to date: kept as it was packed before")

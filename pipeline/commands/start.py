@@ -17,7 +17,7 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.stages.cameras import plan_cameras
 from pbrnet.pipeline.stages.frame_stage import FRAME_STAGES, plan_frames
 from pbrnet.pipeline.stages.runner import NOTHING_PENDING, Pending, StagePlan, Target, plan_line
-from pbrnet.pipeline.terminal import say
+from pbrnet.pipeline.terminal import counted, say
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.errors import InputError
 
@@ -25,7 +25,8 @@ from pbrnet.scenes.errors import InputError
 def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
     """Return lines about images, samples, views and workers of a run that is about to start.
 
-    `stages`: the kinds of frames that are made, and `scenes` and `cameras`; all if empty.
+    `stages`: the kinds of frames that are made, and `scenes` and `cameras`, whose plan has the
+    number of views; all if empty.
     """
     params = request.params
     kinds = params.kinds
@@ -38,12 +39,11 @@ def start_lines(request: Request, stages: Collection[str] = ()) -> list[str]:
     if wanted & set(TRACED):
         lines.append(f"samples: {_samples(params.groundtruth)}")
     scenes, views = _counted(request.data)
-    words = f"{views:,} of {scenes:,} scenes" if views else ""
-    if not views:
-        scenes = params.scenes.most_scenes
-        views = scenes * params.cameras.most_views
-        words = f"at most {views:,} of {scenes:,} scenes" if scenes else ""
-    lines += [f"views: {words}"] if words else []
+    if views and "cameras" not in stages:
+        lines.append(f"views: {views:,} of {counted(scenes, 'scene')}")
+    elif not stages and (scenes := params.scenes.most_scenes):
+        views = params.cameras.most_views(scenes)
+        lines.append(f"views: at most {views:,} of {counted(scenes, 'scene')}")
     address = scheduler_address(request.scheduler)
     local = f"up to {params.farm.workers or cpu_count()} on this machine"
     return [*lines, f"workers: {f'from the dask scheduler {address}' if address else local}"]
@@ -69,8 +69,11 @@ def _counted(data: Path) -> tuple[int, int]:
         return 0, 0
 
 
-def say_plans(request: Request, names: Iterable[str]) -> None:
-    """Print what stages will make, keep and remove: as output if that is all, else on stderr."""
+def say_plans(request: Request, names: Iterable[str]) -> bool:
+    """Print what stages will make, keep and remove: as output if that is all, else on stderr.
+
+    Returns False if that is not known yet.
+    """
     names, changes = list(names), False
     try:
         for plan in plan_stages(names, request):
@@ -84,15 +87,18 @@ def say_plans(request: Request, names: Iterable[str]) -> None:
         if not request.params.assets.enabled:
             raise
         say(f"not known before the catalogues are available: {error}", err=not request.dry_run)
+        return False
+    return True
 
 
 def plan_stages(names: Iterable[str], request: Request) -> Iterator[StagePlan]:
     """Yield what stages of these names will do one after the other, from `scenes` to frames.
 
-    A stage whose scenes or cameras are made before it has at most as many files to make as it has
-    views per scene. Checksums are left to the stages.
+    A stage whose scenes or cameras are made before it has at most as many files to make as those
+    have views. Checksums are left to the stages.
     """
     pending, data = NOTHING_PENDING, request.data.resolve()
+    views: dict[str, int] = {}  # by scene
     params = replace(request.params, farm=replace(request.params.farm, checksums=False))
     for name in names:
         if name == "scenes":
@@ -104,13 +110,16 @@ def plan_stages(names: Iterable[str], request: Request) -> Iterator[StagePlan]:
         elif name == "cameras":
             plan = plan_cameras(data, params, pending)[0]
             plan.later = [Target(data, name, scene) for scene in sorted(pending.changed)]
-            pending = Pending(pending.changed | _changed(plan), pending.gone)
+            plan.views |= dict.fromkeys(pending.changed, params.cameras.most_views())
+            if plan.later and params.scenes.imports and params.cameras.stored_views:
+                plan.notes.append("stored cameras of new imports not counted")
+            pending, views = Pending(pending.changed | _changed(plan), pending.gone), plan.views
         elif name in FRAME_STAGES:
             plan = plan_frames(name, data, params, pending)[0]
             plan.later = [
                 Target(data, kind, scene, f"view {number}")
                 for scene in sorted(pending.changed)
-                for number in range(params.cameras.most_views)
+                for number in range(views.get(scene, params.cameras.most_views()))
                 for kind in FRAME_STAGES[name]
                 if kind in params.kinds
             ]

@@ -82,7 +82,7 @@ class ViewSize:
 
     def samples(self, stage: str) -> float:
         """Return the samples (or pixels) of a view in this stage."""
-        return self.pixels(stage) * self.spp.get(stage, 1)
+        return self.pixels(stage) * self.spp.get("truth" if stage in TRACED else stage, 1)
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def fit_costs(ledger: pa.Table) -> tuple[list[StageCost], dict[str, HeldOut]]:
     if "truth" not in stages:
         raise InputError(
             "the ledger has no ground truth yet; the forecast needs the cost of a few views, "
-            "render some first: pbrnet groundtruth"
+            "render some first: pbrnet run"
         )
     return _costs(stages), _held_out(stages, scenes)
 

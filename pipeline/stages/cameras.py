@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from pbrnet.pipeline.stages.runner import (
     list_scenes,
     scene_digests,
 )
+from pbrnet.pipeline.terminal import views_of
 from pbrnet.pipeline.views import CameraFile, load_cameras
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.errors import InputError
@@ -65,7 +66,7 @@ def run_cameras(data: Path, params: Params, scheduler: str | None = None) -> Sum
             made |= execute([part], scheduler)
             plan.failures += part.failures
             plan.renderers += part.renderers
-        return finish(plan, made, lambda: _notes(root, scenes))
+        return finish(plan, made, lambda: _notes(root, scenes, {path.stem for path in made}))
 
 
 def plan_cameras(
@@ -96,16 +97,17 @@ def plan_cameras(
     views = ViewParams(params.cameras, params.image)
     expected = camera_fingerprints(scenes, views, params.seed, digests, renderers)
     for scene_id, marks in expected.items():
-        path = root / f"{scene_id}.json"
-        if _is_current(path, marks):
+        path, stored = root / f"{scene_id}.json", len(scenes[scene_id].source.get("views", ()))
+        if file := _current(path, marks):
             plan.kept += 1
-        elif _is_current(plan.trash.place(path), marks):
+        elif file := _current(plan.trash.place(path), marks):
             plan.returning.append(path)
         else:
             place, own = data / "scenes" / scene_id, first[scene_id] == scene_id
             walks = _trajectories(scene_id, params.cameras) if own else ()
             job = CameraJob(path, place, digests[scene_id], views, params.seed, marks, walks)
             plan.add(job, Target(path, "cameras", scene_id))
+        plan.views[scene_id] = len(file.views) if file else params.cameras.most_views(1, stored)
     return plan, scenes
 
 
@@ -170,22 +172,26 @@ def _trajectories(scene_id: str, params: CameraParams) -> tuple[Trajectory, ...]
     return tuple(read_trajectory(path, f"path-{number:02d}") for number, path in enumerate(files))
 
 
-def _is_current(path: Path, expected: Mapping[str, str]) -> bool:
-    """Test whether a camera file has one of the fingerprints that are expected by renderer."""
+def _current(path: Path, expected: Mapping[str, str]) -> CameraFile | None:
+    """Return a camera file if it has one of the fingerprints that are expected by renderer."""
     try:
-        return load_cameras(path).fingerprint in expected.values()
+        file = load_cameras(path)
     except InputError:
-        return False
+        return None
+    return file if file.fingerprint in expected.values() else None
 
 
-def _notes(root: Path, scenes: Iterable[str]) -> list[str]:
-    """Lines for the terminal: the number of views, and the rejected candidates by reason."""
-    files = [load_cameras(root / f"{scene_id}.json") for scene_id in scenes]
+def _notes(root: Path, scenes: Iterable[str], made: Collection[str]) -> list[str]:
+    """Lines for the terminal: the number of views; of scenes `made`, what was rejected and why."""
+    all_files = [load_cameras(root / f"{scene_id}.json") for scene_id in scenes]
+    files = [file for file in all_files if file.scene_id in made]
     rejected: Counter[str] = Counter()
     for file in files:
         rejected += Counter(file.rejected)
-    total = sum(len(file.views) for file in files)
-    lines = [f"{total} views of {sum(file.candidates for file in files)} candidates; rejected:"]
+    lines = [views_of(sum(len(file.views) for file in all_files), len(all_files))]
+    if files:
+        candidates = sum(file.candidates for file in files)
+        lines.append(f"of {candidates} new candidates {rejected.total()} were rejected:")
     lines += [f"  {count:>8}  {reason}" for reason, count in rejected.most_common()]
     lines += [
         f"little furniture in {file.scene_id}: parts of the building counted as objects"
@@ -209,7 +215,8 @@ def _notes(root: Path, scenes: Iterable[str]) -> list[str]:
             for name, found in file.collisions.items()
             if frames[name]
         ]
-    lines += [f"no view in {file.scene_id}: {_reasons(file)}" for file in files if not file.views]
+    empty = [file for file in all_files if not file.views]
+    lines += [f"no view in {file.scene_id}: {_reasons(file)}" for file in empty]
     return lines
 
 

@@ -96,7 +96,8 @@ def run_frame_stages(
         made = execute(plans, scheduler, queue.following)
         for plan, paths in zip(plans, outputs, strict=True):
             try:
-                found.append(_finished(plan, {path: made[path] for path in paths}, expected))
+                done = _finished(plan, {path: made[path] for path in paths}, expected)
+                found.append(done if len(plans) == 1 else replace(done, seconds=None))
             except StageError as error:
                 found.append(error)
     return found

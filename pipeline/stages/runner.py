@@ -28,12 +28,12 @@ from pbrnet.pipeline.farm.transfer import TransferService
 from pbrnet.pipeline.farm.versions import code_version, scene_digest
 from pbrnet.pipeline.farm.worker import Item, Outcome
 from pbrnet.pipeline.farm.workspace import open_workspace, receive, scene_service
-from pbrnet.pipeline.progress import Pace, Progress, span
+from pbrnet.pipeline.progress import COMPILING, Pace, Progress, span
 from pbrnet.pipeline.records import Failure, Trash, save_failures, size_text
 from pbrnet.pipeline.render.scene import renderer_version
 from pbrnet.pipeline.render.variants import accepted, card_ids, choose
 from pbrnet.pipeline.stages.render_jobs import use_code, use_renderer
-from pbrnet.pipeline.terminal import lines_of, say
+from pbrnet.pipeline.terminal import counted, lines_of, say, views_of
 from pbrnet.scenes.contract import Scene, load_scene, scene_folders
 from pbrnet.scenes.errors import InputError, PbrnetError
 from pbrnet.scenes.files import remove_partials
@@ -52,18 +52,19 @@ class StageError(PbrnetError):
 
 @dataclass(frozen=True)
 class Summary:
-    """Numbers of files that a stage made, kept and removed, and its time in seconds."""
+    """Numbers of files that a stage made, kept and removed, and its seconds if it ran alone."""
 
     stage: str
     made: int
     kept: int
     removed: int
-    seconds: float
+    seconds: float | None
     notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         parts = [f"{self.stage}: {self.made} made, {self.kept} kept, {self.removed} removed"]
-        return lines_of([f"{parts[0]}, {self.seconds:.1f} s", *self.notes])
+        parts += [] if self.seconds is None else [f"{self.seconds:.1f} s"]
+        return lines_of([", ".join(parts), *self.notes])
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,8 @@ class StagePlan:
     returning: list[Path] = field(default_factory=list)
     # Files that may be made beside those, at most: their scenes or cameras change before.
     later: list[Target] = field(default_factory=list)
+    views: dict[str, int] = field(default_factory=dict)  # of each scene, for its cameras: at most
+    notes: list[str] = field(default_factory=list)  # further parts of its line
     # Views, by scene and id, that are not rendered, as the dataset's checks reject them: why.
     left_out: dict[tuple[str, str], str] = field(default_factory=dict)
     unsure: int = 0  # files of those scenes that are there now
@@ -162,10 +165,14 @@ def plan_line(plan: StagePlan) -> str:
     if plan.returning:
         parts.append(f"{len(plan.returning)} back from the trash")
     if plan.left_out:
-        parts.append(f"{len(plan.left_out)} views skipped, rejected by dataset.checks")
+        parts.append(f"{counted(len(plan.left_out), 'view')} skipped, rejected by dataset.checks")
     if plan.orphans:
         where = "to the trash" if plan.farm.trash_days else "to be deleted"
         parts.append(f"{len(plan.orphans)} no longer required, {size_text(plan.orphans)}, {where}")
+    if plan.views:
+        most = "at most " if plan.outputs or plan.later else ""
+        parts.append(f"{most}{views_of(sum(plan.views.values()), len(plan.views))}")
+    parts += plan.notes
     seconds = plan_seconds(plan)
     if seconds:
         parts.append(f"about {span(seconds)} of one core, from the ledger")
@@ -181,10 +188,12 @@ def plan_seconds(plan: StagePlan) -> float | None:
 def begin(plan: StagePlan) -> None:
     """Say on stderr what the stage will do; move files into the trash, and others back from it.
 
-    Orphans go there, and what is about to be replaced. Without a trash the latter stay until then:
-    a run that is started by mistake and interrupted loses only what it has replaced.
+    In a run of several stages, the run has said it. Orphans go there, and what is about to be
+    replaced. Without a trash the latter stay until then: a run that is started by mistake and
+    interrupted loses only what it has replaced.
     """
-    say(plan_line(plan), err=True)
+    if _kept is None:
+        say(plan_line(plan), err=True)
     plan.trash.put_back(plan.returning)
     plan.trash.add(plan.orphans)
     if plan.farm.trash_days:
@@ -228,8 +237,12 @@ def execute(
     accepted = first.accepted if first.renders else None
     kept, workers = sum(plan.kept for plan in plans), params.workers or cpu_count()
     label, unit = (first.stage, first.unit) if len(plans) == 1 else ("frames", "frames")
-    with Progress(kept + len(made), label, unit, kept, expected(workers)) as progress:
-        pace = Pace(Counter(plan_of[key].stage for key in plan_of))
+    note = COMPILING if first.renders else ""
+    with Progress(kept + len(made), label, unit, kept, expected(workers), note) as progress:
+        sizes = {
+            plan.stage: max(plan.view.samples(one.stage) for one in plan.outputs) for plan in plans
+        }
+        pace = Pace(Counter(plan_of[key].stage for key in plan_of), sizes)
         if forecast is None:
             progress.pace = pace
 
@@ -265,8 +278,11 @@ _kept: tuple[ExitStack, dict[object, Farm]] | None = None  # workers, and those 
 
 
 @contextmanager
-def kept_workers() -> Iterator[None]:
-    """Keep workers that render for all stages of the block: they start once."""
+def stages_together(trash: Trash) -> Iterator[None]:
+    """Keep workers that render for all stages of the block; say of the trash at its end only.
+
+    Their plans are said before.
+    """
     global _kept
     with ExitStack() as stack:
         _kept = stack, {}
@@ -274,6 +290,8 @@ def kept_workers() -> Iterator[None]:
             yield
         finally:
             _kept = None
+            if said := trash.described():
+                say(said)
 
 
 @contextmanager
@@ -392,7 +410,8 @@ def finish(
             "else is done; run the same command again to retry.",
         )
     seconds = time.monotonic() - plan.started
-    said = (*_mixture(plan.renderers), *notes(), plan.trash.described())
+    said = [*_mixture(plan.renderers), *notes()]
+    said += [plan.trash.described()] if _kept is None else []
     return Summary(plan.stage, count, plan.kept, plan.removed, seconds, tuple(filter(None, said)))
 
 

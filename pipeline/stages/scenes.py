@@ -104,7 +104,8 @@ def plan_scenes(data: Path, params: Params, only: Collection[str] | None = None)
     if only is not None:
         wanted = {scene_id: job for scene_id, job in wanted.items() if scene_id in only}
     marks = {one: stage_fingerprint(one) for one in scene_folders(root)}
-    others = [one for one, mark in marks.items() if mark is None]
+    others = sum(mark is None for mark in marks.values())
+    plan.notes += [f"{others} of 'pbrnet import'"] if others else []
     if not wanted and not plan.failures and not others:
         raise ParameterError(
             f"scenes.homes: 0 homes, no imports, and no scene in {root} leave nothing to do; "

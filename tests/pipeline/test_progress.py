@@ -64,16 +64,28 @@ def test_without_forecast_a_few_items_tell_and_the_start_does_not_count(
     assert bar.seconds_left() == pytest.approx(8 * 2)
 
 
-def test_each_sort_of_item_tells_of_its_own(clock: list[float]) -> None:
-    """Inputs of 0.1 s say nothing about light of 5 s."""
-    pace, bar = Pace({"inputs": 10, "color": 5}, workers=2), Progress(15, "frames", "frames")
+def test_each_sort_of_item_tells_of_its_own(
+    clock: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of light, which takes 5 s, inputs of 0.1 s tell only by its samples; first items compile."""
+    pace = Pace({"inputs": 10, "color": 5}, {"inputs": 1.0, "color": 16.0}, workers=2)
+    bar = Progress(15, "frames", "frames", note="compiling")
     bar.pace = pace
-    for number in range(10):
-        pace.ended("inputs", 0.1)
+    clock[0] += 4
+    bar._print_if_due()
+    assert capsys.readouterr().err == "frames: 0/15 frames, 4 seconds so far, compiling\n"
+    pace.ended("inputs", 2.0)
+    assert bar.seconds_left() == pytest.approx((9 + 5 * 16) * 2 / 2)
+    for number in range(9):
+        pace.ended("inputs", 2.0 if number == 0 else 0.1)
         bar.announce(str(number), 1)
-    assert bar.seconds_left() is None
-    for _ in range(3):
-        pace.ended("color", 5.0)
+    assert bar.seconds_left() == pytest.approx(5 * 16 * 0.1 / 2)
+    bar._print()
+    assert "roughly 4 seconds left" in capsys.readouterr().err
+    for seconds in (9.0, 9.0, 5.0):
+        pace.ended("color", seconds)
+    bar._print()
+    assert "/s, 5 seconds left" in capsys.readouterr().err
     assert bar.seconds_left() == pytest.approx(2 * 5 / 2)
     pace.dropped("color")
     clock[0] += 1

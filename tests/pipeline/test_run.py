@@ -9,8 +9,10 @@ from click.testing import CliRunner
 
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.commands import stages as commands
+from pbrnet.pipeline.costs.forecast import view_size
+from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import data_lock
-from pbrnet.pipeline.stages.runner import StageError
+from pbrnet.pipeline.stages.runner import StageError, StagePlan, begin, finish, stages_together
 from pbrnet.scenes.errors import MachineError, PbrnetError
 
 
@@ -76,6 +78,20 @@ def test_failed_views_do_not_stop_the_others_but_are_told(
     assert isinstance(done.exception, StageError) and done.exception.exit_code == 1
     assert len(calls) == len(commands.STAGES), "the dataset has what there is"
     assert "inputs: 1 failed, 8 made" in done.output
+
+
+def test_plan_and_trash_are_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lying = tmp_path / "trash" / "color" / "one" / "a.exr"
+    lying.parent.mkdir(parents=True)
+    lying.touch()
+    params = Params()
+    plan = StagePlan(tmp_path, params.farm, view_size(params), "color", "views", print)
+    with stages_together(plan.trash):
+        begin(plan)
+        assert not finish(plan, {}).notes and capsys.readouterr() == ("", "")
+    assert "trash: 1 item, 0.0 MB" in capsys.readouterr().out
+    begin(plan)
+    assert finish(plan, {}).notes and "color: 0 to make" in capsys.readouterr().err
 
 
 def test_a_fault_of_the_machine_stops_it(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,15 +8,17 @@ from click.testing import CliRunner
 
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.commands.options import Request
-from pbrnet.pipeline.commands.start import start_lines
+from pbrnet.pipeline.commands.start import plan_stages, start_lines
 from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.costs.ledger import Ledger
 from pbrnet.pipeline.inspection.renders import view_at
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import GroundTruthParams
+from pbrnet.pipeline.stages.cameras import plan_cameras
 from pbrnet.pipeline.stages.runner import StagePlan, Target, plan_line
 from pbrnet.pipeline.views import CameraFile, save_cameras
 from pbrnet.scenes.params import SceneParams
+from tests.fixtures.stages import write_room
 
 
 @pytest.fixture(autouse=True)
@@ -89,9 +91,32 @@ def test_the_ledger_tells_the_time(tmp_path: Path) -> None:
 def test_views_are_counted_where_cameras_are_there(tmp_path: Path) -> None:
     views = tuple(view_at((0, 0, 1), (1, 0, 1), name=name) for name in ("a", "b"))
     save_cameras(tmp_path / "cameras" / "one.json", CameraFile("one", views))
-    assert "views: 2 of 1 scenes" in start_lines(Request(Params(), tmp_path))
+    assert "views: 2 of 1 scene" in start_lines(Request(Params(), tmp_path), ("inputs",))
     (tmp_path / "cameras" / "two.json").write_text("broken")
     assert any("views: at most" in line for line in start_lines(Request(Params(), tmp_path)))
+
+
+def test_a_dry_run_counts_imported_scenes_and_their_cameras(tmp_path: Path) -> None:
+    data, params = tmp_path / "data", Params(scenes=SceneParams(homes=0))
+    write_room(data / "scenes" / "alpha", source={"views": [{}, {}]})
+
+    def said() -> list[str]:
+        names = ("scenes", "cameras", "inputs")
+        return [plan_line(plan) for plan in plan_stages(names, Request(params, data))]
+
+    assert said() == [
+        "scenes: 0 to make, 0 up to date, 1 of 'pbrnet import'",
+        "cameras: 1 to make, 0 up to date, at most 7 views of 1 scene",
+        "inputs: 0 to make, at most 7 more after earlier stages, 0 up to date",
+    ]
+    (item,) = plan_cameras(data, params)[0].items
+    mark = next(iter(item.payload.fingerprint.values()))
+    view = replace(view_at((1, 1, 1), (2, 1, 1)), scene_id="alpha")
+    save_cameras(item.payload.path, CameraFile("alpha", (view,), fingerprint=mark))
+    assert said()[1:] == [
+        "cameras: 0 to make, 1 up to date, 1 view of 1 scene",
+        "inputs: 1 to make, 0 up to date",
+    ]
 
 
 def test_it_is_said_on_stderr_before_anything_is_made(tmp_path: Path) -> None:

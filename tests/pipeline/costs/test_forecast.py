@@ -12,8 +12,9 @@ from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.views import ImageParams
 from pbrnet.scenes.errors import InputError
-from tests.fixtures.command import printed
+from tests.fixtures.command import exit_code, printed
 from tests.fixtures.params import pbrs_params, plain_truth
+from tests.fixtures.stages import write_room
 
 OPEN, FIXED, RATE = 4.0, 0.6, 2e-6  # seconds a scene, a view, a sample
 
@@ -127,6 +128,11 @@ def test_the_command_says_core_hours(tmp_path: Path) -> None:
     linked = "{walks: 2, walk_frames: 30, stereo_baseline: 0.1, overlap_views: 3}"
     (tmp_path / "params.yaml").write_text(f"scenes: {{homes: 10}}\ncameras: {linked}\n")
     assert json.loads(printed(*words, "--json"))["views"] == 10 * 2 * (5 * 3 + 2 * 30)
+    (tmp_path / "params.yaml").write_text("scenes: {homes: 0}\n")
+    assert exit_code(*words) == 2, "there are no scenes"
+    write_room(tmp_path / "data" / "scenes" / "alpha")
+    write_room(tmp_path / "data" / "scenes" / "beta", source={"views": [{}, {}]})
+    assert "12 views of 2 scenes, 160x120" in printed(*words), "two are stored in one of them"
 
 
 def test_without_measured_views_there_is_no_estimate(tmp_path: Path) -> None:

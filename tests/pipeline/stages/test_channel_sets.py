@@ -119,7 +119,7 @@ def test_trajectories_are_frames_like_others(tmp_path: Path) -> None:
     plan = plan_frames("groundtruth", data, film)[0]
     assert list(plan.left_out) == [frames[1].name] and len(plan.items) == 5
     assert "misaligned, video: forward" in plan.left_out[frames[1].name]
-    assert "1 views skipped" in plan_line(plan)
+    assert "1 view skipped" in plan_line(plan)
     whole_walks = replace(film.dataset.checks, whole_walks=True)
     strict = replace(film, dataset=replace(film.dataset, checks=whole_walks))
     plan = plan_frames("groundtruth", data, strict)[0]

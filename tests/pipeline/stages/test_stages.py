@@ -247,7 +247,7 @@ def test_orphans_come_back_from_the_trash_without_rendering(
     gone = run_frames("groundtruth", data, fewer)
     assert (gone.made, gone.kept, gone.removed) == (0, 4, 4)
     assert "4 no longer required" in capsys.readouterr().err
-    assert any(note.startswith("trash: 6 files") for note in gone.notes), "with camera files"
+    assert any(note.startswith("trash: 6 items") for note in gone.notes), "with camera files"
     run_cameras(data, PARAMS)
     monkeypatch.setattr("pbrnet.pipeline.stages.runner.Farm", None)
     again = run_frames("groundtruth", data, PARAMS)

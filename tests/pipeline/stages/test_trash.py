@@ -28,7 +28,7 @@ def test_what_goes_comes_back_as_it_was(data: Path, name: str) -> None:
     trash.add([data / name])
     assert not (data / name).exists() and trash.place(data / name).exists()
     trash.sweep()
-    assert "1 files or folders, 0.0 MB" in trash.described()
+    assert "trash: 1 item, 0.0 MB" in trash.described()
     trash.put_back([data / name])
     trash.sweep()
     assert {path: path.read_text() for path in data.rglob("*") if path.is_file()} == before
@@ -46,7 +46,7 @@ def test_what_comes_back_changes_places_with_what_lies_there(data: Path, name: s
     assert second.read_text() != "other"
     trash.put_back([first])
     assert second.read_text() == "other"
-    assert "1 files or folders" in trash.described()
+    assert "1 item," in trash.described()
 
 
 @pytest.mark.parametrize("name", [FRAME, SCENE])
