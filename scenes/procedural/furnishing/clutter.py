@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
@@ -159,7 +157,7 @@ def _lead(furnisher: Furnisher, item: PlacedPiece, side: float, run: float, end:
     space = furnisher.space
     # The x axis of what hangs on a wall points against the wall's direction.
     beside = float(item.piece.bounds[0 if side > 0 else 1, 0])
-    middle = space.position_on(edge, np.array([item.pose.x, item.pose.y]))
+    middle = item.along(edge)
     at = middle - beside + side * run
     if not 0.1 < at < edge.length - 0.1:
         return False

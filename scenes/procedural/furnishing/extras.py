@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
-from pbrnet.scenes.procedural.furnishing.space import PlacedPiece, RoomSpace
+from pbrnet.scenes.procedural.furnishing.search import SearchedSpace
+from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
 from pbrnet.scenes.procedural.plan import Opening
 
 
@@ -27,7 +28,7 @@ _SOCKETS = 2  # greatest number of sockets in a room
 _BESIDE_DOOR = 0.16  # metres from the opening to the centre of a switch
 
 
-def add_catalogue_extras(space: RoomSpace, sampler: AssetSampler) -> None:
+def add_catalogue_extras(space: SearchedSpace, sampler: AssetSampler) -> None:
     """Add items of kinds that only catalogues have to a furnished room."""
     for kind, where, probability in _EXTRAS.on_floor.get(space.room.type, ()):
         if sampler.chance(probability):
@@ -45,7 +46,7 @@ def add_catalogue_extras(space: RoomSpace, sampler: AssetSampler) -> None:
             _place_on_furniture(space, sampler, carrier)
 
 
-def _place_on_floor(space: RoomSpace, sampler: AssetSampler, kind: str, where: str) -> None:
+def _place_on_floor(space: SearchedSpace, sampler: AssetSampler, kind: str, where: str) -> None:
     piece = sampler.sample(kind)
     if piece is None:
         return
@@ -58,7 +59,7 @@ def _place_on_floor(space: RoomSpace, sampler: AssetSampler, kind: str, where: s
         space.anywhere(sampler.rng, kind, piece, tries=20)
 
 
-def _hang_switch(space: RoomSpace, sampler: AssetSampler, opening: Opening) -> None:
+def _hang_switch(space: SearchedSpace, sampler: AssetSampler, opening: Opening) -> None:
     """Hang a light switch beside a door, on a side with enough wall."""
     piece = sampler.sample("wall_switch") if sampler.chance() else None
     if piece is None:
@@ -77,13 +78,13 @@ def _hang_switch(space: RoomSpace, sampler: AssetSampler, opening: Opening) -> N
                 return
 
 
-def _hang(space: RoomSpace, sampler: AssetSampler, kind: str) -> None:
+def _hang(space: SearchedSpace, sampler: AssetSampler, kind: str) -> None:
     piece = sampler.sample(kind)
     if piece is not None:
         space.on_wall(sampler.rng, kind, piece)
 
 
-def _place_on_furniture(space: RoomSpace, sampler: AssetSampler, carrier: PlacedPiece) -> None:
+def _place_on_furniture(space: SearchedSpace, sampler: AssetSampler, carrier: PlacedPiece) -> None:
     kinds, most = _EXTRAS.on_furniture[carrier.kind]
     for _ in range(most):
         if not sampler.chance(0.75):

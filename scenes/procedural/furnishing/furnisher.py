@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from pbrnet.scenes.procedural.furnishing.asset_sampler import AssetSampler
-from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece, RoomSpace, yaw_facing
+from pbrnet.scenes.procedural.furnishing.search import SearchedSpace
+from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece, yaw_facing
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, Style
 from pbrnet.scenes.procedural.furniture.plants import SPECIES
 from pbrnet.scenes.procedural.furniture.things.kinds import THINGS
@@ -41,7 +42,7 @@ class Furnisher:
         self.sampler = sampler
         self.rng, self.plan, self.room, self.style = rng, plan, room, style
         self.plants = plants
-        self.space = RoomSpace(plan, room)
+        self.space = SearchedSpace(plan, room)
         self.area = room.shape.area
         self._species = [k for k in rng.shuffled(range(len(SPECIES))) if self.chance(_SHARE)]
         self.left: set[str] = set()  # kinds of things that were left in the room
@@ -162,7 +163,7 @@ class Furnisher:
             edge = self.edge_behind(item)
             if edge is None:
                 continue
-            s = space.position_on(edge, np.array([item.pose.x, item.pose.y]))
+            s = item.along(edge)
             number = 2 if self.chance(0.35) else 1
             for k in range(number):
                 piece = self.make("picture")

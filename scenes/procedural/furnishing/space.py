@@ -9,7 +9,7 @@ the rotated box.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -28,7 +28,6 @@ from pbrnet.scenes.procedural.plan import Niche, Opening, Plan, PlanRoom, WallEd
 from pbrnet.scenes.procedural.roof import level_part
 from pbrnet.scenes.procedural.scene_item import Pose, SceneItem, place_piece
 from pbrnet.scenes.procedural.structure import CASING, SKIRTING, leaf_footprint
-from pbrnet.scenes.seeds import Draw
 
 Boxes = Float64Array  # (N, 2, 3): low and high corners
 
@@ -36,7 +35,6 @@ CONTACT_TOLERANCE = 1e-3  # metres; smaller overlaps count as contact
 HALF_BODY_WIDTH = 0.21  # metres, of a walking person
 STEP_OVER = 0.06  # metres; lower obstacles do not block walking
 HEADROOM = 1.75  # metres; obstacles above do not block walking
-_FLAT_DEPTH = 0.02  # metres; flatter items on a wall do not block walking
 _BEFORE_NICHE = 0.4  # metres of floor that stay free
 CELL = 0.05  # of the walking grid, metres
 SKIRTING_TOP = 0.125  # metres; upper bound of skirting heights
@@ -67,6 +65,10 @@ class PlacedPiece:
         return np.stack(
             [self.collision_boxes[:, 0].min(axis=0), self.collision_boxes[:, 1].max(axis=0)]
         )
+
+    def along(self, edge: WallEdge) -> float:
+        """Return the position of its origin along a wall, metres."""
+        return edge.coordinates((self.pose.x, self.pose.y))[0]
 
     def scene_items(self, room: str) -> list[SceneItem]:
         """Return the piece and the things that it holds as items of the scene."""
@@ -102,8 +104,7 @@ class RoomSpace:
         for beam in plan.beams:
             if beam.room == room.id:
                 under = _raised(box(*beam.low, *beam.high), plan.height - beam.depth, plan.height)
-                self._boxes = np.concatenate([self._boxes, under])
-                self._owners.append("beam")
+                self._add_boxes(under, "beam")
         self.doors: list[tuple[float, float]] = []
         stairs = plan.stairs
         if stairs is not None and stairs.room == room.id:
@@ -155,10 +156,7 @@ class RoomSpace:
             if leaf is not None:
                 self._keep_clear(buffered(leaf, 0.05), "leaf")
                 # The leaf blocks furniture, not walking: a person pushes it aside.
-                self._boxes = np.concatenate(
-                    [self._boxes, _raised(buffered(leaf, 0.06), 0.0, 2.05)]
-                )
-                self._owners.append("leaf")
+                self._add_boxes(_raised(buffered(leaf, 0.06), 0.0, 2.05), "leaf")
 
     def _keep_clear(self, area: Polygon, owner: str) -> None:
         x0, y0, x1, y1 = area.bounds
@@ -197,12 +195,8 @@ class RoomSpace:
             return None
         if on_floor and not self._walkable(item, front):
             return None
-        self._commit(item, front)
+        self.add(item, front)
         return item
-
-    def add(self, item: PlacedPiece) -> None:
-        """Keep a piece at its pose without a test, and without a clear zone."""
-        self._commit(item, None)
 
     def fits(self, piece: FurniturePiece, pose: Pose, allow: Collection[str] = ()) -> bool:
         """Return True if a pose is free of collisions and clear zones; ignores walkability."""
@@ -238,15 +232,11 @@ class RoomSpace:
         hits = _overlap(item.collision_boxes, self._boxes)
         if any(self._owners[k] not in touching for k in np.flatnonzero(hits.any(axis=0))):
             return False
-        if on_floor and high[2] > STEP_OVER and low[2] < 1.2:
-            for zone in self._zones:
-                if zone.owner in allow:
-                    continue
-                if _overlap_2d(
-                    item.collision_boxes[item.collision_boxes[:, 0, 2] < 1.2], zone.low, zone.high
-                ):
-                    return False
-        return True
+        if not on_floor or high[2] <= STEP_OVER or low[2] >= 1.2:
+            return True
+        bodies = item.collision_boxes[item.collision_boxes[:, 0, 2] < 1.2]
+        zones = [zone for zone in self._zones if zone.owner not in allow]
+        return not any(_overlap_2d(bodies, zone.low, zone.high) for zone in zones)
 
     def _are_below_slopes(self, bodies: Boxes) -> bool:
         x, y = bodies[:, [0, 0, 1, 1], 0], bodies[:, [0, 1, 0, 1], 1]  # of four corners
@@ -281,14 +271,10 @@ class RoomSpace:
         """Return True if paths still join all doors and the item's front."""
         free = self._without(self._free, item.collision_boxes)
         labels = ndimage.label(free)[0]
-        goals = list(self.doors)
+        seen = {self._label_near(labels, door, 0.3) for door in self.doors}
         if front is not None:
             x, y = front[0, :, :2].mean(axis=0)
-            goals.append((float(x), float(y)))
-        seen = {
-            self._label_near(labels, goal, 0.3 if k < len(self.doors) else 0.45)
-            for k, goal in enumerate(goals)
-        }
+            seen.add(self._label_near(labels, (float(x), float(y)), 0.45))
         if not seen:
             return True
         if len(seen) > 1 or 0 in seen:
@@ -320,22 +306,21 @@ class RoomSpace:
             free &= slope.height_at(xs[:, None], ys[None, :]) > HEADROOM
         return free
 
-    def _commit(self, item: PlacedPiece, front: Boxes | None) -> None:
+    def add(self, item: PlacedPiece, front: Boxes | None = None) -> None:
+        """Keep a piece at its pose without a test, and its clear zone if given, (1, 2, 3)."""
         item.occupied = [[] for _ in item.piece.surfaces]
         self.items.append(item)
         self._add_solids(item.collision_boxes, item.id)
         if front is not None:
-            low, high = front[0, :, :2]
-            self._zones.append(
-                _ClearZone(
-                    (float(low[0]), float(low[1])), (float(high[0]), float(high[1])), item.id
-                )
-            )
+            self._keep_clear(box(*front[0, :, :2].ravel()), item.id)
 
     def _add_solids(self, boxes: Boxes, owner: str) -> None:
+        self._add_boxes(boxes, owner)
+        self._free = self._without(self._free, boxes)
+
+    def _add_boxes(self, boxes: Boxes, owner: str) -> None:
         self._boxes = np.concatenate([self._boxes, boxes])
         self._owners += [owner] * len(boxes)
-        self._free = self._without(self._free, boxes)
 
     @contextmanager
     def openings_unblocked(self) -> Iterator[None]:
@@ -374,177 +359,8 @@ class RoomSpace:
         high = item.bounds[1]
         if high[2] > window.z1 or _overlap(item.collision_boxes, self._boxes).any():
             return None
-        self._commit(item, None)
+        self.add(item)
         return item
-
-    def wall_pose(self, piece: FurniturePiece, edge: WallEdge, s: float, z: float = 0.0) -> Pose:
-        """Return the pose with the back to the wall and the origin `s` metres along it."""
-        back = 0.0 if piece.anchor == "on_wall" else float(piece.bounds[1, 1]) + GAP
-        x, y = edge.at(s, back)
-        return Pose(x, y, z, yaw_facing(edge.inward))
-
-    def along_walls(
-        self,
-        rng: Draw,
-        piece: FurniturePiece,
-        edges: Iterable[WallEdge] | None = None,
-        where: str = "any",
-        step: float = 0.15,
-    ) -> list[tuple[WallEdge, float]]:
-        """Return positions (edge, s) along walls in random order.
-
-        `where` "corner" or "middle" prefers positions near corners or wall centres.
-        """
-        low, high = piece.bounds[:, 0]
-        half = 0.5 * float(high - low)
-        places = []
-        for edge in self.room.edges if edges is None else edges:
-            margin = GAP if piece.mount_height < SKIRTING_TOP else CONTACT_TOLERANCE
-            first, last = half + margin, edge.length - half - margin
-            if last < first:
-                continue
-            count = max(1, int((last - first) / step) + 1)
-            for s in np.linspace(first, last, count):
-                if where == "corner":
-                    rank = min(s - first, last - s)
-                elif where == "middle":
-                    rank = abs(s - edge.length / 2) / edge.length
-                else:
-                    rank = 0.0
-                # The x axis of the piece points against the direction of the wall.
-                places.append(
-                    (float(rank) + 0.4 * rng.random(), edge, float(s) + 0.5 * (low + high))
-                )
-        places.sort(key=lambda place: place[0])
-        return [(edge, float(s)) for _, edge, s in places]
-
-    def against_wall(
-        self,
-        rng: Draw,
-        kind: str,
-        piece: FurniturePiece,
-        *,
-        edges: Iterable[WallEdge] | None = None,
-        where: str = "any",
-        zone: bool = True,
-        tries: int = 60,
-    ) -> PlacedPiece | None:
-        """Place a piece with its back to a wall."""
-        for edge, s in self.along_walls(rng, piece, edges, where)[:tries]:
-            item = self.try_place(kind, piece, self.wall_pose(piece, edge, s), zone=zone)
-            if item is not None:
-                return item
-        return None
-
-    def on_wall(
-        self, rng: Draw, kind: str, piece: FurniturePiece, *, where: str = "any", tries: int = 30
-    ) -> PlacedPiece | None:
-        """Hang a piece on a wall at its mounting height."""
-        for edge, s in self.along_walls(rng, piece, where=where)[:tries]:
-            item = self.hang(kind, piece, edge, s, piece.mount_height)
-            if item is not None:
-                return item
-        return None
-
-    def hang(
-        self, kind: str, piece: FurniturePiece, edge: WallEdge, s: float, z: float
-    ) -> PlacedPiece | None:
-        """Hang a piece on a wall, `s` metres along it at height `z`."""
-        pose = self.wall_pose(piece, edge, s, z)
-        walked = (
-            float(piece.bounds[0, 2]) + z < HEADROOM and float(piece.bounds[0, 1]) < -_FLAT_DEPTH
-        )
-        return self.try_place(kind, piece, pose, zone=False, on_floor=walked)
-
-    def in_corner(
-        self, rng: Draw, kind: str, piece: FurniturePiece, turned: bool = True
-    ) -> PlacedPiece | None:
-        """Place a piece in a corner of the room, at a random quarter turn if `turned`."""
-        low, high = piece.bounds
-        extent = float(max(np.abs(low[:2]).max(), np.abs(high[:2]).max())) + GAP
-        edges = self.room.edges
-        corners = []
-        for before, after in zip(edges, edges[1:] + edges[:1], strict=True):
-            if before.along[0] * after.along[1] - before.along[1] * after.along[0] > 0:
-                corners.append((before, after))
-        for before, after in rng.shuffled(corners):
-            away = extent + rng.between(0.0, 0.06)
-            x = after.start[0] + away * (after.inward[0] + before.inward[0])
-            y = after.start[1] + away * (after.inward[1] + before.inward[1])
-            turn = yaw_facing(after.inward) + (90.0 * rng.whole(4) if turned else 0.0)
-            item = self.try_place(kind, piece, Pose(x, y, 0.0, turn), zone=False)
-            if item is not None:
-                return item
-        return None
-
-    def anywhere(
-        self, rng: Draw, kind: str, piece: FurniturePiece, *, tries: int = 40
-    ) -> PlacedPiece | None:
-        """Place a piece at a random position on the floor."""
-        x0, y0, x1, y1 = self.shape.bounds
-        for _ in range(tries):
-            x, y = rng.between(x0, x1), rng.between(y0, y1)
-            item = self.try_place(kind, piece, Pose(x, y, 0.0, 90.0 * rng.whole(4)))
-            if item is not None:
-                return item
-        return None
-
-    def on_top(
-        self,
-        rng: Draw,
-        kind: str,
-        piece: FurniturePiece,
-        carrier: PlacedPiece,
-        *,
-        centre: bool = False,
-        yaw: float = 0.0,
-        tries: int = 12,
-    ) -> PlacedPiece | None:
-        """Place a piece on a support surface of `carrier`, clear of other objects there."""
-        surfaces = list(zip(carrier.piece.surfaces, carrier.occupied, strict=True))
-        for place, occupied in rng.shuffled(surfaces):
-            turned = Pose(0.0, 0.0, 0.0, yaw).apply(_corners(piece.bounds))
-            low, high = turned.min(axis=0), turned.max(axis=0)
-            room_x = place.half_x - 0.5 * (high[0] - low[0])
-            room_y = place.half_y - 0.5 * (high[1] - low[1])
-            if room_x < -1e-6 or room_y < -1e-6 or high[2] - low[2] > place.headroom:
-                continue
-            for _ in range(1 if centre else tries):
-                dx, dy = (0.0, 0.0) if centre else rng.uniform(-1, 1, 2) * (room_x, room_y)
-                x = place.x + dx - 0.5 * (low[0] + high[0])
-                y = place.y + dy - 0.5 * (low[1] + high[1])
-                rect = np.array([[x + low[0], y + low[1]], [x + high[0], y + high[1]]])
-                if any(_overlap_2d_rect(rect, other) for other in occupied):
-                    continue
-                at = carrier.pose.apply(np.array([[x, y, place.z]]))[0]
-                pose = Pose(
-                    float(at[0]), float(at[1]), float(at[2]), (carrier.pose.yaw + yaw) % 360
-                )
-                item = self.try_place(
-                    kind, piece, pose, zone=False, touching=(carrier.id,), on_floor=False
-                )
-                if item is not None:
-                    occupied.append(rect)
-                    return item
-        return None
-
-    def nearest_edge(self, direction: tuple[float, float], point: npt.NDArray) -> WallEdge | None:
-        """Return the wall that a ray from `point` along `direction` hits first, or None."""
-        best: tuple[float, WallEdge] | None = None
-        for edge in self.room.edges:
-            facing_it = -(edge.inward[0] * direction[0] + edge.inward[1] * direction[1])
-            if facing_it < 0.9:
-                continue
-            offset = (edge.start[0] - point[0], edge.start[1] - point[1])
-            distance = offset[0] * direction[0] + offset[1] * direction[1]
-            s = self.position_on(edge, point)
-            if distance > 0 and 0 < s < edge.length and (best is None or distance < best[0]):
-                best = (distance, edge)
-        return best[1] if best else None
-
-    def position_on(self, edge: WallEdge, point: npt.NDArray) -> float:
-        """Return the position of the projection of `point` (2,) along a wall, metres."""
-        return edge.coordinates((point[0], point[1]))[0]
 
 
 def yaw_facing(direction: tuple[float, float]) -> float:
@@ -560,11 +376,12 @@ def collision_boxes(piece: FurniturePiece, pose: Pose) -> Boxes:
     if pose.yaw % 90 == 0:
         corners = pose.apply(local.reshape(-1, 3)).reshape(-1, 2, 3)
         return np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
-    world = np.stack([pose.apply(_corners(body)) for body in local])
+    world = np.stack([pose.apply(corners_of(body)) for body in local])
     return np.stack([world.min(axis=1), world.max(axis=1)], axis=1)
 
 
-def _corners(bounds: Boxes) -> Float64Array:
+def corners_of(bounds: Boxes) -> Float64Array:
+    """Return the eight corners (8, 3) of a box (2, 3)."""
     x, y, z = bounds.T
     return np.array([[a, b, c] for a in x for b in y for c in z])
 
@@ -573,7 +390,7 @@ def _front(piece: FurniturePiece, pose: Pose) -> Boxes:
     """Clear zone in front of a piece as a box (1, 2, 3)."""
     low, high = piece.bounds
     zone = np.array([[low[0], low[1] - piece.front_clearance, 0.1], [high[0], low[1], 1.2]])
-    corners = pose.apply(_corners(zone))
+    corners = pose.apply(corners_of(zone))
     return np.stack([corners.min(axis=0), corners.max(axis=0)])[None]
 
 
@@ -593,8 +410,3 @@ def _overlap_2d(boxes: Boxes, low: tuple[float, float], high: tuple[float, float
     inner_low = np.maximum(boxes[:, 0, :2], np.array(low))
     inner_high = np.minimum(boxes[:, 1, :2], np.array(high))
     return bool((inner_high - inner_low > CONTACT_TOLERANCE).all(axis=1).any())
-
-
-def _overlap_2d_rect(first: npt.NDArray, second: npt.NDArray) -> bool:
-    low, high = np.maximum(first[0], second[0]), np.minimum(first[1], second[1])
-    return bool((high - low > -0.01).all())

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
 from pbrnet.scenes.procedural.furnishing.rooms.windows import hang_radiators
 from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece
@@ -87,7 +85,7 @@ def _hang_over_basin(furnisher: Furnisher, basin: PlacedPiece) -> None:
     edge = furnisher.edge_behind(basin)
     if edge is None:
         return
-    s = space.position_on(edge, np.array([basin.pose.x, basin.pose.y]))
+    s = basin.along(edge)
     width = basin.piece.size[0]
     if furnisher.chance(0.5):
         mirror = furnisher.make("mirror_cabinet", width=min(width, 0.8))

@@ -147,16 +147,13 @@ def _tile_behind(furnisher: Furnisher, edge: WallEdge, run: Sequence[PlacedPiece
     """Hang a splashback of tiles behind the worktops, below window sills."""
     units = [item for item in run if item.kind != "fridge"]
     ends = [
-        furnisher.space.position_on(edge, np.array([item.pose.x, item.pose.y]))
-        + side * 0.5 * item.piece.size[0]
-        for item in units
-        for side in (-1, 1)
+        item.along(edge) + side * 0.5 * item.piece.size[0] for item in units for side in (-1, 1)
     ]
     s0, s1 = max(0.0, min(ends)), min(edge.length, max(ends))
     low = furnisher.style.worktop_height + 0.002
     high = low + 0.5
     for window in furnisher.space.windows():
-        at = furnisher.space.position_on(edge, np.array(window.start))
+        at = edge.coordinates(window.start)[0]
         if has_opening(edge, window) and at < s1 and at + window.width > s0:
             high = min(high, window.z0 - 0.02)
     if high - low < 0.08:
@@ -181,7 +178,7 @@ def _tile_behind(furnisher: Furnisher, edge: WallEdge, run: Sequence[PlacedPiece
 def _hang_above(furnisher: Furnisher, edge: WallEdge, item: PlacedPiece) -> None:
     space = furnisher.space
     width = item.piece.size[0]
-    s = space.position_on(edge, np.array([item.pose.x, item.pose.y]))
+    s = item.along(edge)
     if item.kind == "fridge":
         return
     if item.kind == "hob_unit":
@@ -202,7 +199,7 @@ def _place_second_run(furnisher: Furnisher) -> None:
         return
     edge = furnisher.edge_behind(item)
     if edge is not None:
-        s = space.position_on(edge, np.array([item.pose.x, item.pose.y]))
+        s = item.along(edge)
         for side in (-1.0, 1.0):
             nxt = furnisher.make("drawer_unit", width=0.6)
             pose = space.wall_pose(nxt, edge, s + side * 0.601)

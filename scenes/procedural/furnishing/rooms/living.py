@@ -8,7 +8,7 @@ from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher, Point
 from pbrnet.scenes.procedural.furnishing.rooms.dining import place_dining_group
 from pbrnet.scenes.procedural.furnishing.space import PlacedPiece, yaw_facing
 from pbrnet.scenes.procedural.piece import FurniturePiece
-from pbrnet.scenes.procedural.plan import WallEdge
+from pbrnet.scenes.procedural.plan import PlanRoom, Point2, WallEdge
 from pbrnet.scenes.procedural.scene_item import Pose
 
 
@@ -97,10 +97,9 @@ def _try_seating(
         return None
     centre = np.array([pose.x, pose.y])
     ahead = np.array(edge.inward)
-    opposite = space.nearest_edge(edge.inward, centre)
     stand_pose = None
-    if opposite is not None:
-        stand_pose = space.wall_pose(stand, opposite, space.position_on(opposite, centre))
+    if (hit := _wall_ahead(space.room, edge.inward, (pose.x, pose.y))) is not None:
+        stand_pose = space.wall_pose(stand, *hit)
         distance = float(np.dot(np.array([stand_pose.x, stand_pose.y]) - centre, ahead))
         if not 2.0 < distance < 5.5 or not space.fits(stand, stand_pose):
             stand_pose = None
@@ -130,6 +129,18 @@ def _try_seating(
             television = furnisher.make("television", width=width)
             space.on_top(rng, "television", television, kept_stand, centre=True)
     return kept_sofa
+
+
+def _wall_ahead(room: PlanRoom, direction: Point2, point: Point2) -> tuple[WallEdge, float] | None:
+    """Return the wall that a ray hits first, and how far along the wall in metres."""
+    hits = []
+    for edge in room.edges:
+        offset = (edge.start[0] - point[0], edge.start[1] - point[1])
+        distance = offset[0] * direction[0] + offset[1] * direction[1]
+        faces = -(edge.inward[0] * direction[0] + edge.inward[1] * direction[1]) >= 0.9
+        if faces and distance > 0 and 0 < (s := edge.coordinates(point)[0]) < edge.length:
+            hits.append((distance, edge, s))
+    return min(hits, key=lambda hit: hit[0])[1:] if hits else None
 
 
 def _lay_rug_before(
