@@ -73,7 +73,7 @@ def test_the_wheel_holds_one_import_name(wheel: Path) -> None:
 
 def test_an_empty_folder_becomes_a_project(python: Path, tmp_path: Path) -> None:
     """Packages named as the parts stand first on the path: none of them is imported."""
-    for name in ("model", "pipeline", "scenes"):
+    for name in ("model", "pipeline", "reader", "scenes", "weights"):
         (tmp_path / "foreign" / name).mkdir(parents=True)
         text = f"raise ImportError('the foreign {name}')"
         (tmp_path / "foreign" / name / "__init__.py").write_text(text)
