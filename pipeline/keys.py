@@ -1,7 +1,7 @@
 """Keys: a number for each thing that the project makes, raised when its code makes another.
 
-The table is `keys.yaml`. Fingerprints of scenes, cameras, frames and exports contain keys, and DVC
-has them as parameters of stages.
+The table is `keys.yaml`. Fingerprints of scenes, cameras, frames, exports and studies contain keys,
+and DVC has them as parameters of stages.
 """
 
 from __future__ import annotations
@@ -25,6 +25,14 @@ def key(name: str) -> int:
 def keys(*names: str) -> dict[str, int]:
     """Return several keys by name."""
     return {name: key(name) for name in names}
+
+
+def raised(*names: str) -> dict[str, int]:
+    """Return those of several keys that are above 1.
+
+    For fingerprints of things that were first made before their keys were part of them.
+    """
+    return {name: number for name, number in keys(*names).items() if number > 1}
 
 
 @lru_cache(maxsize=1)

@@ -21,6 +21,7 @@ import click
 from pbrnet.model.data.reader import Dataset, Split
 from pbrnet.model.evaluation.inference import available
 from pbrnet.pipeline.commands.options import FOLDER, Request, common_options
+from pbrnet.pipeline.keys import keys, table
 from pbrnet.pipeline.terminal import own_streams, say
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
@@ -32,6 +33,7 @@ RECORD = STUDIES_FOLDER / "all.json"
 FLICKER_SCENES = 6
 SHEET_METHODS = ("radiosity", "plus", "hybrid", "denoised", "pbrnet", "unet")
 QUALITY, WIDEST = 88, 1600  # of the JPEG plots, pixels
+_TRAINING = ("train", *(one for one in table() if one.startswith("networks.")), "studies.trials")
 _RUN = "import sys; from pbrnet.pipeline.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
@@ -44,6 +46,7 @@ class Part:
     result: Path
     picture: Path | None = None
     takes_models: bool = True  # trained networks, which must then be the same
+    keys: tuple[str, ...] = ("evaluate",)  # of its code
 
     @property
     def command(self) -> str:
@@ -54,7 +57,8 @@ class Part:
 def _study(name: str, *arguments: str, save_as: str = "", trains: bool = False) -> Part:
     """Return the part of a study; one that `trains` takes no trained networks."""
     result, picture = (STUDIES_FOLDER / f"{name}{suffix}" for suffix in (".json", ".png"))
-    return Part(save_as or name, ("study", name, *arguments), result, picture, not trains)
+    names = ("evaluate", *_TRAINING) if trains else ("evaluate", f"studies.{name}")
+    return Part(save_as or name, ("study", name, *arguments), result, picture, not trains, names)
 
 
 def _time(size: str, *arguments: str) -> Part:
@@ -113,7 +117,8 @@ def command(request: Request, only: tuple[str, ...], docs: Path | None) -> int:
     state = fingerprints(plain(request.params), request.data)
     failed = []
     for part in parts:
-        digest = digest_bytes(*map(str.encode, (*part.arguments, *state[part.takes_models])))
+        words = (*part.arguments, repr(keys(*part.keys)), *state[part.takes_models])
+        digest = digest_bytes(*map(str.encode, words))
         if known.get(part.name) == digest:
             say(f"{part.name}: up to date")
         elif request.dry_run:
@@ -148,7 +153,8 @@ def flicker_parts(split: Split, data: Path) -> list[Part]:
         result = STUDIES_FOLDER / f"flicker-{scene}.json"
         view = ("--view", first[scene], "--out", str(result))
         arguments = ("study", "flicker", str(data / "scenes" / scene), *view, *methods)
-        parts.append(Part(f"flicker-{scene}", arguments, result))
+        names = ("evaluate", "studies.flicker")
+        parts.append(Part(f"flicker-{scene}", arguments, result, keys=names))
     return parts
 
 

@@ -101,7 +101,12 @@ def entries() -> dict[str, tuple[str, ...]]:
             name: (f"model/{_NETWORKS.get(names[name], f'baselines/{names[name]}')}.py",)
             for name in networks
         },
-        "evaluate": ("model/evaluation/evaluate.py",),
+        "evaluate": ("model/evaluation/evaluate.py", "model/evaluation/reference.py"),
+        "studies.trials": tuple(f"model/studies/{name}.py" for name in COMPARISONS),
+        **{
+            f"studies.{name}": (f"model/studies/{name}/study.py",)
+            for name in ("photographs", "illumination", "time", "flicker")
+        },
         "report": (
             "model/report/page.py",
             *(f"model/studies/{name}/results.py" for name in STUDIES if name not in COMPARISONS),
@@ -129,9 +134,14 @@ def codes() -> dict[str, str]:
     """Return the digest of the code behind each key."""
     found = entries()
     networks = {one for key, modules in found.items() if "networks." in key for one in modules}
-    return {
-        key: code_of(modules, networks if key == "train" else ()) for key, modules in found.items()
-    }
+    parts = [f"model/{part.name}" for part in (ROOT / "model").iterdir() if part.name != "studies"]
+    # Their fingerprints have the keys of what they render, train and measure with.
+    apart = dict.fromkeys(
+        ("studies.trials", "studies.illumination", "studies.time", "studies.flicker"),
+        ("pipeline", "scenes", *parts),
+    )
+    left_out = {"train": networks, **apart}
+    return {key: code_of(modules, left_out.get(key, ())) for key, modules in found.items()}
 
 
 @lru_cache(maxsize=1024)

@@ -30,6 +30,7 @@ from pbrnet.model.studies.photographs.sheet import sheet
 from pbrnet.model.studies.photographs.summary import Scores, Tested, summary
 from pbrnet.model.studies.photographs.training import BATCH, SCHEDULE, predict, train
 from pbrnet.model.training.weights import write_weights
+from pbrnet.pipeline.keys import table
 from pbrnet.pipeline.photograph import PhotoVariation
 from pbrnet.pipeline.progress import Progress
 from pbrnet.scenes.checked import build, plain
@@ -37,7 +38,6 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_file, digest_bytes, read_bytes, read_json, sweep, write_json
 from pbrnet.scenes.seeds import generator
 
-_REVISION = 1  # of network, schedule and measures; a rise makes all trainings again
 _SHOWN = 2  # pictures of each kind on a sheet
 
 
@@ -146,11 +146,12 @@ class PhotographStudy:
         return self.config.work / row.folder / str(seed)
 
     def _fingerprint(self, row: Row, seed: int) -> str:
-        """Digest of everything that determines the weights but for code."""
+        """Digest of everything that determines the weights."""
         sets = [[(self._set(one.path).fingerprint(), one.views) for one in s] for s in row.stages]
         ranges = tuple(plain(PhotoVariation()).values())
         settings = (self.config.steps, self.config.root, seed, SCHEDULE, FOCAL, VARIATIONS, ranges)
-        return digest_bytes(repr((_REVISION, sets, row.varied, settings)).encode())
+        number = table()["studies.photographs"]
+        return digest_bytes(repr((number, sets, row.varied, settings)).encode())
 
     def _trained(self, row: Row, seed: int) -> Training:
         """Return a training's record; it is made now unless it is kept."""

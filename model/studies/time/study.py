@@ -66,6 +66,7 @@ from pbrnet.pipeline.channels import TRUTHS
 from pbrnet.pipeline.commands.options import Size
 from pbrnet.pipeline.farm.versions import processor, scene_digest
 from pbrnet.pipeline.frames import Channels, stacked
+from pbrnet.pipeline.keys import keys
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
@@ -417,7 +418,7 @@ def _kept(
 ) -> list[Path]:
     """Return the file that keeps the measurement of each view until the study ends."""
     models = {name: card.sha256 for name, card in sorted(networks.cards.items())}
-    state = (config, models, processor(), _versions())
+    state = (config, models, processor(), _versions(), keys("evaluate", "studies.time"))
     name = digest_bytes(repr(state).encode())[:16]
     return [store.root / name / view.scene_id / f"{view.view_id}.json" for view in views]
 

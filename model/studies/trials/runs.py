@@ -2,8 +2,8 @@
 
 `trial.json` of a trial records the finished work and its fingerprint. The fingerprint covers the
 parameters that determine the weights, the seed, the bytes of the training split (for a split made
-for the study: everything that determines them), the scenes, the backbone, and the trial whose
-networks are fine-tuned.
+for the study: everything that determines them), the scenes, the backbone, the trial whose
+networks are fine-tuned, and raised keys.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from pbrnet.model.studies.trials.scores import (
 from pbrnet.model.training.backbone import BackboneCard
 from pbrnet.model.training.store import ModelCard, load_model
 from pbrnet.model.training.train import Folders, train_network
+from pbrnet.pipeline.keys import raised
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, read_json, sweep, write_json
@@ -140,7 +141,7 @@ class _Fingerprints:
         stages = {name: plain(getattr(params.train, name)) for name in trial.variant.networks}
         # Networks of their first form have none: trials made before revisions counted stay valid.
         forms = {name: revision_of(METHODS[name].kind) for name in stages}
-        revised = {name: number for name, number in forms.items() if number > 1}
+        revised = {name: number for name, number in forms.items() if number > 1} | raised("train")
         given = (params.seed, shared, stages, plain(params.tone), params.shading.albedo)
         parts = (*given, revised) if revised else given
         whole = self.train if trial.source is None else trial.source.fingerprint
@@ -152,7 +153,9 @@ class _Fingerprints:
 
     def scoring(self, trial: Trial) -> str:
         """Fingerprint of everything that determines a trial's scores."""
-        parts = (self.training(trial), self.split, sorted(trial.variant.methods), self.lpips)
+        newer = raised("evaluate", "studies.trials")
+        given = (self.training(trial), self.split, sorted(trial.variant.methods), self.lpips)
+        parts = (*given, newer) if newer else given
         return digest_bytes(*(repr(part).encode() for part in parts))
 
     def kept(self, trial: Trial, folder: Path) -> TrialRecord | None:

@@ -12,6 +12,7 @@ from PIL import Image
 from pbrnet.model.studies import complete
 from pbrnet.model.studies.complete import PARTS, Part
 from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.keys import table
 from tests.fixtures.model import box_dataset
 
 SIZE = {"width": 16, "height": 12, "panorama": 8}
@@ -63,11 +64,13 @@ def test_every_part_is_a_command_with_its_options() -> None:
             assert found is not None, part.name
             group = found
         group.make_context(part.name, words)
-        assert part.result.suffix == ".json"
+        assert part.result.suffix == ".json" and {*part.keys} <= table().keys()
     assert len({part.name for part in PARTS}) == len(PARTS)
 
 
-def test_parts_are_made_once_and_again_when_something_changed() -> None:
+def test_parts_are_made_once_and_again_when_something_changed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     assert run("--dry-run").output == "one: pbrnet write 1\ntwo: pbrnet write 2\n"
     assert not runs()
     assert run("--docs", "docs").return_value == 0
@@ -83,6 +86,8 @@ def test_parts_are_made_once_and_again_when_something_changed() -> None:
     assert run().return_value == 0 and runs() == "121", "only the first takes networks"
     Path("params.yaml").write_text("seed: 3\ntrain: {batch: 2}\n")
     assert run("--only", "two").return_value == 0 and runs() == "1212"
+    monkeypatch.setattr(complete, "keys", lambda *names: dict.fromkeys(names, 99))
+    assert run("--only", "two").return_value == 0 and runs() == "12122", "code of another key"
 
 
 def test_a_part_that_fails_does_not_stop_the_others() -> None:

@@ -344,6 +344,9 @@ def test_study_from_end_to_end_and_again(place: Path, monkeypatch: pytest.Monkey
     assert "ours, seed 0: kept" in printed(*words(place, *rows))
     assert path.read_text() == content
     assert "ours, seed 0: train" in printed(*words(place, *rows, "--dry-run", "--steps", "3"))
+    with monkeypatch.context() as raised:
+        raised.setattr(study, "table", lambda: {"studies.photographs": 99})
+        assert "ours, seed 0: train" in printed(*words(place, *rows, "--dry-run"))
     write_report(
         Places(place / "none", place / "none", place / "metrics"), Params(), place / "r.html"
     )
