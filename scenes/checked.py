@@ -142,17 +142,21 @@ def build(
 class _RefusedError(Exception):
     """A value that is not accepted: what to say of it, given its key, and the keys that lead there.
 
-    Whoever reads a part of the data adds its key, so that keys are only joined for a message.
+    `words` returns that or, as the `verify` of dataclasses does, raises it as a ValueError. Whoever
+    reads a part of the data adds its key, so that keys are only joined for a message.
     """
 
-    def __init__(self, words: Callable[[str], str]) -> None:
+    def __init__(self, words: Callable[[str], object]) -> None:
         self.words, self.keys = words, list[object]()
 
     def described(self, where: str) -> str:
         """Words about the value, whose outermost key is `where`."""
         for key in reversed(self.keys):
             where = f"{where}[{key}]" if isinstance(key, int) else _join(where, key)
-        return self.words(where)
+        try:
+            return str(self.words(where))
+        except ValueError as error:
+            return str(error)
 
 
 def _read(cls: type[T], data: Any, base: T | None = None) -> T:
@@ -187,7 +191,7 @@ def _read(cls: type[T], data: Any, base: T | None = None) -> T:
         try:
             verify("")
         except ValueError:
-            raise _RefusedError(partial(_verified, verify)) from None
+            raise _RefusedError(verify) from None
     return built
 
 
@@ -200,15 +204,6 @@ def _unknown(key: object, fields: Collection[str]) -> _RefusedError:
 
 def _missing(name: str, hint: Any) -> _RefusedError:
     return _RefusedError(lambda where: f"{_join(where, name)}: missing; expected {_describe(hint)}")
-
-
-def _verified(verify: Callable[[str], None], where: str) -> str:
-    """The words of the error that `verify` raises at this place."""
-    try:
-        verify(where)
-    except ValueError as wrong:
-        return str(wrong)
-    return where
 
 
 Field = tuple[dataclasses.Field[Any], type | None, Callable[[Any], Any]]
