@@ -46,7 +46,7 @@ from pbrnet.scenes.importing.light.plan import (
     note_sky,
 )
 from pbrnet.scenes.importing.objects import group_objects, hollow_furniture, type_of_room
-from pbrnet.scenes.importing.semantics import nyu13_name
+from pbrnet.scenes.importing.semantics import FURNITURE
 from pbrnet.scenes.importing.shape import Emitter, Shape, bounds_of
 from pbrnet.scenes.importing.shapes.panes import frosted_openings, remove_panes, solid_corners
 from pbrnet.scenes.importing.shapes.sealing_shapes import sealing_shape, structure_object
@@ -60,8 +60,6 @@ from pbrnet.scenes.reconstruction.interior import find_rooms
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.reconstruction.rooms import FoundOpening, FoundRoom, find_openings
 
-_FURNITURE = ("bed", "chair", "furniture", "sofa", "table", "television")  # classes of NYU13
-_SANITARY = ("bath", "shower", "sink", "toilet", "wash basin")
 _LEAST_SEEN = 3.0  # square metres of floor around a camera in a room
 
 
@@ -170,8 +168,7 @@ def assemble(folder: Path, draft: Draft, changes: Changes) -> None:
 
 def _note_no_furniture(scene: Scene, changes: Changes) -> None:
     """Record that rooms were found and no furniture, as in models of a building's outside."""
-    categories = {one.category for one in scene.objects}
-    if not any(one in _SANITARY or nyu13_name(one) in _FURNITURE for one in categories):
+    if FURNITURE.isdisjoint(one.category for one in scene.objects):
         changes.note(
             "no object is known as furniture, so the rooms follow from walls, floors and ceilings "
             "alone: if the file shows a building from outside, they may be none"

@@ -27,18 +27,15 @@ NYU13_OF_NYU40 = (
     *(0, 12, 5, 6, 1, 4, 9, 10, 12, 13, 6, 8, 6, 13, 10, 6, 13, 6, 7, 7, 5),
     *(7, 3, 2, 6, 11, 7, 7, 7, 7, 7, 7, 6, 7, 7, 7, 7, 7, 7, 6, 7),
 )
-_NYU40_NAME_OF: dict[str, str] = {"": "", **data_beside(__file__)}
-CATEGORY_LABELS = tuple(_NYU40_NAME_OF)
+_TABLE: dict[str, str] = {"": "", **data_beside(__file__)}
+CATEGORY_LABELS = tuple(_TABLE)
 # NYU40 class of each category number
-NYU40_OF_CATEGORY = tuple(NYU40_NAMES.index(name) for name in _NYU40_NAME_OF.values())
+NYU40_OF_CATEGORY = tuple(NYU40_NAMES.index(text.partition(", ")[0]) for text in _TABLE.values())
+# Categories that furnish a room
+FURNITURE = frozenset(name for name, text in _TABLE.items() if text.endswith(", furniture"))
 
 
 def category_number(category: str) -> int:
     """Return the number of a category, that of "other" for one that has none of its own."""
     known = category if category in CATEGORY_LABELS[1:] else "other"
     return CATEGORY_LABELS.index(known)
-
-
-def nyu13_name(category: str) -> str:
-    """Return the name of a category's class among the 13; empty for none."""
-    return NYU13_NAMES[NYU13_OF_NYU40[NYU40_OF_CATEGORY[category_number(category)]]]
