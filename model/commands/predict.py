@@ -416,6 +416,7 @@ def _view_sources(request: PictureRequest) -> list[ViewSource]:
         "illumination": illumination,
         "transport": request.transport or _beside(illumination, "transport"),
         "materials": request.materials or _beside(illumination, "materials"),
+        "visibility": _beside(illumination, "visibility"),
         "noisy": request.noisy,
     }
     paths = {kind: path for kind, path in given.items() if path}

@@ -192,6 +192,12 @@ def from_frames(paths: Mapping[Kind, Path], truth: Path | None = None) -> ViewSo
         for kind, frame in frames.items():
             size = None if kind == "illumination" else (view.width, view.height)
             check_frame(frame, paths[kind], _needed_bands(kind), size)
+        if "visibility" in columns_taken([METHODS[card.name]], [card]).keys() - frames.keys():
+            raise InputError(
+                f"{view.scene_id}/{view.view_id}: no visibility, which the network takes; predict "
+                "from the scene, or render it to data/visibility, beside data/illumination, with: "
+                "pbrnet illumination, and illumination.shadow_rays above 0"
+            )
         known = known_truth(truth, view) if truth else None
         if truth and known is None:
             raise InputError(
@@ -207,8 +213,8 @@ def from_frames(paths: Mapping[Kind, Path], truth: Path | None = None) -> ViewSo
 
 def _needed_bands(kind: Kind) -> tuple[str, ...]:
     """Channels of a kind of frame that networks take."""
-    columns = columns_taken(METHODS.values())
-    return tuple(band for name in columns[kind] for band in column_channel(name).bands)
+    columns = columns_taken(METHODS.values()).get(kind, [kind])
+    return tuple(band for name in columns for band in column_channel(name).bands)
 
 
 def columns_taken(

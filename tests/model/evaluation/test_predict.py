@@ -387,6 +387,14 @@ def test_light_transport_is_found_beside_the_panorama_or_named() -> None:
         assert re.search(words, str(wrong.exception))
 
 
+def test_shadows_are_found_beside_the_panorama_or_asked_for() -> None:
+    untrained_models(Path("models"), levels=3, panorama="shadows")
+    predicted(*FRAMES, "--method", "pbrnet", "--out", "shadows.png")
+    shutil.copy(FRAMES[3], "panorama.exr")
+    error = refused(*FRAMES[:3], "panorama.exr", "--method", "pbrnet", "--out", "wrong.png")
+    assert "from the scene, or render it to data/visibility" in error and "dvc repro" not in error
+
+
 def test_from_a_scene_only_what_the_network_takes_is_rendered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
