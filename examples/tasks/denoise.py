@@ -1,12 +1,11 @@
 """Denoiser pairs: a small network learns to clean few samples. python denoise.py FOLDER [STEPS]"""
 
-import sys
-
 import torch
+from command import arguments
 from network import fit, network, tensor
 from pbrnet_reader import read
 
-FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
+FOLDER, STEPS = arguments(__doc__, STEPS=200)
 COLORS = ["noisy_color", "denoised_color", "color"]
 
 

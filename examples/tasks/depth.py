@@ -1,13 +1,12 @@
 """Monocular depth: a small network learns depth from colour. python depth.py FOLDER [STEPS]"""
 
-import sys
-
 import torch
+from command import arguments
 from network import display, fit, network, tensor
 from pbrnet_reader import read
 from PIL import Image
 
-FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
+FOLDER, STEPS = arguments(__doc__, STEPS=200)
 
 
 def load(split):

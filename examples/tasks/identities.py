@@ -6,6 +6,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
+from command import arguments, counted
 from pbrnet_reader import read
 
 TABLES = ("instances", "layout", "light_sources")
@@ -246,7 +247,7 @@ def main(folder):
     file = Path(folder) / "classes.json"
     classes = json.loads(file.read_text()) if file.is_file() else {}
     found, before = defaultdict(list), None
-    for row in read(folder, split="all"):
+    for row in counted(read(folder, split="all"), "rows"):
         row |= {name: json.loads(row[name]) for name in TABLES if name in row}
         for title, error, limit in checks(row, before, classes):
             found[title].append((float(error), limit, f"{row['scene_id']}/{row['view_id']}"))
@@ -263,4 +264,4 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]) > 0)
+    sys.exit(main(*arguments(__doc__)) > 0)

@@ -1,12 +1,11 @@
 """Intrinsic images: reflectance and light of a colour. python intrinsic.py FOLDER [STEPS]"""
 
-import sys
-
 import torch
+from command import arguments
 from network import display, fit, network, tensor
 from pbrnet_reader import read
 
-FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
+FOLDER, STEPS = arguments(__doc__, STEPS=200)
 LEAST = 0.02  # of reflectance, whose logarithm is learned
 
 

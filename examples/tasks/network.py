@@ -2,6 +2,7 @@
 
 import numpy as np
 import torch
+from command import counted
 from torch import nn
 
 
@@ -29,7 +30,7 @@ def network(inputs, outputs, width=24):
 def fit(model, data, loss, steps):
     """Train by Adam on random, sometimes mirrored, views; `data`: tensors, the first the input."""
     optimizer = torch.optim.Adam(model.parameters(), 3e-3)
-    for _ in range(steps):
+    for _ in counted(range(steps), f"of {steps} steps"):
         views = torch.randint(len(data[0]), (4,))
         batch = [values[views] for values in data]
         if torch.rand(()) < 0.5:

@@ -1,9 +1,9 @@
 """Novel views: points of one view projected into another. python novel_view.py FOLDER"""
 
-import sys
 from itertools import pairwise
 
 import numpy as np
+from command import arguments, counted
 from pbrnet_reader import read
 from PIL import Image
 
@@ -36,7 +36,8 @@ def drawn(source, target):
 
 
 names = ["scene_id", "view_set", "K", "camera_to_world", "depth", "color", "radiance_scale"]
-views = [view for view in read(sys.argv[1], names, "all") if view["view_set"]]
+rows = counted(read(*arguments(__doc__), names, "all"), "rows")
+views = [view for view in rows if view["view_set"]]
 sheet = []
 for source, target in pairwise(views):
     if (source["scene_id"], source["view_set"]) != (target["scene_id"], target["view_set"]):

@@ -6,11 +6,11 @@ Without a view's name it takes the one, of the first 100, that shows most lamps 
 
 import base64
 import json
-import sys
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
+from command import arguments, counted
 from pbrnet_reader import read
 
 
@@ -27,12 +27,13 @@ def lamps(view):
     return sum(view["light_names"][number] in objects for number in lit), len(lit)
 
 
-views = read(sys.argv[1], "relighting", "all")
-if len(sys.argv) > 2:
-    views = (v for v in views if f"{v['scene_id']}--{v['view_id']}" == sys.argv[2])
+FOLDER, NAME = arguments(__doc__, VIEW="")
+views = counted(read(FOLDER, "relighting", "all"), "rows")
+if NAME:
+    views = (v for v in views if f"{v['scene_id']}--{v['view_id']}" == NAME)
 view = max(islice(views, 100), key=lamps, default=None)
 if view is None:
-    raise SystemExit(f"{sys.argv[1]}: no view {' '.join(sys.argv[2:])}")
+    raise SystemExit(f"{FOLDER}: no view {NAME}")
 name, lit = f"{view['scene_id']}--{view['view_id']}", visible(view)
 lights, color = view["lights"].astype(float), view["color"].astype(float)
 off = np.abs(lights.sum(0) - color).max(2) / np.maximum(color.max(2), 0.01 * color.mean())

@@ -1,16 +1,16 @@
 """Segmentation: a small network learns 13 classes. python segmentation.py FOLDER [STEPS]"""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import torch
+from command import arguments
 from network import display, fit, network, tensor
 from pbrnet_reader import read
 from PIL import Image
 
-FOLDER, STEPS = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200
+FOLDER, STEPS = arguments(__doc__, STEPS=200)
 
 
 def load(split):

@@ -3,6 +3,7 @@
 import ast
 import base64
 import importlib
+import itertools
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import runpy
 import statistics
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,8 @@ from tests.fixtures.paths import ROOT
 EXAMPLES = ROOT / "examples" / "consume"
 TASKS = ROOT / "examples" / "tasks"
 SAMPLE = ROOT / "examples" / "sample"
+HELPERS = ("pbrnet_reader", "network", "command")  # modules that tasks share
+SCRIPTS = sorted(path.name for path in TASKS.glob("*.py") if path.stem not in HELPERS)
 FOREIGN = pytest.mark.check  # libraries that this project does not install
 
 
@@ -104,7 +108,6 @@ def task(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Iterator[Callable[..., list[float]]]:
     """A function that runs a task on the sample and returns the numbers that it prints."""
-    own = {path.stem for path in TASKS.glob("*.py")} & {"pbrnet_reader", "network"}
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(TASKS)
 
@@ -114,7 +117,7 @@ def task(
         return [float(number) for number in re.findall(r"\d+\.\d+", capsys.readouterr().out)]
 
     yield run
-    for name in own:
+    for name in HELPERS:
         sys.modules.pop(name, None)
 
 
@@ -134,7 +137,28 @@ def test_the_tasks_import_nothing_of_this_project() -> None:
         }
         assert not names & {"pbrnet", "pipeline", "scenes", "model", "weights"}
         lines = (ast.get_docstring(tree) or "").splitlines()
-        assert path.stem in ("pbrnet_reader", "network") or f"python {path.name} FOLDER" in lines[0]
+        assert path.stem in HELPERS or f"python {path.name} FOLDER" in lines[0]
+
+
+@pytest.mark.usefixtures("task")
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_a_task_without_a_folder_says_how_to_call_it(
+    script: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", [script])
+    with pytest.raises(SystemExit, match="2"):
+        runpy.run_path(str(TASKS / script), run_name="__main__")
+    assert f"usage: {script} [-h] FOLDER" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("task")
+def test_a_task_says_every_three_seconds_how_far_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    counted = importlib.import_module("command").counted
+    monkeypatch.setattr(time, "monotonic", itertools.count(0, 2).__next__)
+    assert list(counted("abc", "of 3 steps")) == list("abc")
+    assert capsys.readouterr().err == "2 of 3 steps in 6 s\n"
 
 
 @pytest.mark.slow
@@ -204,8 +228,8 @@ def identities(
     row = next(module.read(SAMPLE, split="test"))
     row |= {name: json.loads(row[name]) for name in module.TABLES}
     yield module, row, json.loads((SAMPLE / "classes.json").read_text())
-    for name in ("identities", "pbrnet_reader"):
-        sys.modules.pop(name)
+    for name in ("identities", *HELPERS):
+        sys.modules.pop(name, None)
 
 
 def test_the_sample_keeps_all_promises(
