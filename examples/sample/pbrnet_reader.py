@@ -10,12 +10,15 @@ A source is a folder with the shards, a data set of the Hugging Face hub ("owner
 (images, matrices), numbers, texts and the bytes of pictures; the data set's card describes them.
 
 `TorchDataset` and `TorchStream` are `Rows` and `Stream` as data sets of torch, which is imported
-when they are first asked for.
+when they are first asked for. So that a `DataLoader` can batch any columns, their rows have no
+None, which is "" in place of a text, -1 of a whole number, NaN of other numbers (a view outside
+walks has `trajectory` "" and `frame` -1), and lists of names are JSON texts, as `instances` is.
 """
 
 from __future__ import annotations
 
 import io
+import json
 import os
 import re
 import sys
@@ -30,7 +33,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import fs
 
-__version__ = "1.0.0"
+__version__ = "1.1.0"
 T = TypeVar("T")
 Row = dict[str, Any]
 Source = str | os.PathLike[str]
@@ -42,10 +45,11 @@ _VIEW = "preview scene_id view_id K camera_to_world color exposure_color white_c
 TASKS = {
     "depth": f"depth normal valid {_VIEW}",
     "intrinsic": f"reflectance shading irradiance residual valid {_VIEW}",
-    "segmentation": f"nyu40 nyu13 category instance material instances material_names {_VIEW}",
+    "segmentation": "nyu40 nyu13 category instance material instances material_names normal "
+    f"{_VIEW}",
     "relighting": f"lights light_names light_sources instances {_VIEW}",
     "video": "flow_forward flow_backward occluded_forward occluded_backward outside_forward "
-    f"outside_backward depth trajectory frame {_VIEW}",
+    f"outside_backward depth valid trajectory frame {_VIEW}",
 }
 
 
@@ -59,6 +63,8 @@ class Rows:
 
     Raises `FileNotFoundError` for missing shards, `KeyError` for a missing column.
     """
+
+    _for_torch = False
 
     def __init__(
         self,
@@ -75,6 +81,7 @@ class Rows:
         scaled = [name for name in self.columns if units[name].startswith(b"radiance_scale")]
         if renderer_units and not any(units.values()):
             raise ValueError(f"{source}: says no units; multiply by radiance_scale yourself")
+        self._fields = [schema.field(name) for name in self.columns]
         self._scaled = scaled if renderer_units else []
         self._ones = ["radiance_scale"] if renderer_units else []
         self._groups = [
@@ -113,6 +120,8 @@ class Rows:
         for name in self._scaled:
             row[name] = row[name].astype(np.float32) * np.float32(row["radiance_scale"])
         row |= dict.fromkeys(self._ones, 1.0)
+        if self._for_torch:
+            return {one.name: _batchable(row[one.name], one) for one in self._fields}
         return {name: row[name] for name in self.columns}
 
 
@@ -268,6 +277,18 @@ def _value(cell: Any) -> Any:
     return cell if array is None or array.dtype == object else array
 
 
+def _batchable(value: Any, field: pa.Field) -> Any:
+    """Value of a row that torch can batch with those of other rows."""
+    if isinstance(value, list) and all(isinstance(one, str) for one in value):
+        return json.dumps(value)
+    if value is not None:
+        return value
+    if pa.types.is_string(field.type):
+        return ""
+    shape = json.loads((field.metadata or {}).get(b"shape", b"[]"))
+    return -1 if pa.types.is_integer(field.type) else np.full(shape, np.nan)[()]
+
+
 def _shards(source: Source, split: str) -> tuple[fs.FileSystem, list[str]]:
     """Store and paths of the shards of a split; raises `FileNotFoundError`."""
     store, root = _store(source)
@@ -322,5 +343,5 @@ def __getattr__(name: str) -> Any:
     from torch.utils import data
 
     own, torch = bases[name]
-    made = type(name, (own, getattr(data, torch)), {"__module__": __name__, "__doc__": own.__doc__})
-    return globals().setdefault(name, made)
+    about = {"__module__": __name__, "__doc__": own.__doc__, "_for_torch": True}
+    return globals().setdefault(name, type(name, (own, getattr(data, torch)), about))

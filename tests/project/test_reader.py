@@ -1,6 +1,7 @@
 """The reader of one file: rows as they are stored, from folders and stores, for every library."""
 
 import ast
+import json
 import os
 import subprocess
 import sys
@@ -97,10 +98,26 @@ def test_radiance_comes_in_the_unit_of_the_renderer(reader: Any) -> None:
     np.testing.assert_allclose(display, true, atol=1e-5)
 
 
-@pytest.mark.parametrize("task", ["depth", "intrinsic", "segmentation", "relighting", "video"])
+TASKS = ("depth", "intrinsic", "segmentation", "relighting", "video")
+
+
+@pytest.mark.parametrize("task", TASKS)
 def test_a_task_reads_its_columns_alone(task: str, reader: Any) -> None:
     row = next(reader.read(SAMPLE, task))
     assert list(row) == reader.TASKS[task].split()
+
+
+@pytest.mark.parametrize("columns", [*TASKS, None])
+def test_torch_batches_any_columns(columns: str | None, reader: Any) -> None:
+    split = "all" if columns else "validation"
+    batches = list(DataLoader(reader.TorchStream(SAMPLE, columns, split), batch_size=4))
+    rows = list(reader.read(SAMPLE, columns, split))
+    assert len(batches) == len(rows) / 4 and batches[0].keys() == rows[0].keys()
+    for name in batches[0].keys() & {"trajectory", "frame", "material_names", "light_names"}:
+        found = [value for batch in batches for value in batch[name]]
+        fillers = {"trajectory": "", "frame": -1}
+        true = [fillers[name] if row[name] is None else row[name] for row in rows]
+        assert found == ([json.dumps(one) for one in true] if "names" in name else true)
 
 
 @pytest.mark.parametrize("workers", [0, 1, 3])
