@@ -9,14 +9,16 @@ from pathlib import Path
 
 import click
 
-from pbrnet.pipeline.channels import KINDS
+from pbrnet.pipeline.channels import KINDS, TRACED
 from pbrnet.pipeline.commands.options import Request, common_options, json_option, size_option
 from pbrnet.pipeline.costs.forecast import (
     TOGETHER,
     HeldOut,
+    costs_of,
     fit_costs,
     frame_bytes,
     joined,
+    typical_costs,
     view_size,
 )
 from pbrnet.pipeline.costs.ledger import read_ledger
@@ -74,8 +76,9 @@ def cost(
     """Forecast the core-hours of the rendering stages.
 
     The forecast is fitted to the cost of earlier views in DATA/ledger.parquet, so render a few
-    first, on the same kind of machines. Its error is estimated by cross-validation between halves
-    of those scenes; --check prints only these errors. Scenes are those of the parameters and those
+    first, on the same kind of machines; without any it is that of a typical core, within a factor
+    of two. Its error is estimated by cross-validation between halves of those scenes; --check
+    prints only these errors. Scenes are those of the parameters and those
     that 'pbrnet import' wrote to DATA/scenes. Without --views, every scene is assumed to have
     cameras.views_per_scene views, its stored cameras, and the frames of its walks.
     """
@@ -83,11 +86,13 @@ def cost(
     params = request.params if recipe is None else load_recipe(recipe).parameters
     if size is not None:
         params = replace(params, image=replace(params.image, width=size[0], height=size[1]))
-    costs, errors = fit_costs(ledger)
+    typical = not check and all(cost.stage != "truth" for cost in costs_of(ledger))
+    costs, errors = (typical_costs(), {}) if typical else fit_costs(ledger)
     if check:
         _show_check(errors, as_json)
         return
     left_out = set(KINDS) - set(params.kinds)
+    left_out |= {"truth"} if left_out >= set(TRACED) else set()
     costs = [cost for cost in costs if cost.stage not in left_out]
     stored = 0
     if scenes is None and views is None:
@@ -102,11 +107,11 @@ def cost(
     views, of_view = views or params.cameras.most_views(scenes, stored), view_size(params)
     seconds = {cost.stage: cost.total(scenes, views, of_view.samples(cost.stage)) for cost in costs}
     hours = sum(seconds.values()) / 3600
-    error = errors[TOGETHER].worst
+    error = errors[TOGETHER].worst if errors else math.nan  # unknown if typical
     kinds = params.kinds
     each_frame = {k: n for k, n in frame_bytes(ledger, of_view).items() if k in kinds}
     size_of_all = views * sum(each_frame.values())
-    absent = [kind for kind in kinds if kind not in each_frame]
+    absent = [kind for kind in kinds if not typical and kind not in each_frame]
     if as_json:
         facts = {
             "scenes": scenes,
@@ -122,13 +127,14 @@ def cost(
     say(f"{views_of(views, scenes)}, {params.image.width}x{params.image.height}")
     say(f"{'stage':14}{'core-hours':>12}{'s per view':>12}   views or scenes measured")
     for cost in costs:
-        worst = errors[cost.stage].worst
+        worst = errors[cost.stage].worst if errors else math.nan
         note = "" if math.isnan(worst) else f", error within {worst:.0%}"
         spent = seconds[cost.stage]
         say(f"{cost.stage:14}{spent / 3600:>12,.2f}{spent / views:>12.3f}   {cost.measured}{note}")
     for kind in absent:
         say(f"{kind}: not included, because the ledger has no such frames yet")
     note = "error unknown: too few scenes" if math.isnan(error) else f"error within {error:.0%}"
+    note = "about, on a typical core: nothing measured here yet" if typical else note
     say(f"{'total':14}{hours:>12,.2f}{hours * 3600 / views:>12.3f}   {note}")
     if size_of_all:
         least = "at least " if absent else ""

@@ -5,6 +5,8 @@ their kernels), views, and samples of those views (pixels for a stage that does 
 coefficients are not negative (NNLS of Lawson and Hanson). The error of the forecast is measured by
 cross-validation: random halves of the scenes predict the other halves.
 
+Where there is no ledger yet, costs are those of a typical core, in `forecast.yaml`.
+
 The farm orders its work by estimates of single views. No pixel depends on these figures.
 """
 
@@ -25,6 +27,7 @@ from pbrnet.pipeline.channels import SURFACES, TRACED
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.seeds import generator
 
 SCENE_STAGES = ("scenes", "cameras")
@@ -128,14 +131,24 @@ def fit_costs(ledger: pa.Table) -> tuple[list[StageCost], dict[str, HeldOut]]:
     return _costs(stages), _held_out(stages, scenes)
 
 
+def costs_of(ledger: pa.Table) -> list[StageCost]:
+    """Fit the cost of every stage in the ledger, whatever there is."""
+    return _costs(_measured(ledger)[0])
+
+
+def typical_costs() -> list[StageCost]:
+    """Return the costs of every stage on a typical core, for runs without a ledger."""
+    return [StageCost(stage, *numbers, 0) for stage, numbers in data_beside(__file__).items()]
+
+
 def seconds_of(
-    ledger: pa.Table, made: Iterable[tuple[str, str, str]], size: ViewSize
+    known: Iterable[StageCost], made: Iterable[tuple[str, str, str]], size: ViewSize
 ) -> float | None:
     """Return the core-seconds of files to make, each a stage, scene and view.
 
-    None if the ledger has nothing about one of their stages.
+    None if the cost of one of their stages is not known.
     """
-    costs = {cost.stage: cost for cost in _costs(_measured(ledger)[0])}
+    costs = {cost.stage: cost for cost in known}
     by_stage: dict[str, set[tuple[str, str]]] = {}
     for stage, scene, view in made:
         by_stage.setdefault("truth" if stage in TRACED else stage, set()).add((scene, view))

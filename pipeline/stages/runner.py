@@ -20,7 +20,15 @@ from typing import Any, TypeVar
 
 from dask.system import cpu_count
 
-from pbrnet.pipeline.costs.forecast import Estimate, ViewSize, estimator, seconds_of
+from pbrnet.pipeline.costs.forecast import (
+    Estimate,
+    StageCost,
+    ViewSize,
+    costs_of,
+    estimator,
+    seconds_of,
+    typical_costs,
+)
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.farm.cluster import Farm, scheduler_address
 from pbrnet.pipeline.farm.settings import FarmParams
@@ -40,6 +48,7 @@ from pbrnet.scenes.files import remove_partials
 
 A = TypeVar("A")
 B = TypeVar("B")
+_WORTH_SAYING = 10  # seconds of a typical core
 _SHOWN = 20  # failures listed on the terminal; data/failures holds all of them
 SAFE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,199}")
 
@@ -151,7 +160,7 @@ class StagePlan:
 
 
 def plan_line(plan: StagePlan) -> str:
-    """Return what a stage makes, keeps and removes, and its time by the ledger, as text."""
+    """Return what a stage makes, keeps and removes, and its expected time, as text."""
     old, words = plan.replaced, ""
     if old:
         kept = "; the old ones to the trash" if plan.farm.trash_days else ""
@@ -173,16 +182,17 @@ def plan_line(plan: StagePlan) -> str:
         most = "at most " if plan.outputs or plan.later else ""
         parts.append(f"{most}{views_of(sum(plan.views.values()), len(plan.views))}")
     parts += plan.notes
-    seconds = plan_seconds(plan)
-    if seconds:
+    if seconds := plan_seconds(plan, costs_of(read_ledger(plan.data))):
         parts.append(f"about {span(seconds)} of one core, from the ledger")
+    elif seconds is None and (typical := plan_seconds(plan, typical_costs()) or 0) > _WORTH_SAYING:
+        parts.append(f"about {span(typical)} of a typical core")
     return f"{plan.stage}: {', '.join(parts)}"
 
 
-def plan_seconds(plan: StagePlan) -> float | None:
-    """Return the core-seconds of a plan by the ledger; None if that does not tell."""
+def plan_seconds(plan: StagePlan, costs: Iterable[StageCost]) -> float | None:
+    """Return the core-seconds of a plan by the costs of stages; None if these do not tell."""
     made = [(one.stage, one.scene_id, one.view_id) for one in (*plan.outputs, *plan.later)]
-    return seconds_of(read_ledger(plan.data), made, plan.view)
+    return seconds_of(costs, made, plan.view)
 
 
 def begin(plan: StagePlan) -> None:
@@ -224,9 +234,10 @@ def execute(
     plan_of = {key: plan for plan in plans for key in plan.targets}
     data, params, first = plans[0].data, plans[0].farm, plans[0]
     ledger, count = Ledger(data), len(plan_of)
-    known = [plan_seconds(plan) for plan in plans]
+    earlier = read_ledger(data)
+    known = [plan_seconds(plan, costs_of(earlier)) for plan in plans]
     forecast = None if None in known else sum(seconds or 0.0 for seconds in known)
-    estimate = estimator(read_ledger(data))
+    estimate = estimator(earlier)
 
     def weighted(items: Iterable[Item]) -> list[Item]:
         return [replace(item, weight=_weight(item, plan_of[item.key], estimate)) for item in items]

@@ -6,7 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.costs.forecast import TOGETHER, StageCost, fit_costs, joined, view_size
+from pbrnet.pipeline.costs.forecast import (
+    SCENE_STAGES,
+    TOGETHER,
+    VIEW_STAGES,
+    StageCost,
+    fit_costs,
+    joined,
+    typical_costs,
+    view_size,
+)
 from pbrnet.pipeline.costs.ledger import Ledger, read_ledger
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.settings import NoisyParams
@@ -143,6 +152,22 @@ def test_without_measured_views_there_is_no_estimate(tmp_path: Path) -> None:
     assert all(np.isnan(error.worst) for error in fit_costs(read_ledger(tmp_path))[1].values())
     assert "too few scenes" in asked(tmp_path, "--check")
     assert json.loads(asked(tmp_path, "--check", "--json"))["truth"]["worst"] is None
+
+
+def test_without_a_ledger_costs_are_typical(tmp_path: Path) -> None:
+    said = asked(tmp_path, params="scenes: {homes: 10}\nchannels: [all]\n")
+    assert "about, on a typical core" in said and "not included" not in said
+    found = {cost.stage for cost in typical_costs()}
+    assert found == {*SCENE_STAGES, *VIEW_STAGES}
+    some, more = (
+        json.loads(
+            asked(tmp_path, "--json", params=f"scenes: {{homes: 10}}\ngroundtruth: {{spp: {n}}}")
+        )
+        for n in (16, 64)
+    )
+    assert 0 < some["core_hours"] < more["core_hours"] < 4 * some["core_hours"]
+    depth = json.loads(asked(tmp_path, "--json", params="scenes: {homes: 10}\nchannels: [depth]"))
+    assert depth["stages"].keys() == {"scenes", "cameras", "inputs"}
 
 
 def test_the_check_finds_a_law_that_unseen_scenes_do_not_follow(tmp_path: Path) -> None:
