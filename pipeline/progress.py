@@ -51,8 +51,13 @@ class Pace:
         due = [sort for sort, count in self.left.items() if count]
         return any(len(self._spent[sort]) < self._needed[sort] for sort in due)
 
+    @property
+    def is_new(self) -> bool:
+        """True while no item of a sort that is left has ended."""
+        return any(count and not self._spent[sort] for sort, count in self.left.items())
+
     def seconds_left(self) -> float | None:
-        """Return the estimate; None until an item has ended."""
+        """Return the estimate; None until an item has ended, and when a rough estimate is over."""
         means = {
             sort: fmean(spent[self.workers :] or spent)
             for sort, spent in self._spent.items()
@@ -62,7 +67,8 @@ class Pace:
             return None
         rate = fmean(mean / self.sizes[sort] for sort, mean in means.items())
         spent = sum(n * means.get(sort, rate * self.sizes[sort]) for sort, n in self.left.items())
-        return max(0.0, spent / self.workers - (time.monotonic() - self._latest))
+        left = spent / self.workers - (time.monotonic() - self._latest)
+        return None if left <= 0 and self.is_rough else max(0.0, left)
 
 
 class Progress:
@@ -73,7 +79,7 @@ class Progress:
     items are finished meanwhile. `unit` is a plural noun. `kept` of the `total` items were there
     before. `expected` is the forecast of the task's seconds; without one, `pace` estimates the time
     left if it is set, else the time that a few items took after the first. `note` is shown beside
-    the numbers until an item brings another.
+    the numbers until an item brings another, and while no item of a sort of `pace` has ended.
     """
 
     def __init__(
@@ -90,7 +96,7 @@ class Progress:
         self.done = kept
         self.pace: Pace | None = None
         self._first: tuple[float, int] | None = None  # when some were finished, and how many
-        self._note = note  # the latest
+        self._note = self._new = note  # the latest, and that of items of a new sort
         self._ahead: dict[str, int] = {}  # finished on workers, in batches that are not back yet
         self._lock, self._ended = threading.Lock(), threading.Event()
         self._started = time.monotonic()
@@ -191,6 +197,7 @@ class Progress:
         self._printed = time.monotonic()
         seconds = self._printed - self._started
         shown, left = self.done + sum(self._ahead.values()), self.seconds_left()
+        note = self._new if note and self.pace is not None and self.pace.is_new else note
         parts = [f"{self.label}: {shown}/{self.total} {self.unit}"]
         if shown > self.kept and seconds > 0:
             rate = (shown - self.kept) / seconds

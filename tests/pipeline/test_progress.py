@@ -82,6 +82,9 @@ def test_each_sort_of_item_tells_of_its_own(
     assert bar.seconds_left() == pytest.approx(5 * 16 * 0.1 / 2)
     bar._print()
     assert "roughly 4 seconds left" in capsys.readouterr().err
+    clock[0] += 5
+    bar._print("home")
+    assert "/s, 9 seconds so far, compiling" in capsys.readouterr().err
     for seconds in (9.0, 9.0, 5.0):
         pace.ended("color", seconds)
     bar._print()
