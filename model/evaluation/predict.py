@@ -45,7 +45,7 @@ from pbrnet.pipeline.views import View, as_matrix, load_cameras, look
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import load_scene
-from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.seeds import derive
 
 if TYPE_CHECKING:  # with torch, which light transport does without
@@ -175,7 +175,8 @@ def from_scenes(
 def from_frames(paths: Mapping[Kind, Path], truth: Path | None = None) -> ViewSource:
     """A view from its frames by kind; `truth` is the data folder to read its true images from.
 
-    Raises `InputError` for frames that are missing, damaged, or of different views.
+    Raises `InputError` for frames that are missing, damaged, or of different views; loading raises
+    `ParameterError` for a network that takes others.
     """
     first = next(iter(paths.values()))
     view = view_of(read_meta(first), first)
@@ -188,6 +189,12 @@ def from_frames(paths: Mapping[Kind, Path], truth: Path | None = None) -> ViewSo
             )
 
     def load(card: ModelCard) -> Example:
+        lacking = columns_taken([METHODS[card.name]], [card]).keys() - paths.keys()
+        if lacking:
+            raise ParameterError(
+                f"{card.name} also takes frames of {' and '.join(sorted(lacking))}: give their "
+                "paths, predict from the SCENE, or choose another --method"
+            )
         frames = {kind: read_frame(path) for kind, path in paths.items()}
         for kind, frame in frames.items():
             size = None if kind == "illumination" else (view.width, view.height)

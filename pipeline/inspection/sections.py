@@ -80,7 +80,7 @@ def _words(value: Any, most: int = _LINE) -> str:
     elif isinstance(value, (list, tuple)):
         flat = not any(isinstance(one, (dict, list, tuple)) for one in value)
         text = ", ".join(map(visible, value)) if flat else ""
-        text = text if 0 < len(text) <= most else counted(len(value), "item")
+        text = text if 0 < len(text) <= most else counted(len(value), "item") if value else "none"
     else:
         text = visible(value)
     return text if len(text) <= most else f"{text[: most - 1]}…"

@@ -31,7 +31,7 @@ from pbrnet.pipeline.frames import pixels_digest, read_frame, read_meta
 from pbrnet.pipeline.images import png_facts, read_picture
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.tonemap import Exposure, tonemap
-from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.errors import InputError, MachineError, ParameterError
 from pbrnet.scenes.files import digest_file
 from tests.fixtures import command
 from tests.fixtures.paths import ROOT
@@ -378,12 +378,12 @@ def test_light_transport_is_found_beside_the_panorama_or_named() -> None:
         assert "unit: the scene's; 0.00% of the pixels are white" in output
     assert Path("beside.png").read_bytes() == Path("named.png").read_bytes()
     for given, words in (
-        (elsewhere, "no transport_direct; add 'transport' to channels"),
-        ((*elsewhere, *options[:2]), "no roughness; add 'materials' to channels"),
-        ((*elsewhere, "--transport", FRAMES[1]), "without the channel 'direct.R'"),
+        (elsewhere, "plus also takes frames of materials and transport: give their"),
+        ((*elsewhere, *options[:2]), "plus also takes frames of materials: give their"),
+        ((*elsewhere, "--transport", FRAMES[1], *options[2:]), "without the channel 'direct.R'"),
     ):
         wrong = predict(*given, "--method", "plus", "--out", "wrong.png")
-        assert isinstance(wrong.exception, InputError)
+        assert isinstance(wrong.exception, InputError | ParameterError)
         assert re.search(words, str(wrong.exception))
 
 
