@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from pbrnet.pipeline.terminal import quiet_libraries, say
+from pbrnet.pipeline.terminal import present, quiet_libraries, say
 from pbrnet.scenes.errors import MachineError, PbrnetError
 
 UNEXPECTED = 70  # exit code of a fault of pbrnet, as in sysexits.h
@@ -117,6 +117,18 @@ class LazyGroup(click.Group):
         module, attribute = COMMANDS[name][0].split(":")
         command: click.Command = getattr(importlib.import_module(module), attribute)
         return command
+
+    def resolve_command(
+        self, context: click.Context, words: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find a command and its arguments, whose old names are replaced by the present ones."""
+        command, *options = words
+        command = present(f"pbrnet {command}").removeprefix("pbrnet ")
+        for number, word in enumerate(options):
+            name, equals, value = word.partition("=")
+            name = present(f"pbrnet {command} {name}").removeprefix(f"pbrnet {command} ")
+            options[number] = name + equals + value
+        return super().resolve_command(context, [command, *options])
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands by topic without importing them."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from pbrnet.pipeline.channels import PARTS, SETS, ChannelSet, Kind, kinds_of_sets
 from pbrnet.pipeline.lenses.calibration import read_calibration
 from pbrnet.pipeline.lenses.settings import calibrated, check_lens
+from pbrnet.pipeline.terminal import REMOVED, RENAMED, present
 from pbrnet.scenes.checked import build, param, section, shown, within
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.files import exists
@@ -189,12 +190,24 @@ def texture_size_for(width: int) -> int:
     return min(4096, max(64, 1 << max(0, math.ceil(math.log2(1.6 * width)))))
 
 
+def _rename(data: Any) -> None:
+    """Replace old names in the content of a parameter file, in place, each within its section."""
+    for old in (*RENAMED, *REMOVED):
+        *sections, key = old.split(".")
+        place = data
+        for name in sections:
+            place = place.get(name) if isinstance(place, dict) else None
+        if isinstance(place, dict) and key in place:
+            place.setdefault(present(old).rpartition(".")[2], place.pop(key))
+
+
 def build_params(data: Any) -> Params:
     """Return the parameters in the content of a parameter file; raises `ParameterError`.
 
     `scenes.texture_size: auto` and `image.lens.calibration` become numbers here, so that all else
     sees numbers only.
     """
+    _rename(data)
     scenes = data.get("scenes", {}) if isinstance(data, dict) else None
     if not isinstance(scenes, dict) or scenes.get("texture_size", "auto") != "auto":
         return build(Params, data).calibrated()

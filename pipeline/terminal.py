@@ -14,6 +14,14 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
+from pbrnet.scenes.errors import ParameterError
+
+# Old name of a command, option or parameter: its present name. The old one works for one minor
+# version; then it moves to `REMOVED`, with what to use instead. Names are written
+# "pbrnet COMMAND", "pbrnet COMMAND --option" and "section.key"; keys stay in their section.
+RENAMED: dict[str, str] = {}
+REMOVED = {"pbrnet predict --visibility": "--transport and --materials"}
+
 
 def visible(text: object) -> str:
     r"""Return text as one line that shows every sign, control characters as Python writes them.
@@ -46,6 +54,18 @@ def say(*lines: object, err: bool = False) -> None:
     So a name in a file from outside neither forges a line, nor hides one, nor rings.
     """
     print(lines_of(lines or ("",)), file=sys.stderr if err else sys.stdout, flush=True)
+
+
+def present(name: str) -> str:
+    """Return the present name of a command, option or parameter; say so of an old one.
+
+    Raises `ParameterError` for a name that was removed.
+    """
+    if name in REMOVED:
+        raise ParameterError(f"{name} was removed; use {REMOVED[name]}")
+    if name in RENAMED:
+        say(f"{name} is deprecated; use {RENAMED[name]}", err=True)
+    return RENAMED.get(name, name)
 
 
 @contextmanager

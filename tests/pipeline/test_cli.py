@@ -19,6 +19,8 @@ from pbrnet.model.commands.doctor import examine
 from pbrnet.model.settings import Baseline
 from pbrnet.pipeline.cli import COMMANDS, cli, main
 from pbrnet.pipeline.release.presets import find_preset
+from pbrnet.pipeline.terminal import RENAMED
+from pbrnet.scenes.errors import ParameterError
 from tests.fixtures.command import exit_code
 from tests.fixtures.paths import ROOT
 
@@ -42,6 +44,23 @@ def test_every_command_has_help_an_example_and_a_seed(name: str, command: click.
     assert result.exit_code == 0
     assert f"pbrnet {name}" in result.output.split("Usage:")[1].split("\n", 1)[1]
     assert any("--seed" in option.opts for option in command.params)
+
+
+def test_an_old_name_works_with_one_line_and_a_removed_one_says_what_to_use(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old = {"pbrnet values": "pbrnet params", "pbrnet params --edited": "pbrnet params --changed"}
+    old["cameras.per_room"] = "cameras.views_per_room"
+    for name, new in old.items():
+        monkeypatch.setitem(RENAMED, name, new)
+    file = tmp_path / "params.yaml"
+    file.write_text("cameras: {per_room: 7}")
+    done = CliRunner().invoke(cli, ["values", "--edited", f"--params={file}"])
+    assert done.exit_code == 0 and "7" in done.stdout
+    lines = [f"{name} is deprecated; use {new}" for name, new in old.items()]
+    assert done.stderr.splitlines() == lines
+    with pytest.raises(ParameterError, match="removed; use --transport and --materials"):
+        cli.main(["predict", "home", "--visibility=a"], standalone_mode=False)
 
 
 def test_every_stage_of_dvc_is_a_command() -> None:
