@@ -218,14 +218,17 @@ def clay_budget_words(found: dict[str, Any]) -> str:
     apart = ", ".join(f"{value:.3f}" for value in found["halves_flip"].values())
     processors = f"{found['processors']} processors ({found['processor']})"
     clock = "elapsed" if found["clock"] == "wall" else "processor"
-    trained = ", ".join(f"`{name}` on {views}" for name, views in found["trained_views"].items())
+    trained = found["trained_views"]
+    views = ", ".join(f"`{name}` on {number}" for name, number in trained.items())
+    if len(trained) == 2 and len({*trained.values()}) == 1:
+        views = f"both on {max(trained.values())}"
     sentences = [
         "" if found["sizes"] == "full" else "**A trial run; its figures mean nothing.**",
         f"One view each of {found['homes']} homes; {clock} seconds of {processors}, of which other "
         f"programs used {found['others_busy']:.1f}; Blender {found['blender']}.",
         f"The reference at {sizes} has 2 x {spp} samples per pixel; FLIP between its halves is "
         f"{apart}, and their means agree within {100 * found['halves_apart']:.1f} %.",
-        f"The networks were trained on other homes, {trained} views." if trained else "",
+        f"The networks were trained on other homes, {views} views." if trained else "",
         "Times are those of one further view of an open scene, with light plan, transport, guides, "
         "denoiser and network, but without opening the scene and compiling.",
         _not_first(found["cells"]),
