@@ -81,7 +81,7 @@ def set_rows(bench: Bench) -> Iterator[Row]:
             goal=at_most(_GOALS[name]) if name in _GOALS else None,
         )
     for name in ("paper", *_SETS):
-        own = _columns(params.image, params.light.images, name)
+        own = _columns(params, name)
         yield Row(
             f"{name}, per row",
             f"bytes in the shards of the columns of `paper` and these, mean of {len(views)} views, "
@@ -181,15 +181,9 @@ def _bytes_a_row(folder: Path) -> dict[str, float]:
     return {name: count / rows for name, count in found.items()}
 
 
-def _columns(image: ImageParams, lights: int, name: str) -> set[str]:
+def _columns(params: Params, name: str) -> set[str]:
     """Return the columns of a dataset of `paper` and the set `name` of `_SETS`."""
-    size = (image.width, image.height)
-    columns = dataset_columns(
-        size,
-        size,
-        shadows=True,
-        channels=_SETS.get(name, ("paper",)),
-        links=name in ("video", "all"),
-        lights=lights if name in (_GROUPS, "all") else 0,
-    )
-    return {column.name for column in columns}
+    own = replace(params, channels=_SETS.get(name, ("paper",)))
+    if name not in (_GROUPS, "all"):
+        own = replace(own, light=LightParams())
+    return {column.name for column in dataset_columns(own)}

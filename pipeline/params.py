@@ -107,6 +107,12 @@ class Params:
         )
         return (*kinds, *(kind for kind, wanted in more if wanted))
 
+    def size_of(self, kind: Kind) -> tuple[int, int]:
+        """Return (width, height) of frames of a kind."""
+        around = {"illumination": self.illumination.width, "environment": self.environment.width}
+        width = around.get(kind)
+        return (width, width // 2) if width else (self.image.width, self.image.height)
+
     def calibrated(self) -> Params:
         """Return the parameters with the numbers of the calibration file, if they name one."""
         image = self.image

@@ -133,24 +133,21 @@ def load_frames(
 def check_light(
     view: View,
     frames: Mapping[Kind, Frame],
-    size: Size,
-    panorama: Size,
+    sizes: Mapping[Kind, Size],
     limits: CheckParams,
-    environment: Size,
     lights: int,
 ) -> Rejection | None:
     """Return the first reason to reject the frames with light, or None.
 
-    `size`, `panorama` and `environment` are (width, height) of the dataset's images, panoramas of
-    lights and panoramas of the environment. Noisy frames and panoramas are not rejected for their
-    noise. `lights` is the dataset's number of light groups.
+    `sizes` are (width, height) of the dataset's kinds of frames, `lights` is its number of light
+    groups. Noisy frames and panoramas are not rejected for their noise.
     """
     others = {kind: frame for kind, frame in frames.items() if kind not in SURFACES}
     renders = {kind: frames[kind].rgb for kind in TRUTHS if kind in frames}
     stored = {kind: image / frames[kind].radiance_scale for kind, image in renders.items()}
     return (
         _stale(view, others)
-        or _wrong_size(others, {"illumination": panorama, "environment": environment}, size)
+        or _wrong_size(others, sizes)
         or _not_finite(others)
         or _negative(others)
         or _elsewhere(view, frames)
@@ -179,7 +176,7 @@ def check_surfaces(
     inputs = frames["inputs"].channels
     return (
         _stale(view, seen)
-        or _wrong_size(seen, {}, size)
+        or _wrong_size(seen, dict.fromkeys(seen, size))
         or _not_finite(seen)
         or _negative(seen)
         or _inconsistent(inputs)
@@ -294,11 +291,9 @@ def _stale(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
     return None
 
 
-def _wrong_size(
-    frames: Mapping[Kind, Frame], panoramas: Mapping[Kind, Size], size: Size
-) -> Rejection | None:
+def _wrong_size(frames: Mapping[Kind, Frame], sizes: Mapping[Kind, Size]) -> Rejection | None:
     for kind, frame in frames.items():
-        expected = panoramas.get(kind, size)
+        expected = sizes[kind]
         for name, values in frame.channels.items():
             if values.shape != expected[::-1]:
                 found = "x".join(map(str, values.shape[::-1]))

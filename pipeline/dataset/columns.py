@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -21,16 +21,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from pbrnet.pipeline.channels import (
-    RADIANCE,
-    SETS,
-    ChannelSet,
-    Kind,
-    dataset_channels,
-    kinds_of_sets,
-    paper_columns,
-)
-from pbrnet.pipeline.views import Projection, View
+from pbrnet.pipeline.channels import RADIANCE, SETS, Channel, Kind, dataset_channels, paper_columns
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.views import View
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.importing.semantics import (
@@ -137,113 +130,87 @@ class Preview:
     stops: int = 0
 
 
-# In the order in which viewers show them; each is in the dataset if the column that it shows is.
-PREVIEWS = (
-    Preview("preview", "color", "color, as an automatic camera makes it"),
-    Preview("preview_dark", "color", "color, exposed two stops less", stops=-2),
-    Preview("preview_bright", "color", "color, exposed two stops more", stops=2),
-    Preview("preview_shading", "shading", "shading, by a camera of its own"),
-    Preview("preview_depth", "depth", "depth, logarithmic: near is bright, no surface grey"),
-    Preview("preview_normal", "normal", "normal: red right, green up, blue to the camera"),
-    Preview("preview_reflectance", "reflectance", "reflectance"),
-    Preview("preview_lights", "intensity", "intensity of the panorama, logarithmic"),
-    Preview("preview_roughness", "roughness", "roughness: polished is black, matt is white"),
-    Preview("preview_material", "material", "a colour for each material"),
-    Preview("preview_instance", "instance", "a colour for each object"),
-    Preview("preview_nyu40", "nyu40", "a colour for each NYU40 class"),
-    Preview("preview_indirect", "indirect", "indirect light, exposed as color", "color"),
-    Preview("preview_flow", "flow_forward", "flow to the next frame: hue is direction"),
-    Preview(
-        "preview_environment", "environment", "panorama of all around, exposed as color", "color"
-    ),
-    Preview("preview_noisy", "noisy_color", "noisy_color, exposed as color", "color"),
-)
-
-
-_TYPES = {"json": pa.string(), "names": NAMES}
+_ARROW = {"json": pa.string(), "names": NAMES}
 _UNITS = {"radiance": RADIANCE, "stored radiance": _RADIANCE}
 _TABLE = tomllib.loads(Path(__file__).with_name("columns.toml").read_text(encoding="utf-8"))
+_DESCRIPTIONS = _TABLE.pop("descriptions")
+# In the order in which viewers show them; each is in the dataset if the column that it shows is.
+PREVIEWS = tuple(Preview(name, **entry) for name, entry in _TABLE.pop("previews").items())
+_WHEN = {group: {*entries.pop("when", [group])} for group, entries in _TABLE.items()}
 
 
-def dataset_columns(
-    size: tuple[int, int],
-    panorama: tuple[int, int],
-    shadows: bool = False,
-    noisy: bool = False,
-    channels: Sequence[ChannelSet] = ("paper",),
-    links: bool = False,
-    environment: tuple[int, int] = (256, 128),
-    lights: int = 0,
-    projection: Projection = "perspective",
-    aperture: bool = False,
-    shutter: bool = False,
-    distortion: int = 0,
-) -> tuple[Column, ...]:
-    """Return all columns, in order, for images and panoramas of these (width, height).
-
-    `shadows` adds the column of visibility frames, `noisy` those of noisy frames, `channels` those
-    of further sets or of parts of `paper`, and `links` those that say which rows belong together.
-    `environment` is the size of that set's panoramas, `lights` the number of light groups. Images
-    of another `projection` than perspective, and those with so many coefficients of `distortion`,
-    have columns that say so, and other meanings of `depth` and `K`.
-    `aperture` and `shutter` add the columns of color that is not that of a pinhole standing still.
-    """
-    paper, kinds = SETS["paper"], kinds_of_sets(channels)
-    kept = paper_columns(channels)
-    further = tuple(kind for kind in kinds if kind not in paper)
-    groups = {
-        "light": "light" in further,
-        "materials": {"materials", "labels"} & set(further),
-        "environment": "environment" in further,
-        "labels": "labels" in further,
+def dataset_columns(params: Params) -> tuple[Column, ...]:
+    """Return all columns, in order, of a dataset with these parameters."""
+    image, kinds = params.image, params.kinds
+    paper, kept = SETS["paper"], paper_columns(params.channels)
+    lights = params.light.images if "light" in kinds else 0
+    conditions = {
         "lights": lights,
-        "links": links,
-        "equirectangular": projection == "equirectangular",
-        "lens": projection in ("fisheye", "orthographic") or distortion,
-        "distortion": distortion,
-        "aperture": aperture and "color" in kinds,
-        "shutter": shutter and "color" in kinds,
+        "links": "video" in kinds or params.cameras.has_links,
+        "distortion": image.coefficients,
+        "aperture": params.optics.f_number,
+        "shutter": params.optics.moves,
     }
-    sizes: dict[str | int, int] = {"n": lights, "w": size[0], "h": size[1], "k": distortion}
+    words = {"row", "camera", image.projection, *kinds}
+    words |= {word for word, holds in conditions.items() if holds}
+    lengths = {"n": lights, "w": image.width, "h": image.height, "k": image.coefficients}
 
-    def facts(group: str) -> Iterator[Column]:
-        return (_fact(name, entry, sizes) for name, entry in _TABLE[group].items())
+    def facts(*groups: str) -> Iterator[Column]:
+        return (
+            _fact(name, entry, lengths)
+            for group in groups
+            if _WHEN[group] & words
+            for name, entry in _TABLE[group].items()
+            if _origin(name, entry) in (*kinds, "")
+        )
 
+    def images(*among: Kind) -> Iterator[Column]:
+        return (
+            _image_column(channel, params.size_of(channel.kind))
+            for channel in dataset_channels([kind for kind in among if kind in kinds])
+            if channel.kind not in paper or channel.name in kept
+        )
+
+    sampled: tuple[Kind, ...] = ("visibility", "noisy")
     columns = [
         *facts("row"),
-        *(one for one in _image_columns(paper, size, panorama) if one.name in kept),
-        *(one for one in facts("camera") if _origin(one.name) in (*kinds, "")),
-        *_image_columns(("visibility",) if shadows else (), size, panorama),
-        *_image_columns(("noisy",) if noisy else (), size, panorama),
-        *(facts("noisy") if noisy else ()),
-        *_image_columns(further, size, environment),
-        *(column for group, there in groups.items() if there for column in facts(group)),
+        *images(*paper),
+        *facts("camera"),
+        *images(*sampled),
+        *facts("noisy"),
+        *images(*(kind for kind in kinds if kind not in (*paper, *sampled))),
+        *facts(*(group for group in _TABLE if group not in ("row", "camera", "noisy"))),
     ]
-    if projection != "perspective" or distortion:
-        other = _TABLE[f"{projection}_descriptions"]
+    if image.projection != "perspective" or image.coefficients:
+        other = _DESCRIPTIONS[image.projection]
         columns = [
             replace(one, description=other.get(one.name, one.description)) for one in columns
         ]
-    return (*_preview_columns({column.name for column in columns}), *columns)
+    names = {column.name for column in columns}
+    previews = (
+        Column(one.name, PREVIEW, f"8-bit sRGB picture, to look at: {one.description}.")
+        for one in PREVIEWS
+        if one.shows in names
+    )
+    return (*previews, *columns)
 
 
-def _origin(name: str) -> str:
-    """Return the kind of frames that a column of the group `camera` tells of; "" for any."""
-    entry = _TABLE["camera"][name]
+def _origin(name: str, entry: Mapping[str, Any]) -> str:
+    """Return the kind of frames that a column of `columns.toml` tells of; "" for any."""
     first, *rest = entry.get("value", name).split(".")
     of_frames = first in ("facts", "exposures", "noises")
     return rest[0] if of_frames else str(entry.get("of", ""))
 
 
-def _fact(name: str, entry: Mapping[str, Any], sizes: Mapping[str | int, int]) -> Column:
-    """Return a column of `columns.toml`; `sizes` are the lengths that its shape names."""
+def _fact(name: str, entry: Mapping[str, Any], lengths: Mapping[Any, int]) -> Column:
+    """Return a column of `columns.toml`; `lengths` are those that its shape names."""
     kind, unit = entry["type"], entry.get("unit", "")
     return Column(
         name,
-        _TYPES.get(kind) or pa.type_for_alias(kind),
+        _ARROW.get(kind) or pa.type_for_alias(kind),
         entry["description"],
         _UNITS.get(unit, unit),
-        tuple(sizes.get(length, length) for length in entry.get("shape", ())),
+        tuple(lengths.get(length, length) for length in entry.get("shape", ())),
         partial(_value, entry.get("value", name), entry.get("null_unless"), kind == "json"),
     )
 
@@ -257,34 +224,28 @@ def _value(path: str, condition: str | None, as_json: bool, source: object) -> A
     return json_text(source) if as_json else source
 
 
-def _preview_columns(names: Collection[str]) -> tuple[Column, ...]:
-    """Return the columns of small pictures of the image columns `names`."""
-    return tuple(
-        Column(preview.name, PREVIEW, f"8-bit sRGB picture, to look at: {preview.description}.")
-        for preview in PREVIEWS
-        if preview.shows in names
+def _image_column(channel: Channel, size: tuple[int, int]) -> Column:
+    """Return the column of an image channel of this (width, height)."""
+    return Column(
+        channel.name,
+        pa.from_numpy_dtype(channel.dataset_dtype),
+        channel.description,
+        _RADIANCE if channel.unit == RADIANCE else channel.unit,
+        (*size[::-1], *channel.shape),
+        partial(_value, f"images.{channel.name}", None, False),
     )
 
 
-def _image_columns(
-    kinds: tuple[Kind, ...], size: tuple[int, int], panorama: tuple[int, int]
-) -> tuple[Column, ...]:
-    """Return the columns of the image channels of these kinds of frames."""
-    columns = []
-    for channel in dataset_channels(kinds):
-        width, height = panorama if channel.is_panorama else size
-        dtype = pa.from_numpy_dtype(channel.dataset_dtype)
-        columns.append(
-            Column(
-                channel.name,
-                dtype,
-                channel.description,
-                _RADIANCE if channel.unit == RADIANCE else channel.unit,
-                (height, width, *channel.shape),
-                partial(_value, f"images.{channel.name}", None, False),
-            )
-        )
-    return tuple(columns)
+# Types of all columns but images, in any dataset; lists of any length where datasets differ in it.
+TYPES = {
+    **{preview.name: PREVIEW for preview in PREVIEWS},
+    **{
+        name: _fact(name, entry, {"n": -1, "k": -1}).type
+        for entries in _TABLE.values()
+        for name, entry in entries.items()
+        if "h" not in entry.get("shape", ())
+    },
+}
 
 
 def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:

@@ -25,7 +25,6 @@ from pbrnet import reader
 from pbrnet.pipeline.channels import SURFACES
 from pbrnet.pipeline.dataset.checks import (
     Rejection,
-    Size,
     broken_walks,
     check_light,
     load_frames,
@@ -129,31 +128,9 @@ class _Packer:
     failures: Mapping[tuple[str, str], str]
 
     @cached_property
-    def sizes(self) -> tuple[Size, Size, Size]:
-        """(width, height) of images, panoramas of lights and panoramas of the environment."""
-        image, lights = self.params.image, self.params.illumination.width
-        around = self.params.environment.width
-        return ((image.width, image.height), (lights, lights // 2), (around, around // 2))
-
-    @cached_property
     def columns(self) -> tuple[Column, ...]:
         """Columns of the dataset."""
-        params, kinds = self.params, self.params.kinds
-        size, panorama, environment = self.sizes
-        return dataset_columns(
-            size,
-            panorama,
-            shadows="visibility" in kinds,
-            noisy="noisy" in kinds,
-            channels=params.channels,
-            links="video" in kinds or params.cameras.has_links,
-            environment=environment,
-            lights=params.light.images if "light" in kinds else 0,
-            projection=params.image.projection,
-            aperture=bool(params.optics.f_number),
-            shutter=params.optics.moves,
-            distortion=params.image.coefficients,
-        )
+        return dataset_columns(self.params)
 
     def origin(self) -> str:
         """Return a digest of all that determines the dataset; of files it takes size and time."""
@@ -274,10 +251,10 @@ class _Packer:
     def _row(self, source: Source, view: View, split: str) -> dict[str, Any] | Rejection:
         """Return the row of a view, or the reason of its rejection."""
         params = self.params
-        size, panorama, environment = self.sizes
+        sizes = {kind: params.size_of(kind) for kind in params.kinds}
         limits, lights = params.dataset.checks, params.light.images
         frames = surfaces_of(
-            self.data, view, source.views, self.failures, params.kinds, size, limits
+            self.data, view, source.views, self.failures, params.kinds, sizes["inputs"], limits
         )
         if isinstance(frames, Rejection):
             return frames
@@ -286,7 +263,7 @@ class _Packer:
         if isinstance(light, Rejection):
             return light
         frames |= light
-        why = check_light(view, frames, size, panorama, limits, environment, lights)
+        why = check_light(view, frames, sizes, limits, lights)
         if why is not None:
             return why
         row = RowSource(source.scene, view, split, frames, params.tone)

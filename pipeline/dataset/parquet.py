@@ -27,7 +27,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pbrnet import reader
-from pbrnet.pipeline.dataset.columns import FORMAT, dataset_columns
+from pbrnet.pipeline.dataset.columns import FORMAT, TYPES
 from pbrnet.pipeline.lenses.model import COEFFICIENTS, Lens
 from pbrnet.pipeline.splits import SPLITS
 from pbrnet.pipeline.views import check_intrinsics, check_pose
@@ -39,10 +39,6 @@ from pbrnet.scenes.files import parse_json, regular_file
 MAX_BYTES = 2**34  # of a file; row groups are read one at a time
 MAX_PIXELS = 2**28  # values of an image
 _LONGEST_HEADER = 4096  # bytes
-_COLUMNS = dataset_columns(
-    (8, 8), (16, 8), channels=("all",), links=True, aperture=True, shutter=True
-)
-_TYPES = {one.name: one.type for one in _COLUMNS if not one.is_image}
 _DTYPES = ("float16", "float32", "float64", "uint8", "int32")
 _NAMES = {"scene_id": "a scene's id", "view_id": "a view's id", "trajectory": "a trajectory's name"}
 _LENS = ("K", "projection", "distortion")
@@ -165,7 +161,7 @@ def check_types(path: Path, schema: pa.Schema, names: Iterable[str]) -> None:
             f"frames are still good, {_REMEDY}"
         )
     for name in names:
-        wanted = _TYPES.get(name)
+        wanted = TYPES.get(name)
         if wanted is None or name not in schema.names:
             continue
         found = schema.field(name).type
@@ -296,8 +292,8 @@ def _alike(found: pa.DataType, wanted: pa.DataType) -> bool:
         fixed = pa.types.is_fixed_size_list(found) and found.list_size == wanted.list_size
         return fixed and _alike(found.value_type, wanted.value_type)
     if pa.types.is_list(wanted):
-        listed = pa.types.is_list(found) or pa.types.is_large_list(found)
-        return listed and _alike(found.value_type, wanted.value_type)
+        lists = (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list)
+        return any(test(found) for test in lists) and _alike(found.value_type, wanted.value_type)
     if pa.types.is_struct(wanted):
         names = [found.field(n).name for n in range(found.num_fields)]
         return (

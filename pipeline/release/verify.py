@@ -71,7 +71,7 @@ def verify_rows(
     names = digest_bytes(*(row.name.encode() for row in drawn))[:12]
     for part, rows in _by_sampling(drawn).items():
         folder = work / names / part  # a camera file holds the drawn views alone
-        _render(folder, _sampled(params, part), rows, plans, scheduler)
+        _render(folder, params, rows, plans, scheduler)
         again = DatasetRows(folder / "dataset")
         for row, deviation, fault in _compared(given, again, rows):
             if fault:
@@ -99,18 +99,6 @@ def _by_sampling(rows: Sequence[ViewRow]) -> dict[str, list[ViewRow]]:
     return {name: rows for name, rows in parts.items() if rows}
 
 
-def _sampled(params: Params, part: str) -> Params:
-    """Return the parameters for a few scenes of a part, whatever split they would fall into."""
-    whole = replace(params, dataset=replace(params.dataset, splits=SplitParams(0.0, 0.0)))
-    if part == "train":
-        return whole
-    return replace(
-        whole,
-        groundtruth=replace(params.groundtruth, train_spp=0),
-        noisy=replace(params.noisy, train=()),
-    )
-
-
 def _render(
     folder: Path,
     params: Params,
@@ -118,7 +106,18 @@ def _render(
     plans: Mapping[str, str],
     scheduler: str | None,
 ) -> None:
-    """Make the scenes of the rows, render their views and pack them."""
+    """Make the scenes of the rows, render their views and pack them.
+
+    All rows are of test views, which never have fewer samples, or none is. One split takes them
+    all: those of a few scenes would differ from those of the whole dataset.
+    """
+    params = replace(params, dataset=replace(params.dataset, splits=SplitParams(0.0, 0.0)))
+    if rows[0].split == "test":
+        params = replace(
+            params,
+            groundtruth=replace(params.groundtruth, train_spp=0),
+            noisy=replace(params.noisy, train=()),
+        )
     scenes = {row.scene_id for row in rows}
     shared = {plans[name] for name in scenes if name in plans}
     scenes |= {name for name, plan in plans.items() if plan in shared}

@@ -12,7 +12,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from pbrnet.pipeline.cameras.settings import CameraParams
 from pbrnet.pipeline.costs.ledger import Ledger, ledger_path, read_ledger
+from pbrnet.pipeline.dataset.columns import arrow_schema, dataset_columns
 from pbrnet.pipeline.dataset.parquet import (
     check_rows,
     check_types,
@@ -22,7 +24,10 @@ from pbrnet.pipeline.dataset.parquet import (
     open_parquet,
 )
 from pbrnet.pipeline.frames import check_frame, read_frame, read_meta, view_of
-from pbrnet.pipeline.views import load_cameras
+from pbrnet.pipeline.lenses.settings import LensParams, OpticsParams
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.settings import LightParams, NoisyParams
+from pbrnet.pipeline.views import ImageParams, load_cameras
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.dataset import add_scene, small_params
 
@@ -93,6 +98,25 @@ def test_columns_of_another_type() -> None:
     older = schema.with_metadata({"pbrnet": "1"})
     with pytest.raises(InputError, match=r"format 1.* format 2.*pbrnet dataset"):
         check_types(Path("a"), older, ["view_id"])
+
+
+@pytest.mark.parametrize("lens", [{}, {"projection": "fisheye"}, {"lens": LensParams((0.1,) * 5)}])
+def test_every_column_is_of_one_type(lens: dict[str, Any]) -> None:
+    params = Params(
+        channels=("all",),
+        image=ImageParams(**lens),
+        cameras=CameraParams(walks=1),
+        optics=OpticsParams(f_number=2.0, exposure=0.1),
+        light=LightParams(2),
+        noisy=NoisyParams(1),
+    )
+    schema = arrow_schema(dataset_columns(params))
+    check_types(Path("a"), schema, schema.names)
+    for field in schema:
+        if b"encoding" not in field.metadata:
+            foreign = pa.schema([field.with_type(pa.bool_())])
+            with pytest.raises(InputError, match=f"'{field.name}' holds bool"):
+                check_types(Path("a"), foreign, [field.name])
 
 
 def test_cells_that_are_no_images() -> None:

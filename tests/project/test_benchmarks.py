@@ -42,8 +42,9 @@ from pbrnet.model.benchmark.views import pin_views
 from pbrnet.model.data.reader import Dataset
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.export.rows import DatasetRows
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.settings import LightParams
 from pbrnet.pipeline.splits import SplitParams
-from pbrnet.pipeline.views import ImageParams
 from pbrnet.scenes.contract import Light, Portal, Scene
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.dataset import make_data, small_params
@@ -486,7 +487,8 @@ def test_each_column_of_the_sample_counts_for_the_sets_that_have_it() -> None:
     rows = sum(pq.read_metadata(path).num_rows for path in shards)
     whole = sum(path.stat().st_size for path in shards) / rows
     assert 0.9 * whole < sum(sizes.values()) < whole
-    columns = {name: sets._columns(ImageParams(), 4, name) for name in ("paper", *sets._SETS)}
+    params = Params(light=LightParams(groups=1))
+    columns = {name: sets._columns(params, name) for name in ("paper", *sets._SETS)}
     assert set.union(*columns.values()) == columns["all"] < set(sizes)
     assert all("noisy" in name or "denoised" in name for name in set(sizes) - columns["all"])
     totals = {name: sum(sizes[column] for column in own) for name, own in columns.items()}

@@ -23,6 +23,8 @@ import pytest
 from pbrnet.pipeline.dataset.columns import dataset_columns
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.dataset.shards import verify_sums
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.settings import NoisyParams
 from tests.fixtures.browser import open_browser
 from tests.fixtures.dataset import make_data, small_params
 from tests.fixtures.paths import ROOT
@@ -96,7 +98,8 @@ def test_the_sample_is_a_small_dataset_of_all_splits() -> None:
     assert min(rows.get(split, 0) for split in ("train", "validation", "test")) > 0
     assert sum(rows.values()) == 32
     assert sum(path.stat().st_size for path in SAMPLE.iterdir()) <= 25e6
-    columns = {column.name for column in dataset_columns((96, 72), (64, 32), True, True, ("all",))}
+    params = Params(channels=("all",), noisy=NoisyParams(1))
+    columns = {column.name for column in dataset_columns(params)}
     assert columns <= set(pq.read_schema(shards[0]).names), "make it again by its recipe"
     verify_sums(SAMPLE)
     reader = (ROOT / "reader" / "pbrnet_reader.py").read_bytes()

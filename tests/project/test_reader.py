@@ -20,6 +20,7 @@ from torch.utils.data import DataLoader, Dataset, IterableDataset
 from pbrnet.pipeline.channels import RADIANCE, dataset_channels
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.tonemap import Exposure, tonemap
+from pbrnet.reader import TASKS
 from tests.fixtures.dataset import make_data, rows_of, small_params
 from tests.fixtures.paths import ROOT
 
@@ -96,9 +97,6 @@ def test_radiance_comes_in_the_unit_of_the_renderer(reader: Any) -> None:
     display = reader.reinhard(row["color"], row["exposure_color"], row["white_color"])
     true = tonemap(row["color"], Exposure(row["exposure_color"], row["white_color"]))
     np.testing.assert_allclose(display, true, atol=1e-5)
-
-
-TASKS = ("depth", "intrinsic", "segmentation", "relighting", "video")
 
 
 @pytest.mark.parametrize("task", TASKS)

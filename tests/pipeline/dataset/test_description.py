@@ -138,7 +138,7 @@ def test_shards_hold_only_what_every_reader_knows(folder: Path) -> None:
 
 def test_previews_come_first(folder: Path) -> None:
     table = table_of(folder)
-    names = [column.name for column in dataset_columns((32, 24), (32, 16), shadows=True)]
+    names = [column.name for column in dataset_columns(small_params())]
     first = table.column_names[:8]
     assert table.column_names == names and all(name.startswith("preview") for name in first)
     features = json.loads(table.schema.metadata[b"huggingface"])["info"]["features"]

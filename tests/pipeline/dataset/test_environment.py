@@ -106,7 +106,7 @@ def test_wrong_panoramas_reject_a_view(spoil: Callable[[Channels], None], reason
     spoil(panorama)
     frames = {kind: Frame(pixels, meta) for kind, pixels in box_frames(view, WANTED).items()}
     frames["environment"] = Frame(panorama, meta)
-    size, limits = (32, 24), CheckParams()
-    found = check_surfaces(view, frames, size, limits, {})
-    found = found or check_light(view, frames, size, (32, 16), limits, (48, 24), 0)
+    sizes, limits = {kind: WANTED.size_of(kind) for kind in frames}, CheckParams()
+    found = check_surfaces(view, frames, sizes["inputs"], limits, {})
+    found = found or check_light(view, frames, sizes, limits, 0)
     assert (found.reason if found else None) == reason

@@ -37,10 +37,12 @@ from pbrnet.pipeline.dataset.settings import CheckParams
 from pbrnet.pipeline.dataset.shards import ShardWriter, verify_sums
 from pbrnet.pipeline.frames import HALF_MAX, Frame, frame_path, read_frame
 from pbrnet.pipeline.images import read_picture
+from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.passes.settings import IlluminationParams
 from pbrnet.pipeline.splits import Source, SplitParams, kept_back, split_plans
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.tonemap import exposure_of
-from pbrnet.pipeline.views import load_cameras, save_cameras
+from pbrnet.pipeline.views import ImageParams, load_cameras, save_cameras
 from pbrnet.scenes.contract import Credit
 from pbrnet.scenes.errors import InputError, MachineError
 from pbrnet.scenes.files import digest_folder
@@ -55,8 +57,6 @@ from tests.fixtures.dataset import (
     small_params,
     write_view,
 )
-
-SIZE, PANORAMA = (32, 24), (32, 16)
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,7 @@ def test_objects_are_counted_in_the_image_itself(tmp_path: Path) -> None:
 
 def test_columns_come_in_the_documented_order_with_units(packed: Path) -> None:
     schema = pq.read_schema(next((packed / "dataset").glob("train-*.parquet")))
-    columns = dataset_columns(SIZE, PANORAMA, shadows=True)
+    columns = dataset_columns(small_params())
     assert schema.names == [column.name for column in columns]
     for name in ("depth", "normal", "reflectance", "intensity", "distance", "shading", "color"):
         field = schema.field(name)
@@ -160,11 +160,14 @@ def test_pages_are_compressed_by_what_is_in_them(packed: Path) -> None:
 
 
 def test_row_groups_are_smaller_where_rows_are_large(tmp_path: Path) -> None:
-    columns = dataset_columns((640, 480), (640, 320))
+    params = Params(
+        image=ImageParams(640, 480), illumination=IlluminationParams(640, shadow_rays=0)
+    )
+    columns = dataset_columns(params)
     row = sum(column.image_bytes for column in columns)
     writer = ShardWriter(tmp_path, "train", columns, 16, 10**9)
     assert writer.row_group == (64 << 20) // row == 5
-    huge = dataset_columns((4096, 4096), (640, 320))
+    huge = dataset_columns(replace(params, image=ImageParams(4096, 4096)))
     assert ShardWriter(tmp_path, "train", huge, 16, 10**9).row_group == 1
 
 
@@ -517,8 +520,8 @@ def test_nan_is_refused_even_where_another_program_wrote_it() -> None:
     meta = {"view": {"scene_id": view.scene_id, "view_id": view.view_id}}
     meta["view"] |= {"camera_to_world": view.camera_to_world, "K": view.K}
     frames = {kind: Frame(pixels, meta) for kind, pixels in box_frames(view, params).items()}
-    assert check_surfaces(view, frames, SIZE, CheckParams(), {}) is None
-    others = (SIZE, PANORAMA, CheckParams(), (256, 128), 0)
+    assert check_surfaces(view, frames, params.size_of("inputs"), CheckParams(), {}) is None
+    others = ({kind: params.size_of(kind) for kind in frames}, CheckParams(), 0)
     assert check_light(view, frames, *others) is None
     frames["shading"].channels["G"] = np.full((24, 32), np.nan)
     wrong = check_light(view, frames, *others)
@@ -635,7 +638,7 @@ def test_the_card_is_a_hugging_face_card(packed: Path) -> None:
     assert [entry["split"] for entry in files] == ["train", "validation", "test"]
     for entry in files:
         assert list((packed / "dataset").glob(entry["path"]))
-    for column in dataset_columns(SIZE, PANORAMA, shadows=True):
+    for column in dataset_columns(small_params()):
         assert f"`{column.name}`" in text
     assert "A. Maker" in text
 
@@ -675,7 +678,7 @@ def test_croissant_names_every_shard_with_its_checksum_and_every_column(packed: 
         ).stdout.split()[0]
         assert item["sha256"] == checksum
     views = next(item for item in described["recordSet"] if item["name"] == "views")
-    names = [column.name for column in dataset_columns(SIZE, PANORAMA, shadows=True)]
+    names = [column.name for column in dataset_columns(small_params())]
     assert [field["name"] for field in views["field"]] == names
     ids = {item["@id"] for item in described["distribution"]}
     assert {field["source"]["fileSet"]["@id"] for field in views["field"]} <= ids

@@ -173,7 +173,7 @@ def test_a_frame_of_other_neighbours_is_stale(tmp_path: Path) -> None:
     frames = load_frames(tmp_path, VIEW, {}, ["color"])
     assert isinstance(frames, dict)
     for view, reason in ((VIEW, "size"), (OTHER, "stale")):
-        found = check_light(view, frames, (8, 8), (8, 4), CheckParams(), (8, 4), 0)
+        found = check_light(view, frames, {"color": (8, 8)}, CheckParams(), 0)
         assert found is not None and found.reason == reason, found
 
 
