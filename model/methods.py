@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pbrnet.scenes.checked import imported
 
@@ -17,13 +17,43 @@ Target = Literal["shading", "color"]
 MAX_SAMPLES = 8  # per pixel, of noisy samples
 MIN_TILE = 16  # least side of a tile in pixels
 PAPER_INPUTS = ("depth", "normal", "reflectance", "intensity", "distance")
-# Direct light by the panorama's sources, an input of these joins of the panorama.
-DIRECT, DIRECT_COLOUR, DIRECT_SHADOWS = "direct", "direct_colour", "direct_shadows"
-DIRECT_OF = {"position": DIRECT, "colour": DIRECT_COLOUR, "shadows": DIRECT_SHADOWS}
 GEOMETRY = ("depth", "normal", "materials")  # inputs that all bands of plus and hybrid share
 _ENCODING = "pbrnet.model.data.encoding"
 _BASELINES, _NETWORKS = "pbrnet.model.baselines", "pbrnet.model.networks"
 _PAIRED, _EXPOSED = f"{_NETWORKS}.objective:PairedLoss", f"{_NETWORKS}.objective:ExposedLoss"
+
+
+@dataclass(frozen=True)
+class Join:
+    """A way in which the panorama joins the image, by its features and often a further input.
+
+    That input, `direct`, is the panorama's direct light in so many `bands`, unless
+    `pbrnet.model.data.encoding.INPUTS` has another of this name; `columns` are what it needs beyond
+    geometry and panorama.
+    """
+
+    direct: str = ""
+    columns: tuple[str, ...] = ()
+    bands: int = 1
+    resized: bool = False  # features of the panorama, to the image; else looked up by normals
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Inputs of the network beyond those of its method."""
+        return (self.direct,) if self.direct else ()
+
+
+JOINS = {
+    "normal": Join(),
+    "resize": Join(resized=True),
+    "position": Join("direct"),
+    "colour": Join("direct_colour", ("tint",), 3),
+    "shadows": Join("direct_shadows", ("visibility",)),
+}
+if TYPE_CHECKING:
+    Panorama = str
+else:
+    Panorama = Literal[tuple(JOINS)]
 
 
 @dataclass(frozen=True)
@@ -66,10 +96,9 @@ class Method:
         found: tuple[str, ...] = imported(f"{_ENCODING}:input_columns")(self.inputs)
         return found
 
-    def inputs_with(self, panorama: str) -> tuple[str, ...]:
+    def inputs_with(self, panorama: Panorama) -> tuple[str, ...]:
         """Inputs of the network with this join of the panorama, `train.panorama`."""
-        direct = direct_inputs(panorama) if "intensity" in self.inputs else ()
-        return (*self.inputs, *direct)
+        return (*self.inputs, *(JOINS[panorama].inputs if "intensity" in self.inputs else ()))
 
     @property
     def optional_inputs(self) -> tuple[str, ...]:
@@ -204,11 +233,6 @@ METHODS: dict[str, Method] = {
 BASELINES = tuple(name for name in METHODS if name not in ("shading", "composition"))
 PRODUCTS = ("product", "product_linear")  # of reflectance and predicted shading
 PREDICTABLE = ("pbrnet", *PRODUCTS, *BASELINES)
-
-
-def direct_inputs(panorama: str) -> tuple[str, ...]:
-    """Return the image of direct light that a join of the panorama adds to the inputs, if any."""
-    return (DIRECT_OF[panorama],) if panorama in DIRECT_OF else ()
 
 
 def columns_of(methods: Iterable[str]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeVar
 
-from pbrnet.model.methods import BASELINES, METHODS
+from pbrnet.model.methods import BASELINES, JOINS, METHODS, Panorama
 from pbrnet.scenes.checked import INLINE, param, within
 
 if TYPE_CHECKING:
@@ -90,9 +90,7 @@ class TrainParams:
     )
     exposure: Literal["own", "shared"] = param("shared", "shared, or own as in the paper")
     flips: bool = param(True, "mirror views at random with probability 1/2")
-    panorama: Literal["resize", "normal", "position", "colour", "shadows"] = param(
-        "normal", "normal, resize, position, colour or shadows; see docs/networks.md"
-    )
+    panorama: Panorama = param("normal", f"{', '.join(JOINS)}; see docs/networks.md")
     checkpoint_steps: int = param(500, "steps between checkpoints", within(1))
     loss: LossParams = param(LossParams(), "part-perceptual")
     shading: StageTrainParams = param(_sizes("shading"))

@@ -7,8 +7,8 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.data.encoding import Tensors, input_named
-from pbrnet.model.methods import DIRECT_OF, PAPER_INPUTS, direct_inputs
-from pbrnet.model.networks.pbrnet import NormalPanorama, Panorama, log_panorama
+from pbrnet.model.methods import JOINS, PAPER_INPUTS, Panorama
+from pbrnet.model.networks.pbrnet import NormalPanorama, log_panorama
 
 IMAGES = ("depth", "normal", "reflectance")
 STACKED = sum(input_named(name).channels for name in PAPER_INPUTS)
@@ -16,7 +16,7 @@ STACKED = sum(input_named(name).channels for name in PAPER_INPUTS)
 
 def stack_channels(panorama: Panorama) -> int:
     """Channels of `stacked` with this join."""
-    return STACKED + sum(input_named(name).channels for name in direct_inputs(panorama))
+    return STACKED + sum(input_named(name).channels for name in JOINS[panorama].inputs)
 
 
 def stacked(inputs: Tensors) -> torch.Tensor:
@@ -24,26 +24,25 @@ def stacked(inputs: Tensors) -> torch.Tensor:
     panorama = torch.cat(log_panorama(inputs["intensity"], inputs["distance"]), dim=1)
     size = inputs["normal"].shape[-2:]
     resized = functional.interpolate(panorama, size, mode="bilinear", align_corners=False)
-    direct = [inputs[name] for name in DIRECT_OF.values() if name in inputs]
+    direct = [inputs[join.direct] for join in JOINS.values() if join.direct in inputs]
     return torch.cat([*(inputs[name] for name in IMAGES), resized, *direct], dim=1)
 
 
 class Stack(nn.Module):
     """Input image of a baseline; the panorama is joined to it as in our networks.
 
-    With `panorama` `resize` it is `stacked`. With `normal` it has panorama features that are looked
-    up in the direction of each pixel's normal instead of the resized panorama; with the joins of
-    `DIRECT_OF` it has these and the panorama's direct light. Baselines therefore get the same
-    information as our networks.
+    With `panorama` `resize` it is `stacked`. With the other joins it has panorama features that are
+    looked up in the direction of each pixel's normal instead of the resized panorama, and the
+    further image of the join, if any. Baselines therefore get the same information as our networks.
     """
 
     def __init__(self, panorama: Panorama, width: int) -> None:
         super().__init__()
         branch = max(1, width // 2)
         self.inputs = stack_channels(panorama)
-        self.images = (*IMAGES, *direct_inputs(panorama))
+        self.images = (*IMAGES, *JOINS[panorama].inputs)
         images = sum(input_named(name).channels for name in self.images)
-        self.join = None if panorama == "resize" else NormalPanorama(branch)
+        self.join = None if JOINS[panorama].resized else NormalPanorama(branch)
         self.channels = STACKED if self.join is None else images + 2 * branch
 
     def forward(self, inputs: Tensors) -> torch.Tensor:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -24,13 +25,7 @@ import torch
 from pbrnet.model.data.direct_light import lamps_in_view, reflected_light
 from pbrnet.model.data.display import log_average, luminance, tonemap_exposed
 from pbrnet.model.data.reader import PAPER, Columns, Example
-from pbrnet.model.methods import (
-    DIRECT,
-    DIRECT_COLOUR,
-    DIRECT_SHADOWS,
-    MAX_SAMPLES,
-    PAPER_INPUTS,
-)
+from pbrnet.model.methods import JOINS, MAX_SAMPLES, PAPER_INPUTS, Join
 from pbrnet.pipeline.channels import column_channel
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, tonemap
 from pbrnet.scenes.arrays import AnyArray, ArrayOrTensor, array_namespace
@@ -180,26 +175,13 @@ def _clamped_distance(view: Columns) -> ArrayOrTensor:
     return array_namespace(view["distance"]).clip(view["distance"], None, MAX_DEPTH)[..., None]
 
 
-def _direct(view: Columns) -> ArrayOrTensor:
-    """Direct light by the grey panorama, (H, W, 2), see `_direct_in`."""
-    return _direct_in({name: view[name] for name in _DIRECT_COLUMNS}, 1)
+def _direct(view: Columns, columns: Sequence[str], bands: int) -> ArrayOrTensor:
+    """Direct light of matte grey surfaces in its own exposure: display, logarithm; of `columns`.
 
-
-def _direct_colour(view: Columns) -> ArrayOrTensor:
-    """Direct light by the panorama in its colours, (H, W, 6), see `_direct_in`."""
-    return _direct_in({name: view[name] for name in (*_DIRECT_COLUMNS, "tint")}, 3)
-
-
-def _direct_shadows(view: Columns) -> ArrayOrTensor:
-    """Direct light by the grey panorama with its shadows, (H, W, 2), see `_direct_in`."""
-    return _direct_in({name: view[name] for name in (*_DIRECT_COLUMNS, "visibility")}, 1)
-
-
-def _direct_in(view: Columns, bands: int) -> ArrayOrTensor:
-    """Direct light of matte grey surfaces in its own exposure: display, logarithm.
-
-    (H, W, 2 bands), of one band where the panorama is grey. The view's `visibility` shadows it.
+    (H, W, 2 bands), of one band where the panorama is grey: without `tint`. `visibility` shadows
+    it.
     """
+    view = {name: view[name] for name in columns}
     light = _stack([reflected_light(view, NEUTRAL)]) + lamps_in_view(view)
     level = light[:, :1] if bands == 1 else luminance(light)
     tone = ToneParams()
@@ -236,29 +218,29 @@ def _images(*columns: str, optional: bool = False) -> Input:
     return Input(columns, channels, lambda view: _side_by_side(view, columns), optional)
 
 
+def _direct_input(join: Join) -> Input:
+    columns = ("depth", "valid", "normal", "intensity", "distance", "K", *join.columns)
+    return Input(columns, 2 * join.bands, partial(_direct, columns=columns, bands=join.bands))
+
+
 # Inputs that are not a column as it is.
 #   depth: ln(depth / `REFERENCE_DEPTH`), 0 where there is no surface; and the validity mask
 #   reflectance: `neutral_background`, sRGB-encoded and `centred` like display values
 #   intensity: relative to its mean over the sphere; all 0 if no light is visible
 #   distance: metres, at most `MAX_DEPTH`; the network takes the logarithms of intensity and
 #     distance itself, because it may average them first
-#   direct: unshadowed direct light of the grey panorama in its own exposure: display, logarithm
-#   direct_colour: the same of the panorama in its colours, three bands each
-#   direct_shadows: the same as direct, with the shadows of `visibility`
+#   those of `JOINS`: direct light of the panorama in its own exposure: display, logarithm
 #   transport: direct light, indirect light, picture; linear, in the view's unit
 #   level: log average of direct + indirect light, bands alike
 #   materials: roughness, metalness, and 1 where they are known
 #   noisy: colour of a few samples a pixel, of half of them, and denoised; linear
 #   samples: ln(samples per pixel) / ln(`MAX_SAMPLES`)
-_DIRECT_COLUMNS = ("depth", "valid", "normal", "intensity", "distance", "K")
 INPUTS = {
+    **{join.direct: _direct_input(join) for join in JOINS.values() if join.direct},
     "depth": Input(("depth", "valid"), 2, _depth),
     "reflectance": Input(("reflectance", "valid"), 3, _reflectance),
     "intensity": Input(("intensity",), 1, _relative_intensity, whole=True),
     "distance": Input(("distance",), 1, _clamped_distance, whole=True),
-    DIRECT: Input(_DIRECT_COLUMNS, 2, _direct),
-    DIRECT_COLOUR: Input((*_DIRECT_COLUMNS, "tint"), 6, _direct_colour),
-    DIRECT_SHADOWS: Input((*_DIRECT_COLUMNS, "visibility"), 2, _direct_shadows),
     "transport": _images("transport_direct", "transport_indirect", "transport_color"),
     "level": Input(("transport_direct", "transport_indirect"), 1, _level, whole=True),
     "materials": _images("roughness", "metalness", "material_known", optional=True),

@@ -21,6 +21,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import torch
 
+from pbrnet.model.methods import JOINS
 from pbrnet.pipeline.channels import RADIANCE_SCALE, RADIANCES, column_channel, is_scale, remedy
 from pbrnet.pipeline.dataset.parquet import (
     check_filled,
@@ -46,7 +47,7 @@ ImageType = tuple[np.dtype[Any], tuple[int, ...]]  # of a column: NumPy type and
 PAPER = ("depth", "normal", "reflectance", "valid", "intensity", "distance", "shading", "color")
 # Images that are read where a dataset has them, and only if asked for must be there.
 OPTIONAL = (
-    *("tint", "visibility"),
+    *(column for join in JOINS.values() for column in join.columns),
     *("transport_direct", "transport_indirect", "transport_color"),
     *("roughness", "metalness", "material_known"),
 )

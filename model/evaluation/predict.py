@@ -239,7 +239,7 @@ def columns_taken(
             return True
         return any(card.training.get(name) for card in cards)
 
-    joins: Sequence[str] = sorted({card.architecture.panorama for card in cards or ()}) or [""]
+    joins = sorted({card.architecture.panorama for card in cards or ()}) or ["normal"]
     names = [
         name
         for method, join in product(methods, joins)

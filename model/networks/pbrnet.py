@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Literal
 
 import torch
 from torch import nn
@@ -16,10 +15,8 @@ from torch.nn import functional
 
 from pbrnet.model.data.direct_light import look_up
 from pbrnet.model.data.encoding import Policy, Tensors, centred, input_named
-from pbrnet.model.methods import direct_inputs
+from pbrnet.model.methods import JOINS, Panorama
 from pbrnet.scenes.checked import within
-
-Panorama = Literal["resize", "normal", "position", "colour", "shadows"]
 
 GRID = (32, 64)  # cells that a panorama of any size is averaged to before the `normal` join
 WIDEST = 8  # levels double their width up to this many times the first level's
@@ -54,8 +51,8 @@ class GuidedNet(nn.Module):
     """A convolution for each input, concatenation of the features, then a U-Net.
 
     With the images depth and normal this is the paper's shading network. With reflectance as a
-    third image it predicts colour directly: the baseline `unet`. With the joins of `DIRECT_OF` the
-    panorama's direct light is another image.
+    third image it predicts colour directly: the baseline `unet`. Some joins of the panorama add
+    another image.
     """
 
     def __init__(
@@ -63,13 +60,13 @@ class GuidedNet(nn.Module):
     ) -> None:
         super().__init__()
         branch = max(1, width // 2)
-        images = (*images, *direct_inputs(panorama))
+        images = (*images, *JOINS[panorama].inputs)
         self.images = images
         self.branches = nn.ModuleDict(
             {name: Branch(input_named(name).channels, branch) for name in images}
         )
         self.panorama: nn.Module = (
-            ResizedPanorama(branch) if panorama == "resize" else NormalPanorama(branch)
+            ResizedPanorama(branch) if JOINS[panorama].resized else NormalPanorama(branch)
         )
         self.unet = UNet((len(images) + 2) * branch, width, levels)
 

@@ -20,7 +20,7 @@ from pbrnet.model.data.display import log_average, luminance, tonemap_exposed
 from pbrnet.model.data.encoding import DEFAULT_WHITE, Tensors, encode, input_named
 from pbrnet.model.data.reader import NOISY_SPP
 from pbrnet.model.evaluation.inference import Networks, needed
-from pbrnet.model.methods import METHODS, direct_inputs
+from pbrnet.model.methods import JOINS, METHODS
 from pbrnet.model.networks.pbrnet import GRID
 from pbrnet.pipeline.channels import column_channel
 from pbrnet.scenes.checked import plain
@@ -72,7 +72,7 @@ class ExportedMethod(nn.Module):
         return found[0].permute(1, 2, 0), _picture(tonemap_exposed(scale * found, DEFAULT_WHITE))
 
     def _two_stages(self, inputs: Tensors) -> tuple[torch.Tensor, torch.Tensor]:
-        if self.panorama != "resize":
+        if not JOINS[self.panorama].resized:
             inputs = averaged_panorama(inputs)
         shading = self.networks["shading"](inputs).clamp(0, 1)
         return shading, self.networks["composition"](shading, inputs["reflectance"])
@@ -155,8 +155,8 @@ def exported_inputs(networks: Networks) -> list[str]:
     """Names of the inputs of the exported model, in order."""
     name = networks.methods[0]
     if name == "pbrnet":
-        direct = direct_inputs(networks.cards["shading"].architecture.panorama)
-        further = [one for name in direct for one in input_named(name).columns]
+        join = JOINS[networks.cards["shading"].architecture.panorama]
+        further = [one for name in join.inputs for one in input_named(name).columns]
         return list(dict.fromkeys((*INPUTS, *PANORAMA, *further)))
     method = METHODS[name]
     known = (one for one in method.optional_inputs if networks.card.training.get(one))
@@ -168,5 +168,5 @@ def _traced_size(name: str) -> tuple[int, ...]:
     """Size of an input for the exporter's trace."""
     if name in _FIXED:
         return _FIXED[name]
-    size = _PANORAMA if name in (*PANORAMA, "tint") else _IMAGE
-    return (*size, *column_channel(name).shape)
+    channel = column_channel(name)
+    return (*(_PANORAMA if channel.is_panorama else _IMAGE), *channel.shape)

@@ -15,7 +15,6 @@ from pbrnet.model.data.direct_light import (
 )
 from pbrnet.model.data.encoding import DIRECT_RANGE, encode, solid_angles
 from pbrnet.model.data.reader import Dataset, Example, mirrored
-from pbrnet.model.methods import DIRECT, DIRECT_COLOUR, DIRECT_SHADOWS
 from pbrnet.pipeline.panorama_lights import panorama_directions, sources
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of, tonemap
 from pbrnet.scenes.color import luminance
@@ -152,7 +151,7 @@ def test_the_input_is_direct_light_in_its_own_exposure() -> None:
     light = reflected_light(view, 0.5)
     light += lamps_in_view(view)[0].permute(1, 2, 0).numpy()
     exposure = exposure_of(light, ToneParams())
-    display, logarithm = encode([view], (DIRECT,))[DIRECT][0].numpy()
+    display, logarithm = encode([view], ("direct",))["direct"][0].numpy()
     assert (display + 1) / 2 == pytest.approx(tonemap(light, exposure)[..., 0], abs=1e-5)
     exposed = np.clip(exposure.scale * light[..., 0], *DIRECT_RANGE)
     assert logarithm == pytest.approx(np.log(exposed) / 4, abs=1e-5)
@@ -160,25 +159,25 @@ def test_the_input_is_direct_light_in_its_own_exposure() -> None:
 
 def test_the_input_knows_neither_the_unit_nor_shadows_nor_colours() -> None:
     view = lit_wall()
-    plain = encode([view], (DIRECT,))[DIRECT]
+    plain = encode([view], ("direct",))["direct"]
     told = view.having(
         intensity=view["intensity"] * 8,
         visibility=np.zeros(SIZE, np.float32),
         tint=np.broadcast_to(np.float32([2, 0.5, 0.1]), (*view["intensity"].shape, 3)),
     )
-    assert torch.allclose(encode([told], (DIRECT,))[DIRECT], plain, atol=1e-5)
+    assert torch.allclose(encode([told], ("direct",))["direct"], plain, atol=1e-5)
 
 
 def test_the_input_in_colour_is_direct_light_by_the_tints() -> None:
     view = lit_wall()
     white = np.ones((*view["intensity"].shape, 3), np.float32)
-    grey = encode([view], (DIRECT,))[DIRECT]
-    same = encode([view.having(tint=white)], (DIRECT_COLOUR,))[DIRECT_COLOUR]
+    grey = encode([view], ("direct",))["direct"]
+    same = encode([view.having(tint=white)], ("direct_colour",))["direct_colour"]
     assert torch.allclose(same, grey.repeat_interleave(3, dim=1), atol=1e-5)
     lit = view.having(tint=white * np.float32([2, 0.8, 0.1]), visibility=np.zeros(SIZE, np.float32))
     light = reflected_light(lit.without("visibility"), 0.5)
     light += lamps_in_view(lit)[0].permute(1, 2, 0).numpy()
-    display = encode([lit], (DIRECT_COLOUR,))[DIRECT_COLOUR][0, :3].permute(1, 2, 0).numpy()
+    display = encode([lit], ("direct_colour",))["direct_colour"][0, :3].permute(1, 2, 0).numpy()
     expected = tonemap(light, exposure_of(light, ToneParams()))
     assert (display + 1) / 2 == pytest.approx(expected, abs=1e-5)
 
@@ -186,27 +185,27 @@ def test_the_input_in_colour_is_direct_light_by_the_tints() -> None:
 def test_the_input_with_shadows_is_direct_light_by_the_visibility() -> None:
     view = lit_wall()
     share = np.ones(SIZE, np.float32)
-    plain = encode([view], (DIRECT,))[DIRECT]
-    same = encode([view.having(visibility=share)], (DIRECT_SHADOWS,))[DIRECT_SHADOWS]
+    plain = encode([view], ("direct",))["direct"]
+    same = encode([view.having(visibility=share)], ("direct_shadows",))["direct_shadows"]
     assert torch.equal(same, plain)
     share[:, ::2] = 0.25
     light = reflected_light(view, 0.5) * share[..., None]
     light += lamps_in_view(view)[0].permute(1, 2, 0).numpy()
     shaded = view.having(visibility=share)
-    display = encode([shaded], (DIRECT_SHADOWS,))[DIRECT_SHADOWS][0, 0].numpy()
+    display = encode([shaded], ("direct_shadows",))["direct_shadows"][0, 0].numpy()
     expected = tonemap(light, exposure_of(light, ToneParams()))[..., 0]
     assert (display + 1) / 2 == pytest.approx(expected, abs=1e-5)
 
 
 def test_a_mirrored_view_has_the_mirrored_input() -> None:
     view = lit_wall()
-    plain, turned = (encode([one], (DIRECT,))[DIRECT] for one in (view, mirrored(view)))
+    plain, turned = (encode([one], ("direct",))["direct"] for one in (view, mirrored(view)))
     assert torch.allclose(turned.flip(-1), plain, atol=2e-3)
     assert not torch.allclose(turned, plain, atol=0.1)
 
 
 def test_without_light_the_input_is_finite() -> None:
-    dark = encode([wall()], (DIRECT,))[DIRECT]
+    dark = encode([wall()], ("direct",))["direct"]
     assert dark.isfinite().all()
     assert (dark[0, 0] == -1).all()
 
@@ -216,7 +215,7 @@ def test_tensors_give_the_input_of_arrays() -> None:
     view = lit_wall()
     names = ("depth", "valid", "normal", "intensity", "distance", "K")
     tensors = {name: torch.from_numpy(np.ascontiguousarray(view[name])) for name in names}
-    plain, traced = (encode([each], (DIRECT,))[DIRECT] for each in (view, tensors))
+    plain, traced = (encode([each], ("direct",))["direct"] for each in (view, tensors))
     assert torch.allclose(plain, traced, atol=1e-5)
 
 

@@ -8,7 +8,8 @@ import torch
 
 from pbrnet.model.data.reader import Dataset, Example
 from pbrnet.model.evaluation.inference import load_networks
-from pbrnet.model.networks.pbrnet import Architecture, Panorama, UNet
+from pbrnet.model.methods import JOINS, Panorama
+from pbrnet.model.networks.pbrnet import Architecture, UNet
 from pbrnet.model.networks.tiles import margin, stride, tile_grid, tiled, unet_margin
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.model import box_dataset
@@ -46,7 +47,7 @@ def test_the_margin_of_a_u_net_is_that_of_its_receptive_field(levels: int) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("panorama", ["normal", "resize", "position", "colour", "shadows"])
+@pytest.mark.parametrize("panorama", JOINS)
 @pytest.mark.parametrize("method", ["pbrnet", "product", "unet", "plus"])
 def test_tiles_give_the_whole_picture(
     method: str, panorama: Panorama, example: Example, tmp_path: Path

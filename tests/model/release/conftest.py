@@ -14,8 +14,7 @@ import pytest
 from pbrnet.model.data.encoding import Policy
 from pbrnet.model.data.reader import Dataset, Example
 from pbrnet.model.evaluation.inference import Networks, load_networks
-from pbrnet.model.methods import METHODS
-from pbrnet.model.networks.pbrnet import Panorama
+from pbrnet.model.methods import METHODS, Panorama
 from pbrnet.model.release.onnx_export import export_onnx
 from tests.fixtures.model import box_dataset
 from tests.fixtures.paths import ROOT

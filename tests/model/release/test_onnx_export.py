@@ -11,8 +11,7 @@ import torch
 from pbrnet.model.data.encoding import DEFAULT_WHITE
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.inference import Prediction
-from pbrnet.model.methods import DIRECT_OF
-from pbrnet.model.networks.pbrnet import Panorama
+from pbrnet.model.methods import JOINS, Panorama
 from pbrnet.model.release.onnx_export import (
     GRID,
     ExportedMethod,
@@ -37,11 +36,7 @@ def columns(example: Example, names: Sequence[str]) -> list[torch.Tensor]:
 @pytest.mark.parametrize(
     ("method", "panorama", "materials"),
     [
-        ("pbrnet", "normal", False),
-        ("pbrnet", "resize", False),
-        ("pbrnet", "position", False),
-        ("pbrnet", "colour", False),
-        ("pbrnet", "shadows", False),
+        *(("pbrnet", panorama, False) for panorama in JOINS),
         ("plus", "normal", False),
         ("plus", "normal", True),
         ("hybrid", "normal", True),
@@ -103,11 +98,7 @@ def test_without_the_packages_it_says_how_to_get_them(
 @pytest.mark.parametrize(
     ("method", "panorama"),
     [
-        pytest.param("pbrnet", "normal", marks=pytest.mark.check),
-        pytest.param("pbrnet", "resize", marks=pytest.mark.check),
-        pytest.param("pbrnet", "position", marks=pytest.mark.check),
-        pytest.param("pbrnet", "colour", marks=pytest.mark.check),
-        pytest.param("pbrnet", "shadows", marks=pytest.mark.check),
+        *(pytest.param("pbrnet", panorama, marks=pytest.mark.check) for panorama in JOINS),
         ("plus", "normal"),
         pytest.param("hybrid", "normal", marks=pytest.mark.check),
     ],
@@ -118,7 +109,7 @@ def test_the_file_draws_the_same_pictures_of_any_size(
     made = exported(method, panorama)
     assert [file.name for file in made.path.parent.iterdir()] == ["model.onnx"]  # weights inside
     weights = sum(4 * card.parameters for card in made.networks.cards.values())
-    graph = 350_000 if panorama in DIRECT_OF else 250_000
+    graph = 350_000 if JOINS[panorama].inputs else 250_000
     assert made.path.stat().st_size < weights + graph
     assert str(ROOT).encode() not in made.path.read_bytes()
     facts = made.session.get_modelmeta().custom_metadata_map
