@@ -113,6 +113,11 @@ class Channel:
         return self.kind in ("illumination", "environment")
 
     @property
+    def is_label(self) -> bool:
+        """True for numbers of materials, objects or classes."""
+        return np.issubdtype(self.dtype, np.integer)
+
+    @property
     def is_direction(self) -> bool:
         """True for vectors in camera axes: x right, y down, z forward."""
         return self.bands in (NORMAL, BUMPED)

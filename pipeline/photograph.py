@@ -23,12 +23,27 @@ on rendered views and used on photographs. Call it when rows are read.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
-from pbrnet.pipeline.images import jpeg_bytes, read_picture
+from pbrnet.pipeline.channels import RADIANCE, TINT, column_channel
+from pbrnet.pipeline.images import (
+    Picture,
+    depth_picture,
+    flow_picture,
+    intensity_picture,
+    jpeg_bytes,
+    label_picture,
+    normal_picture,
+    read_picture,
+    reflectance_picture,
+    share_picture,
+    tint_picture,
+)
 from pbrnet.pipeline.tonemap import block_means, to_bytes
 from pbrnet.scenes.arrays import Float32Array, Float64Array, FloatingArray, UInt8Array
 from pbrnet.scenes.color import encode_srgb, luminance
@@ -120,6 +135,25 @@ def photograph(image: FloatingArray, settings: PhotoSettings | None = None) -> U
     """Photograph linear radiance (H, W, 3), by its own settings unless given; uint8 sRGB."""
     settings = meter(image) if settings is None else settings
     return to_bytes(develop(sharpened(image, settings), settings))
+
+
+def channel_picture(name: str, row: Mapping[str, Any]) -> Picture:
+    """Draw an image column of a row, as its channel says what it is; colours are photographed."""
+    channel, image = column_channel(name), row[name]
+    valid = None if channel.is_panorama else row["valid"]
+    if channel.is_label:
+        return label_picture(image)
+    if channel.is_direction:
+        return normal_picture(image, valid)
+    if channel.unit == "metre":
+        return depth_picture(image, valid)
+    if channel.unit == RADIANCE:
+        return photograph(image) if channel.shape else intensity_picture(image)
+    if channel.bands == TINT:
+        return tint_picture(image)
+    if channel.shape == (2,):
+        return flow_picture(image)
+    return reflectance_picture(image) if channel.shape else share_picture(image)
 
 
 def sharpened(image: FloatingArray, settings: PhotoSettings) -> Float32Array:

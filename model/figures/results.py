@@ -9,9 +9,10 @@ from typing import Any
 from pbrnet.model.figures.charts import line_chart, strip_plot
 from pbrnet.model.figures.estimates import interval
 from pbrnet.model.figures.records import METRICS, Records
-from pbrnet.model.figures.row_pictures import MODALITIES, draw, shrink, tone_mapped, uri
+from pbrnet.model.figures.row_pictures import MODALITIES, shrink, tone_mapped, uri
 from pbrnet.model.titles import METHOD_TITLES, NETWORK_TITLES
 from pbrnet.pipeline.images import Picture
+from pbrnet.pipeline.photograph import channel_picture
 
 EXAMPLE_PARTS = {
     "prediction": "Prediction",
@@ -162,7 +163,7 @@ def _example(
     drawn: dict[str, Picture | None] = {}
     if row is not None:
         for name in ("depth", "normal", "reflectance", "intensity", "distance"):
-            drawn[MODALITIES[name][0]] = draw(name, row)
+            drawn[MODALITIES[name][0]] = channel_picture(name, row)
         drawn["True shading"] = tone_mapped("shading", row)
     drawn[EXAMPLE_PARTS["shading"]] = parts.pop("shading")
     if row is not None:

@@ -11,22 +11,14 @@ import numpy as np
 from pbrnet.pipeline.images import (
     Picture,
     contact_sheet,
-    depth_picture,
     enlarge,
     fit,
-    flow_picture,
-    intensity_picture,
     jpeg_bytes,
-    label_picture,
-    normal_picture,
     png_bytes,
     read_picture,
-    reflectance_picture,
-    share_picture,
-    tint_picture,
     tone_picture,
 )
-from pbrnet.pipeline.photograph import meter, photograph
+from pbrnet.pipeline.photograph import channel_picture, meter, photograph
 from pbrnet.pipeline.tonemap import Exposure
 
 THUMBNAIL = 320  # largest width, pixels
@@ -65,8 +57,6 @@ PARTS = {
     "diffuse": "Diffuse",
     "specular": "Specular",
 }
-_LABELS = ("material", "instance", "nyu40")
-_SHARES = ("visibility", "roughness", "metalness", "emission", "occluded_forward")
 
 
 def rows_with(name: str, sheet: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
@@ -80,28 +70,6 @@ def tone_mapped(name: str, row: Mapping[str, Any], shared: bool = False) -> Pict
     """Draw colour or shading as networks see it; `shared`: under the exposure of shading."""
     by = "shading" if shared else name
     return tone_picture(row[name], Exposure(row[f"exposure_{by}"], row[f"white_{by}"]))
-
-
-def draw(name: str, row: Mapping[str, Any]) -> Picture:
-    """Draw an image column of a row; radiance as a photograph."""
-    values = row[name]
-    if name in ("color", "shading"):
-        return photograph(values)
-    if name in ("normal", "normal_bump"):
-        return normal_picture(values, row["valid"])
-    if name in _LABELS:
-        return label_picture(values)
-    if name == "flow_forward":
-        return flow_picture(values)
-    if name == "depth":
-        return depth_picture(values, row["valid"])
-    if name == "intensity":
-        return intensity_picture(values)
-    if name == "tint":
-        return tint_picture(values)
-    if name in _SHARES:
-        return share_picture(values)
-    return depth_picture(values) if name == "distance" else reflectance_picture(values)
 
 
 def light_pictures(row: Mapping[str, Any]) -> list[tuple[str, Picture]]:
@@ -121,14 +89,12 @@ def light_pictures(row: Mapping[str, Any]) -> list[tuple[str, Picture]]:
 
 def environment_pictures(row: Mapping[str, Any]) -> list[tuple[str, Picture]]:
     """Draw a row's panorama of the surroundings; empty if it has none."""
-    if "environment" not in row:
-        return []
-    distance = row["environment_depth"]
-    return [
-        ("Environment", photograph(row["environment"])),
-        ("Distance along the rays", depth_picture(distance, distance > 0)),
-        ("Normal", normal_picture(row["environment_normal"], distance > 0)),
-    ]
+    titles = {
+        "environment": "Environment",
+        "environment_depth": "Distance along the rays",
+        "environment_normal": "Normal",
+    }
+    return [(title, channel_picture(name, row)) for name, title in titles.items() if name in row]
 
 
 def mosaic(sheet: Sequence[Mapping[str, Any]], columns: int, rows: int) -> str:

@@ -33,7 +33,6 @@ from pbrnet.model.figures.results import (
 from pbrnet.model.figures.row_pictures import (
     MODALITIES,
     THUMBNAIL,
-    draw,
     environment_pictures,
     light_pictures,
     mosaic,
@@ -44,11 +43,13 @@ from pbrnet.model.figures.row_pictures import (
 )
 from pbrnet.model.figures.section import page_templates
 from pbrnet.model.studies.registry import report_sections
+from pbrnet.pipeline.channels import column_channel
 from pbrnet.pipeline.costs.charts import LedgerChart, ledger_charts
 from pbrnet.pipeline.costs.ledger import read_ledger
 from pbrnet.pipeline.dataset.checks import REASONS
 from pbrnet.pipeline.images import Picture, enlarge, fit, png_facts, read_picture
 from pbrnet.pipeline.params import Params
+from pbrnet.pipeline.photograph import channel_picture
 from pbrnet.pipeline.plotting import new_chart
 from pbrnet.pipeline.terminal import counted
 from pbrnet.scenes.checked import plain
@@ -134,7 +135,7 @@ class _Page:
         size = f"{self.params.image.width}×{self.params.image.height}"
         row = max(sheet, key=lambda row: np.count_nonzero(row["intensity"]), default=None)
         shown = [name for name in MODALITIES if row and name in row]
-        picture = {name: uri(fit(draw(name, row), 200)) for name in shown} if row else {}
+        picture = {name: uri(fit(channel_picture(name, row), 200)) for name in shown} if row else {}
         scenes, many = mosaic(sheet, 2, 2), mosaic(sheet, 4, 3)
         flip = figure_of(self.records.evaluation.get("methods", {}).get("pbrnet", {}), "flip")
         epochs = {
@@ -192,9 +193,9 @@ class _Page:
             {
                 "title": title,
                 "description": words,
-                "wide": name in ("intensity", "distance", "tint"),
+                "wide": column_channel(name).is_panorama,
                 "pictures": [
-                    {"uri": uri(shrink(draw(name, row))), "label": row_label(row)}
+                    {"uri": uri(shrink(channel_picture(name, row))), "label": row_label(row)}
                     for row in shown[name]
                 ],
             }
@@ -208,13 +209,15 @@ class _Page:
             return None
         row = max(sheet, key=lambda row: np.count_nonzero(row["intensity"]))
         width = 960
-        pictures = {name: enlarge(draw(name, row), width) for name in ("intensity", "distance")}
+        pictures = {
+            name: enlarge(channel_picture(name, row), width) for name in ("intensity", "distance")
+        }
         height, width = pictures["intensity"].shape[:2]
         lit = row["distance"][row["distance"] > 0]
         return {
             "label": row_label(row),
             "outlined": not self.params.image.is_panorama,
-            "color": uri(shrink(draw("color", row))),
+            "color": uri(shrink(channel_picture("color", row))),
             "svg": panorama_guide(
                 uri(pictures["intensity"], png=True),
                 (width, height),

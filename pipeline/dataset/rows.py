@@ -14,20 +14,8 @@ from pbrnet.pipeline.dataset.columns import PREVIEWS, Column, Preview, room_layo
 from pbrnet.pipeline.dataset.description.facts import attribution_of, licence_of
 from pbrnet.pipeline.dataset.light import in_row_unit, light_groups, remainder
 from pbrnet.pipeline.frames import Frame
-from pbrnet.pipeline.images import (
-    Picture,
-    depth_picture,
-    fit,
-    flow_picture,
-    intensity_picture,
-    jpeg_bytes,
-    label_picture,
-    normal_picture,
-    png_bytes,
-    reflectance_picture,
-    share_picture,
-)
-from pbrnet.pipeline.photograph import meter, photograph
+from pbrnet.pipeline.images import Picture, fit, jpeg_bytes, png_bytes
+from pbrnet.pipeline.photograph import channel_picture, meter, photograph
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray, Float32Array, Float64Array
@@ -164,32 +152,15 @@ def _image(frame: Frame, channel: Channel) -> AnyArray:
 
 
 def _preview(row: Cells, preview: Preview) -> Picture:
-    """Draw the image that a preview shows, as its channel says what it is."""
-    channel, image = column_channel(preview.shows), row[preview.shows]
-    if _is_labels(channel):
-        return label_picture(image)
-    if channel.is_direction:
-        return normal_picture(image, row["valid"])
-    if channel.unit == "metre":
-        return depth_picture(image, row["valid"])
-    if channel.unit == RADIANCE:
-        return _photo(row, preview) if channel.shape else intensity_picture(image)
-    if channel.shape == (2,):
-        return flow_picture(image)
-    return reflectance_picture(image) if channel.shape else share_picture(image)
-
-
-def _photo(row: Cells, preview: Preview) -> Picture:
-    """Photograph an image of radiance."""
+    """Draw the image that a preview shows; colours are photographed as it says."""
+    channel = column_channel(preview.shows)
+    if channel.unit != RADIANCE or not channel.shape:
+        return channel_picture(preview.shows, row)
     unit = np.float32(row["radiance_scale"])
     metered = preview.metered if preview.metered in row else preview.shows
     settings = meter(row[metered].astype(np.float32) * unit)
     settings = replace(settings, gain=settings.gain * 2**preview.stops)
     return photograph(row[preview.shows].astype(np.float32) * unit, settings)
-
-
-def _is_labels(channel: Channel) -> bool:
-    return np.issubdtype(channel.dtype, np.integer)
 
 
 def preview_cells(row: Cells, width: int) -> dict[str, dict[str, Any]]:
@@ -200,7 +171,7 @@ def preview_cells(row: Cells, width: int) -> dict[str, dict[str, Any]]:
             continue
         picture = fit(_preview(row, preview), width)
         # Flat colours: smaller and sharper as PNG. The first has always been one.
-        lossless = preview.name == "preview" or _is_labels(column_channel(preview.shows))
+        lossless = preview.name == "preview" or column_channel(preview.shows).is_label
         content = png_bytes(picture) if lossless else jpeg_bytes(picture)
         name = "-".join([row["scene_id"], row["view_id"], *preview.name.split("_")[1:]])
         cells[preview.name] = {"bytes": content, "path": f"{name}.{'png' if lossless else 'jpg'}"}

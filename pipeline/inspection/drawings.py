@@ -17,7 +17,6 @@ from matplotlib.patches import Polygon, Rectangle, Wedge
 
 from pbrnet.pipeline.channels import (
     ALBEDO,
-    BUMPED,
     NORMAL,
     RADIANCE,
     RGB,
@@ -290,12 +289,12 @@ def _draw_camera(axes: Axes, view: View) -> None:
 def _channel_picture(channel: Channel, frame: Frame) -> tuple[str, Picture]:
     """Return a label and a picture of any channel: labels, HDR colour, colour or a scalar."""
     values = frame.stack(*channel.bands)
-    if channel.bands in (BUMPED, NORMAL):
+    if channel.is_direction:
         return channel.name, normal_picture(values)
     if len(channel.bands) == 2:
         longest = float(np.sqrt((values**2).sum(axis=-1)).max())
         return f"{channel.name}, up to {longest:.4g} pixels", flow_picture(values)
-    if np.issubdtype(channel.dtype, np.integer):
+    if channel.is_label:
         return channel.name, label_picture(frame.channels[channel.bands[0]])
     if len(channel.bands) == 3:
         if channel.unit == RADIANCE:
