@@ -32,12 +32,12 @@ from pbrnet.pipeline.render.scene import open_scene, set_variant
 from pbrnet.pipeline.stages.cameras import run_cameras
 from pbrnet.pipeline.stages.frame_stage import run_frames
 from pbrnet.pipeline.stages.runner import StageError
-from pbrnet.pipeline.stages.scenes import scene_name
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of
 from pbrnet.pipeline.views import load_cameras
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.contract import Scene, load_scene
 from pbrnet.scenes.files import read_json, write_json, write_text
+from pbrnet.scenes.registry import scene_name
 
 ROOT = Path(__file__).resolve().parent.parent
 TEMPLATE = "main_template_color.xml"  # of a house of the PBRS release, beside other settings

@@ -1,8 +1,12 @@
-"""Looks of generated homes: names of lights, styles and aspects, and the parameters they need."""
+"""Looks of generated homes: names of lights, styles and aspects, and what determines a home."""
 
 from __future__ import annotations
 
-from typing import Literal, Protocol, get_args
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from pbrnet.scenes.checked import OPTIONAL
+from pbrnet.scenes.seeds import Draw, generator
 
 LightSetting = Literal["day", "evening", "night", "mixed", "pbrs"]
 Aspect = Literal["finishes", "furniture", "light", "outdoors"]
@@ -13,41 +17,30 @@ StyleName = Literal[
 STYLES: tuple[StyleName, ...] = get_args(StyleName)
 
 
-class LookParams(Protocol):
-    """Parameters of looks that the generator reads, fields of `SceneParams`."""
+@dataclass(frozen=True)
+class HomeSettings:
+    """All that determines a home but its id and catalogues: what its fingerprint is of.
 
-    @property
-    def vary(self) -> tuple[Aspect, ...]:
-        """Aspects that are drawn anew for a variant."""
+    `rooms` are the least and the greatest number, `varied` the number of a variant and the aspects
+    that are drawn anew for it. A `share` of the furniture comes from catalogues, whose index has
+    the digest `catalogue`, in pieces of at most so many `triangles`.
+    """
 
-    @property
-    def outdoors(self) -> str:
-        """The surroundings of the home, "none" without any."""
+    seed: int
+    lighting: LightSetting
+    rooms: tuple[int, int] = (1, 6)
+    styles: tuple[StyleName, ...] = STYLES
+    texture_size: int = 256
+    varied: tuple[()] | tuple[int, *tuple[Aspect, ...]] = ()
+    share: float = field(default=0.0, metadata=OPTIONAL)
+    triangles: int = field(default=0, metadata=OPTIONAL)
+    catalogue: str = field(default="", metadata=OPTIONAL)
+    outdoors: str = field(default="surroundings", metadata=OPTIONAL)
 
-    @property
-    def styles(self) -> tuple[StyleName, ...]:
-        """Interior styles that one is drawn from."""
+    def draw(self, aspect: Aspect, *names: str) -> Draw:
+        """The generator for the purpose that `names` state, which belongs to an aspect."""
+        return self.named(aspect in self.varied, *names)
 
-    @property
-    def texture_size(self) -> int:
-        """Pixels per side of a texture."""
-
-    @property
-    def catalogue_share(self) -> float:
-        """Probability that a piece comes from the catalogues."""
-
-    @property
-    def catalogue_triangles(self) -> int:
-        """Most triangles of a catalogue piece."""
-
-
-class HomeParams(LookParams, Protocol):
-    """All parameters that the generator reads, fields of `SceneParams`."""
-
-    @property
-    def rooms_min(self) -> int:
-        """Least number of rooms."""
-
-    @property
-    def rooms_max(self) -> int:
-        """Greatest number of rooms."""
+    def named(self, varies: bool, *names: str) -> Draw:
+        """The generator for the purpose that `names` state; of the variant, if that `varies`."""
+        return generator(self.seed, *names, *(("variant", self.varied[0]) if varies else ()))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from pbrnet.scenes.checked import AUTO, param, within
-from pbrnet.scenes.looks import STYLES, Aspect, LightSetting, StyleName
+from pbrnet.scenes.looks import STYLES, Aspect, HomeSettings, LightSetting, StyleName
 from pbrnet.scenes.registry import ImportEntry
 
 
@@ -82,6 +82,23 @@ class SceneParams:
     def most_scenes(self) -> int:
         """Homes and imports with all their variants, if none fails."""
         return (self.homes + self.furnished_homes + len(self.imports)) * self.variants
+
+    def home(
+        self, seed: int, lighting: LightSetting, variant: int = 0, catalogue: str = ""
+    ) -> HomeSettings:
+        """Settings of a home; `catalogue` is the digest of the furniture index that it needs."""
+        return HomeSettings(
+            seed,
+            lighting,
+            (self.rooms_min, self.rooms_max),
+            self.styles,
+            self.texture_size,
+            (variant, *sorted(self.vary)) if variant else (),
+            self.catalogue_share,
+            self.catalogue_triangles if self.catalogue_share else 0,
+            catalogue,
+            self.outdoors,
+        )
 
     def verify(self, where: str) -> None:
         """Checks across fields; raises ValueError."""

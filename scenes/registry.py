@@ -34,6 +34,8 @@ Importer = Callable[[Path, Path, str, Any, OpenedFiles], Scene]
 
 # Root elements of XML files that no source reads -> the suffix of their kind
 _XML_ROOTS = {b"mujoco": ".mjcf", b"robot": ".urdf", b"sdf": ".sdf", b"gbXML": ".gbxml"}
+_LONGEST_NAME = 100  # characters of a scene id; `-v12` and the like follow
+_GENERAL_NAMES = ("scene", "main", "main_template_color", "index")  # the third: of a PBRS house
 _LFS = b"version https://git-lfs.github.com/"  # start of a pointer
 
 
@@ -75,6 +77,14 @@ class ImportEntry(
             name: value.expanduser().resolve() if isinstance(value, Path) else value
             for name, value in self.given().items()
         }
+
+
+def scene_name(path: Path) -> str:
+    """Return a scene id made from the name of a file, or of its folder for general names."""
+    stem = path.stem if path.suffix else path.name
+    if stem.lower() in _GENERAL_NAMES and path.parent.name:
+        stem = path.parent.name
+    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-")[:_LONGEST_NAME].strip("-") or "scene"
 
 
 _SOURCES: tuple[type[SourceOptions], ...] = ImportEntry.__bases__

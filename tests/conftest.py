@@ -39,7 +39,7 @@ def forked_imports() -> Iterator[None]:
     `tests/pipeline/test_import_limits.py` tests both ways, in processes of its own.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pbrnet.pipeline.stages.limits._can_fork", lambda: True)
+        patch.setattr("pbrnet.pipeline.farm.limits._can_fork", lambda: True)
         yield
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from pbrnet.pipeline.lenses.model import WIDEST
@@ -151,3 +151,8 @@ class ViewParams:
 
     cameras: CameraParams
     image: ImageParams
+
+    @property
+    def without_files(self) -> ViewParams:
+        """The same without trajectories: a scene gets the content of its own."""
+        return replace(self, cameras=replace(self.cameras, trajectories=()))

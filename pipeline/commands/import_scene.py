@@ -13,8 +13,8 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 import click
 
 from pbrnet.pipeline.commands.options import FOLDER, PATH, NumberRange
+from pbrnet.pipeline.farm.limits import Limits, run_limited
 from pbrnet.pipeline.inspection.sizes import triangles_of
-from pbrnet.pipeline.stages.limits import Limits, run_limited
 from pbrnet.pipeline.terminal import say
 from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.contract import Scene, load_scene
@@ -25,7 +25,7 @@ from pbrnet.scenes.importing.options import FILE
 from pbrnet.scenes.params import SceneParams
 from pbrnet.scenes.registry import SOURCES, import_scene, option_names
 from pbrnet.scenes.seeds import derive
-from pbrnet.scenes.variants.vary import vary_scene
+from pbrnet.scenes.variants.vary import VariantSettings, vary_scene
 
 _SOURCES = tuple(dict.fromkeys(SOURCES.values()))
 
@@ -196,9 +196,8 @@ def import_command(
     for number in range(1, variants + 1):
         name = f"{scene.scene_id}-v{number}"
         place = out.with_name(f"{out.name}-v{number}")
-        made = vary_scene(
-            out, place, name, number, SceneParams(), derive(seed, "import", scene.scene_id)
-        )
+        seed_of = derive(seed, "import", scene.scene_id)
+        made = vary_scene(out, place, name, VariantSettings.of(SceneParams(), seed_of, number))
         say(f"variant {place}: light: {made.lighting}")
     doubts = [change for change in scene.changes if change.startswith(DOUBTS)]
     for doubt in doubts:

@@ -101,13 +101,16 @@ def scenes(request: Request, describe: Path | None, described: tuple[Path, ...])
             raise click.UsageError("SCENE needs --describe")
         _run(request, "scenes")
         return
-    from pbrnet.pipeline.stages.scenes import describe_homes, describe_scenes
+    from pbrnet.pipeline.stages.scenes import homes_of
+    from pbrnet.scenes.layout.describe import describe_homes
+    from pbrnet.scenes.layout.from_scene import describe_scenes
 
-    params = request.params
     if described:
         written = describe_scenes(described, describe)
     else:
-        written = describe_homes(request.data, params.scenes, params.seed, describe)
+        assets = request.data.resolve() / "assets"
+        homes = homes_of(request.params.scenes, request.params.seed, assets)
+        written = list(describe_homes(homes, assets, describe))
     layouts = counted(len(written), "layout")
     say(f"{layouts} in {describe}; change one and read it with: pbrnet import")
 

@@ -105,7 +105,8 @@ def plan_cameras(
         else:
             place, own = data / "scenes" / scene_id, first[scene_id] == scene_id
             walks = _trajectories(scene_id, params.cameras) if own else ()
-            job = CameraJob(path, place, digests[scene_id], views, params.seed, marks, walks)
+            own_views = views.without_files
+            job = CameraJob(path, place, digests[scene_id], own_views, params.seed, marks, walks)
             plan.add(job, Target(path, "cameras", scene_id))
         plan.views[scene_id] = len(file.views) if file else params.cameras.most_views(1, stored)
     return plan, scenes
@@ -156,8 +157,7 @@ def camera_fingerprint(
         kind="cameras",
         revision=key("cameras"),
         scene_id=scene_id,
-        cameras=replace(params.cameras, trajectories=()),
-        image=params.image,
+        **vars(params.without_files),
         scene=digest,
         renderer=renderer,
         seed=seed,

@@ -2,36 +2,63 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Iterable
-from dataclasses import replace
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 from pbrnet.pipeline.costs.forecast import view_size
-from pbrnet.pipeline.farm.versions import STAGE_FILES_KEY, STAGE_KEY
+from pbrnet.pipeline.farm.limits import Limits, StoppedError, run_limited
+from pbrnet.pipeline.farm.versions import STAGE_FILES_KEY, STAGE_KEY, memory_columns
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.records import Failure, data_lock
-from pbrnet.pipeline.stages.limits import Limits
 from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, begin, execute, finish
-from pbrnet.pipeline.stages.scene_work import HomeJob, ImportJob, ImportVariant, make_scene
 from pbrnet.scenes.assets.index import INDEX, load_index
-from pbrnet.scenes.contract import load_scene, scene_folders
+from pbrnet.scenes.checked import plain
+from pbrnet.scenes.contract import Scene, load_scene, save_scene, scene_folders
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import digest_file, exists, remove_partials, resolved, write_text
-from pbrnet.scenes.layout.describe import described, layout_text
-from pbrnet.scenes.layout.from_scene import described_scene
-from pbrnet.scenes.opened_files import unchanged
+from pbrnet.scenes.files import digest_file, exists, remove_partials, resolved
+from pbrnet.scenes.looks import HomeSettings
+from pbrnet.scenes.opened_files import OpenedFiles, unchanged
 from pbrnet.scenes.params import SceneParams
-from pbrnet.scenes.procedural.design import HomeSeeds, design_home
-from pbrnet.scenes.registry import ImportEntry
+from pbrnet.scenes.procedural.home import make_home
+from pbrnet.scenes.registry import ImportEntry, import_scene, scene_name
 from pbrnet.scenes.seeds import derive
+from pbrnet.scenes.variants.vary import VariantSettings, import_variant
 
-_LONGEST_NAME = 100  # characters; `-v12` and the like follow
-_GENERAL_NAMES = ("scene", "main", "main_template_color", "index")  # the third: of a PBRS house
+
+@dataclass(frozen=True)
+class HomeJob:
+    """Make one procedural home."""
+
+    folder: Path
+    scene_id: str
+    fingerprint: str
+    home: HomeSettings
+    assets: Path  # converted catalogues, of which the home takes a share
+
+
+@dataclass(frozen=True)
+class ImportJob:
+    """Import one scene file, as it is or as a variant of the scene `of`."""
+
+    folder: Path
+    scene_id: str
+    fingerprint: str
+    path: Path
+    limits: Limits
+    options: dict[str, Any]  # of `import_scene`
+    of: str = ""
+    variant: VariantSettings | None = None
+
+    @property
+    def source_folder(self) -> Path:
+        """Folder that the import reads from."""
+        return self.path if self.path.is_dir() else self.path.parent
 
 
 def run_scenes(
@@ -52,38 +79,6 @@ def run_scenes(
         begin(plan)
         made = execute([plan], scheduler)
         return finish(plan, made)
-
-
-def describe_homes(data: Path, wanted: SceneParams, seed: int, out: Path) -> list[Path]:
-    """Write the procedural homes of the parameters to a folder as layouts; returns the files.
-
-    No scene is made. A home is a file `home-0000.layout.json`, see `pbrnet.scenes.layout`.
-    """
-    written = []
-    for job in home_jobs(Path(data).resolve() / "scenes", wanted, seed):
-        varied = frozenset(job.params.vary) if job.variant else frozenset()
-        seeds = HomeSeeds(job.seed, job.variant, varied)
-        design = design_home(job.params, seeds, job.assets)
-        place = Path(out) / f"{job.scene_id}.layout.json"
-        place.parent.mkdir(parents=True, exist_ok=True)
-        write_text(place, layout_text(described(design, job.scene_id, job.seed)))
-        written.append(place)
-    return written
-
-
-def describe_scenes(folders: Iterable[Path], out: Path) -> list[Path]:
-    """Write scene folders as layouts to a folder; returns the files."""
-    written = []
-    for scene in map(load_scene, folders):
-        if not scene.rooms:
-            raise InputError(f"{scene.folder}: has no rooms, so no layout")
-        place = Path(out) / f"{scene.scene_id}.layout.json"
-        if place in written:
-            raise InputError(f"{scene.folder}: a second scene with the id {scene.scene_id!r}")
-        place.parent.mkdir(parents=True, exist_ok=True)
-        write_text(place, layout_text(described_scene(scene)))
-        written.append(place)
-    return written
 
 
 def plan_scenes(data: Path, params: Params, only: Collection[str] | None = None) -> StagePlan:
@@ -125,63 +120,81 @@ def plan_scenes(data: Path, params: Params, only: Collection[str] | None = None)
     return plan
 
 
-def home_jobs(root: Path, wanted: SceneParams, seed: int) -> Iterable[HomeJob]:
-    """Yield a job for each procedural home and variant, with its fingerprint.
+def make_scene(job: HomeJob | ImportJob) -> dict[str, Any]:
+    """Write one scene folder, with the job's fingerprint in its `scene.json`.
 
-    The fingerprint covers the seed, the parameters, the furniture index and the key
-    of the generator. Raises `InputError` if catalogue furniture is asked for and there is none.
+    Returns its costs, or why an import was stopped, which another attempt would not change. Imports
+    run in child processes within limits.
+    """
+    if isinstance(job, HomeJob):
+        _stamp(job, make_home(job.folder, job.scene_id, job.home, job.assets))
+        return {"costs": memory_columns()}
+    try:
+        peak = run_limited(partial(_import, job), job.limits, str(job.path)) / (1 << 20)
+    except StoppedError as error:
+        return {"failed": {"scenes": str(error)}}
+    return {"costs": {"memory_mb": peak, "peak_mb": peak}}
+
+
+def _import(job: ImportJob) -> None:
+    opened, place = OpenedFiles(job.source_folder), (job.path, job.folder, job.scene_id)
+    if job.variant is None:
+        scene = import_scene(*place, opened, **job.options)
+    else:
+        scene = import_variant(*place, job.variant, job.of, opened, **job.options)
+    _stamp(job, scene, **{STAGE_FILES_KEY: opened.record()})
+
+
+def _stamp(job: HomeJob | ImportJob, scene: Scene, **keys: Any) -> None:
+    """Write the fingerprint and further keys to a scene's source.
+
+    Until then the folder is out of date: a kill in between costs a repeat.
+    """
+    save_scene(
+        job.folder, replace(scene, source={**scene.source, STAGE_KEY: job.fingerprint, **keys})
+    )
+
+
+def home_jobs(root: Path, wanted: SceneParams, seed: int) -> Iterator[HomeJob]:
+    """Yield a job for each home of the parameters, with its fingerprint."""
+    assets = root.parent / "assets"
+    for scene_id, home in homes_of(wanted, seed, assets):
+        content = plain(home, brief=True)
+        mark = fingerprint(kind="home", revision=key("scenes.homes"), scene_id=scene_id, **content)
+        yield HomeJob(root / scene_id, scene_id, mark, home, assets)
+
+
+def homes_of(
+    wanted: SceneParams, root_seed: int, assets: Path
+) -> Iterator[tuple[str, HomeSettings]]:
+    """Yield id and settings of each home and variant: `home-0000` and so on, then `furnished-0000`.
+
+    Raises `InputError` if catalogue furniture is asked for and there is none in `assets`.
     """
     furnished = replace(wanted, catalogue_share=wanted.furnished_share)
-    yield from _homes(root, wanted, seed, "home", wanted.homes)
-    yield from _homes(root, furnished, seed, "furnished", wanted.furnished_homes)
-
-
-def _homes(
-    root: Path, wanted: SceneParams, root_seed: int, name: str, count: int
-) -> Iterable[HomeJob]:
-    """Yield homes `name`-0000 and so on."""
-    share = wanted.catalogue_share
-    assets = root.parent / "assets"
-    further: dict[str, Any] = {}  # what the fingerprint has only where it is not the default
-    if share > 0 and count:
-        if not load_index(assets).pieces:
-            option, asked = (
-                ("catalogue_share", share) if name == "home" else (f"{name}_homes", count)
-            )
-            raise InputError(
-                f"scenes.{option}: {asked:g}, but {assets} holds no "
-                "furniture; set assets.enabled to true and run first: pbrnet assets"
-            )
-        further = {
-            "share": share,
-            "triangles": wanted.catalogue_triangles,
-            "catalogue": digest_file(assets / INDEX),
-        }
-    if wanted.outdoors != "surroundings":
-        further["outdoors"] = wanted.outdoors
-    for index, variant in product(range(count), range(wanted.variants)):
-        scene_id = f"{name}-{index:04d}" + (f"-v{variant}" if variant else "")
-        setting = index + (variant if "light" in wanted.vary else 0)
-        lighting = wanted.lighting[setting % len(wanted.lighting)]
-        seed = derive(root_seed, name, index)
-        expected = fingerprint(
-            kind="home",
-            revision=key("scenes.homes"),
-            scene_id=scene_id,
-            seed=seed,
-            lighting=lighting,
-            rooms=(wanted.rooms_min, wanted.rooms_max),
-            styles=wanted.styles,
-            texture_size=wanted.texture_size,
-            varied=(variant, *sorted(wanted.vary)) if variant else (),
-            **further,
-        )
-        yield HomeJob(root / scene_id, scene_id, wanted, seed, lighting, variant, expected, assets)
+    for name, count, own in (
+        ("home", wanted.homes, wanted), ("furnished", wanted.furnished_homes, furnished),
+    ):  # fmt: skip
+        digest = ""
+        if own.catalogue_share > 0 and count:
+            if not load_index(assets).pieces:
+                asked = f"catalogue_share: {own.catalogue_share:g}"
+                asked = asked if name == "home" else f"furnished_homes: {count:g}"
+                raise InputError(
+                    f"scenes.{asked}, but {assets} holds no "
+                    "furniture; set assets.enabled to true and run first: pbrnet assets"
+                )
+            digest = digest_file(assets / INDEX)
+        for index, variant in product(range(count), range(wanted.variants)):
+            setting = index + (variant if "light" in wanted.vary else 0)
+            lighting = wanted.lighting[setting % len(wanted.lighting)]
+            scene_id = f"{name}-{index:04d}" + (f"-v{variant}" if variant else "")
+            yield scene_id, own.home(derive(root_seed, name, index), lighting, variant, digest)
 
 
 def import_jobs(
     root: Path, wanted: SceneParams, root_seed: int, failures: list[Failure]
-) -> Iterable[ImportJob]:
+) -> Iterator[ImportJob]:
     """Yield a job for each import and variant; a missing file is added to `failures`."""
     limits = Limits(
         wanted.import_seconds,
@@ -208,29 +221,14 @@ def import_jobs(
         if "catalogue" in options and exists(options["catalogue"] / INDEX):
             content["catalogue"] = digest_file(options["catalogue"] / INDEX)
         expected = fingerprint(kind="import", scene_id=scene_id, **content)
-        yield ImportJob(root / scene_id, scene_id, path, expected, limits, options)
+        yield ImportJob(root / scene_id, scene_id, expected, path, limits, options)
         seed = derive(root_seed, "import", scene_id)
         for variant in range(1, wanted.variants):
-            own_id = f"{scene_id}-v{variant}"
-            expected = fingerprint(
-                kind="import",
-                scene_id=own_id,
-                seed=seed,
-                lighting=wanted.lighting,
-                texture_size=wanted.texture_size,
-                varied=(variant, *sorted(wanted.vary)),
-                **content,
+            own_id, varied = f"{scene_id}-v{variant}", VariantSettings.of(wanted, seed, variant)
+            expected = fingerprint(kind="import", scene_id=own_id, **content, **plain(varied))
+            yield ImportJob(
+                root / own_id, own_id, expected, path, limits, options, scene_id, varied
             )
-            made = ImportVariant(scene_id, variant, wanted, seed)
-            yield ImportJob(root / own_id, own_id, path, expected, limits, options, made)
-
-
-def scene_name(path: Path) -> str:
-    """Return a scene id made from the name of a file, or of its folder for general names."""
-    stem = path.stem if path.suffix else path.name
-    if stem.lower() in _GENERAL_NAMES and path.parent.name:
-        stem = path.parent.name
-    return re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-")[:_LONGEST_NAME].strip("-") or "scene"
 
 
 def _is_in(folder: Path, job: HomeJob | ImportJob) -> bool:

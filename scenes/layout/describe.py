@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pbrnet.scenes.files import write_text
 from pbrnet.scenes.layout.layout import OpeningKind as StatedKind
 from pbrnet.scenes.layout.readers.own import KEY, VALUE
-from pbrnet.scenes.procedural.design import Design
+from pbrnet.scenes.looks import HomeSettings
+from pbrnet.scenes.procedural.design import Design, design_home
 from pbrnet.scenes.procedural.furnishing.placement import PlacedInRoom
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS
 from pbrnet.scenes.procedural.furniture.things.kinds import THINGS
@@ -20,6 +23,17 @@ _KINDS: dict[OpeningKind, StatedKind] = {
     "door": "door", "archway": "archway", "open": "opening", "entrance": "entrance",
     "window": "window", "patio": "window",
 }  # fmt: skip
+
+
+def describe_homes(
+    homes: Iterable[tuple[str, HomeSettings]], assets: Path, out: Path
+) -> Iterator[Path]:
+    """Write homes to a folder as layouts, `home-0000.layout.json`, and yield the files.
+
+    No scene is made; `assets` is the folder of converted catalogues.
+    """
+    for scene_id, home in homes:
+        yield write_layout(out, described(design_home(home, assets), scene_id, home.seed))
 
 
 def described(design: Design, name: str, seed: int) -> dict[str, Any]:
@@ -50,6 +64,14 @@ def described(design: Design, name: str, seed: int) -> dict[str, Any]:
             if each.placed.kind in FURNITURE_KINDS or each.placed.kind in THINGS
         ],
     }
+
+
+def write_layout(out: Path, content: Mapping[str, Any]) -> Path:
+    """Write a layout to a folder under its name and return the file."""
+    out.mkdir(parents=True, exist_ok=True)
+    place = out / f"{content['name']}.layout.json"
+    write_text(place, layout_text(content))
+    return place
 
 
 def layout_text(content: Mapping[str, Any]) -> str:

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from shapely.geometry import LineString, Point, Polygon
 
-from pbrnet.scenes.contract import Joint, Portal, Room, Scene, SceneObject
+from pbrnet.scenes.contract import Joint, Portal, Room, Scene, SceneObject, load_scene
+from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.layout.describe import write_layout
 from pbrnet.scenes.layout.layout import LayoutObject
 from pbrnet.scenes.layout.readers.fronts import facing
 from pbrnet.scenes.layout.readers.own import KEY, VALUE
@@ -27,6 +30,18 @@ _FRAME = LINING + 0.003  # metres from the opening's end to the leaf
 _NEAR = 0.3  # metres from a portal to the door that fills it
 _SLOPE = 0.3  # vertical part of the normal, from which a portal is a roof window
 _AHEAD = 0.4  # metres before a door, where the room lies into which it swings
+
+
+def describe_scenes(folders: Iterable[Path], out: Path) -> list[Path]:
+    """Write scene folders as layouts to a folder; returns the files."""
+    written: dict[str, Path] = {}
+    for scene in map(load_scene, folders):
+        if not scene.rooms:
+            raise InputError(f"{scene.folder}: has no rooms, so no layout")
+        if scene.scene_id in written:
+            raise InputError(f"{scene.folder}: a second scene with the id {scene.scene_id!r}")
+        written[scene.scene_id] = write_layout(out, described_scene(scene))
+    return [*written.values()]
 
 
 def described_scene(scene: Scene) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,26 +20,15 @@ from pbrnet.scenes.layout.furnishing.furnish import furnish_layout
 from pbrnet.scenes.layout.furnishing.things import left_things
 from pbrnet.scenes.layout.layout import Layout
 from pbrnet.scenes.layout.options import LayoutOptions
-from pbrnet.scenes.looks import STYLES, Aspect, StyleName
+from pbrnet.scenes.looks import STYLES, HomeSettings
 from pbrnet.scenes.opened_files import OpenedFiles
-from pbrnet.scenes.procedural.design import Design, HomeSeeds, catalogue_sampler, draw_style
+from pbrnet.scenes.procedural.design import Design, catalogue_sampler, draw_style
 from pbrnet.scenes.procedural.home import Origin, write_home
 from pbrnet.scenes.seeds import generator
 
 _MOST_BYTES = 16 << 20
+_PIECE_TRIANGLES = 30_000  # of a piece from catalogues
 _GROUNDS = (-0.15, -0.3, -0.45)  # metres, heights of the ground outdoors
-
-
-@dataclass(frozen=True)
-class _Looks:
-    """Parameters of the generator, see `LookParams`."""
-
-    styles: tuple[StyleName, ...]
-    outdoors: str
-    catalogue_share: float
-    vary: tuple[Aspect, ...] = ()
-    texture_size: int = 256
-    catalogue_triangles: int = 30_000
 
 
 def import_layout(
@@ -91,40 +80,46 @@ def _write(
     changes = Changes()
     for change in layout.changes:
         changes.note(change)
-    seeds = HomeSeeds(next(s for s in (options.seed, layout.seed, 0) if s is not None))
-    looks = _looks(layout, options)
-    plan, openings = plan_of(layout, generator(seeds.seed, "ground").pick(_GROUNDS), changes)
-    style = draw_style(looks, seeds)
-    sampler = catalogue_sampler(looks, seeds, options.catalogue)
-    rng = seeds.draw("furniture", "furniture")
+    home = _home(layout, options)
+    plan, openings = plan_of(layout, generator(home.seed, "ground").pick(_GROUNDS), changes)
+    style = draw_style(home)
+    sampler = catalogue_sampler(home, options.catalogue)
+    rng = home.draw("furniture", "furniture")
     furnished = furnish_layout(
         rng, layout, plan, style, sampler, changes, add_lamps=options.lamps != "home"
     )
     solid = [one.footprint for one in furnished.standing if one.on_floor]
-    plan = with_swings(generator(seeds.seed, "swings"), plan, openings, solid)
+    plan = with_swings(generator(home.seed, "swings"), plan, openings, solid)
     placed = furnished.placed
     if options.things:
-        placed += left_things(generator(seeds.seed, "things"), plan, style, placed)
+        placed += left_things(generator(home.seed, "things"), plan, style, placed)
     credit = _credit(layout, options, opened, changes)
     source = {
         "kind": "layout",
         "file": path.name,
         "name": layout.name,
-        "seed": str(seeds.seed),
+        "seed": str(home.seed),
         "furnishing": furnished.record,
     }
     origin = Origin(source, _plan_name(layout), (credit,), changes.sentences())
     design = Design(plan, style, placed)
-    return write_home(out, scene_id, design, origin, looks, seeds, options.lighting)
+    return write_home(out, scene_id, design, origin, home)
 
 
-def _looks(layout: Layout, options: LayoutOptions) -> _Looks:
-    """Parameters of the generator; `InputError` if there are no catalogues in their folder."""
+def _home(layout: Layout, options: LayoutOptions) -> HomeSettings:
+    """Settings of the generator; `InputError` if there are no catalogues in their folder."""
     folder = options.catalogue
     if folder is not None and not load_index(folder).pieces:
         raise InputError(f"{folder}: holds no catalogue; convert one with: pbrnet assets")
     named = next((one for one in STYLES if one == (options.style or layout.style)), None)
-    return _Looks((named,) if named else STYLES, options.outdoors, 0.0 if folder is None else 1.0)
+    return HomeSettings(
+        next(seed for seed in (options.seed, layout.seed, 0) if seed is not None),
+        options.lighting,
+        styles=(named,) if named else STYLES,
+        share=0.0 if folder is None else 1.0,
+        triangles=_PIECE_TRIANGLES,
+        outdoors=options.outdoors,
+    )
 
 
 def _credit(

@@ -25,8 +25,8 @@ from pbrnet.scenes.contract import (
 from pbrnet.scenes.formats.ply import write_ply
 from pbrnet.scenes.geometry.mesh import Mesh
 from pbrnet.scenes.geometry.regions import buffered
-from pbrnet.scenes.looks import HomeParams, LookParams
-from pbrnet.scenes.procedural.design import Design, HomeSeeds, design_home
+from pbrnet.scenes.looks import HomeSettings
+from pbrnet.scenes.procedural.design import Design, design_home
 from pbrnet.scenes.procedural.finishes import Finishes, make_finishes
 from pbrnet.scenes.procedural.furniture.style import Style
 from pbrnet.scenes.procedural.lighting import (
@@ -73,65 +73,42 @@ class Origin:
     changes: tuple[str, ...] = ()
 
 
-def make_home(
-    folder: Path,
-    scene_id: str,
-    params: HomeParams,
-    seed: int,
-    lighting: str,
-    variant: int = 0,
-    assets: Path | None = None,
-) -> Scene:
+def make_home(folder: Path, scene_id: str, home: HomeSettings, assets: Path | None = None) -> Scene:
     """Write a procedural home as the scene folder `folder` and return its `Scene`.
 
-    Equal arguments give equal bytes. Everything but the light depends on `seed` and `params`
-    alone: homes that differ only in `lighting` ("day", "evening", "night", "mixed", "pbrs") have
-    the same plan and furniture. With `params.outdoors` "none" and in PBRS' light, nothing is
-    outside. A `variant` above 0 keeps the plan and redraws the aspects in
-    `params.vary`: finishes (materials and colours), furniture (pieces and positions), light
-    (hour, weather, lamps), outdoors. `assets` is the folder of converted catalogues, used if
-    `params.catalogue_share` is above 0.
+    Equal arguments give equal bytes. Homes that differ only in `lighting` have the same plan and
+    furniture. With `outdoors` "none" and in PBRS' light, nothing is outside. A variant keeps the
+    plan and redraws the aspects in `varied`: finishes (materials and colours), furniture (pieces
+    and positions), light (hour, weather, lamps), outdoors. `assets` is the folder of converted
+    catalogues, used if `share` is above 0.
     """
-    varied = frozenset(params.vary) if variant > 0 else frozenset()
-    seeds = HomeSeeds(seed, variant, varied)
-    design = design_home(params, seeds, assets)
-    source = {
-        "kind": "procedural",
-        "seed": str(seed),
-        "variant": variant,
-        "varied": list(params.vary) if variant else [],
-    }
-    origin = Origin(source, f"home-{seed:016x}")
-    return write_home(folder, scene_id, design, origin, params, seeds, lighting)
+    variant, *varied = home.varied or (0,)
+    source = {"kind": "procedural", "seed": str(home.seed), "variant": variant, "varied": varied}
+    origin = Origin(source, f"home-{home.seed:016x}")
+    return write_home(folder, scene_id, design_home(home, assets), origin, home)
 
 
 def write_home(
-    folder: Path,
-    scene_id: str,
-    design: Design,
-    origin: Origin,
-    params: LookParams,
-    seeds: HomeSeeds,
-    lighting: str,
+    folder: Path, scene_id: str, design: Design, origin: Origin, home: HomeSettings
 ) -> Scene:
     """Build, finish and light a designed home, and write it as the scene folder `folder`."""
     plan, style = design.plan, design.style
     kinds = {room.id: str(room.type) for room in plan.rooms}
-    finishes = make_finishes(seeds.draw("finishes", "finishes"), style, kinds)
+    finishes = make_finishes(home.draw("finishes", "finishes"), style, kinds)
     building, portals = build_structure(plan, finishes)
     furniture = [item for each in design.furniture for item in each.scene_items()]
     outdoors: list[SceneItem] = []
-    if params.outdoors != "none" and lighting != "pbrs":
-        outdoors = build_outdoors(seeds.draw("outdoors", "outdoors"), plan)
-    looks = seeds.draw("finishes", "textures")
+    if home.outdoors != "none" and home.lighting != "pbrs":
+        outdoors = build_outdoors(home.draw("outdoors", "outdoors"), plan)
+    looks = home.draw("finishes", "textures")
     texture_seed, wear = looks.whole(1 << 62), looks.random()
     used = [*building, *furniture]
     if wear > _NEW:
         used = leave_traces(used, plan, texture_seed)
-    light = _draw_light(seeds, lighting, plan, furniture, outdoors)
+    light = _draw_light(home, plan, furniture, outdoors)
     items = [*used, *outdoors, *light.clouds]
     with writing_scene(Path(folder)) as partial:
-        library = MaterialLibrary(partial, params.texture_size, seed=texture_seed, wear=wear)
+        library = MaterialLibrary(partial, home.texture_size, seed=texture_seed, wear=wear)
         objects, lights, shapes = _write_shapes(partial, items, light.states, library)
         scene = Scene(
             scene_id=scene_id,
@@ -141,7 +118,7 @@ def write_home(
             lights=(*lights, *light.sky.lights),
             portals=tuple(portals),
             credits=(*_credits(furniture), *origin.credits),
-            lighting=lighting,
+            lighting=home.lighting,
             plan=origin.plan,
             joints=tuple(joint for item in items for joint in item.joints),
             changes=origin.changes,
@@ -165,18 +142,18 @@ class _HomeLight:
 
 
 def _draw_light(
-    seeds: HomeSeeds,
-    lighting: str,
+    home: HomeSettings,
     plan: Plan,
     furniture: Sequence[SceneItem],
     outdoors: Sequence[SceneItem],
 ) -> _HomeLight:
     """Draw the light of a home for a setting."""
+    lighting = home.lighting
     if lighting == "pbrs":
-        return _pbrs_light(seeds, furniture)
+        return _pbrs_light(home, furniture)
 
     def draw(name: str) -> Draw:
-        return seeds.draw("light", name, lighting)
+        return home.draw("light", name, lighting)
 
     windowless = [room.id for room in plan.rooms if room.id not in plan.with_window]
     lamps = lamp_descriptions(furniture)
@@ -192,11 +169,11 @@ def _draw_light(
     return _HomeLight(sky, _clouds(draw("clouds"), plan, sky), states, kelvin_offset)
 
 
-def _pbrs_light(seeds: HomeSeeds, furniture: Sequence[SceneItem]) -> _HomeLight:
+def _pbrs_light(home: HomeSettings, furniture: Sequence[SceneItem]) -> _HomeLight:
     """A white sky and every lamp, as PBRS lit its houses; the same for all variants."""
     lamps = lamp_items(furniture)
     parts = [in_state(part, PBRS_LAMP) for lamp in lamps for part in lamp.parts if part.lumens > 0]
-    sky = draw_sky(seeds.draw("light", "sky"), "pbrs", sum(map(sampling_weight, parts)))
+    sky = draw_sky(home.draw("light", "sky"), "pbrs", sum(map(sampling_weight, parts)))
     return _HomeLight(sky, [], {lamp.id: PBRS_LAMP for lamp in lamps}, 0.0)
 
 

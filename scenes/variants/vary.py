@@ -1,8 +1,8 @@
-"""A variant of an imported scene: copied folder with new finishes and lighting."""
+"""Variants of imported scenes: copied folders with new finishes and lighting."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, ElementTree, indent
@@ -11,39 +11,74 @@ import defusedxml.ElementTree
 import numpy as np
 
 from pbrnet.scenes.contract import Scene, SceneObject, load_scene, save_scene, writing_scene
-from pbrnet.scenes.files import copy_files
+from pbrnet.scenes.files import copy_files, temporary_folder
 from pbrnet.scenes.formats.ply import write_ply
 from pbrnet.scenes.importing.light.daylight import ground
 from pbrnet.scenes.importing.xml_elements import plugin
+from pbrnet.scenes.looks import Aspect, LightSetting
+from pbrnet.scenes.opened_files import OpenedFiles
 from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.registry import import_scene
 from pbrnet.scenes.variants.refinish import refinish
 from pbrnet.scenes.variants.relight import relight
 
 _VAST = 1000.0  # metres; the planes that importers add are wider
 
 
-def vary_scene(
-    base: Path, out: Path, scene_id: str, variant: int, params: SceneParams, seed: int
-) -> Scene:
-    """Write variant number `variant` (1 and up) of the scene in `base` as the scene folder `out`.
+@dataclass(frozen=True)
+class VariantSettings:
+    """All that determines a variant beside its scene: what is in its fingerprint, by these names.
 
-    Of `params.vary`, "finishes" (floors, walls, ceilings and fabrics) and "light" (hour, weather,
-    lit lamps and their colour) apply to imports; "furniture" and "outdoors" do not. Plan,
+    `varied` is its number, from 1 on, and the aspects that vary.
+    """
+
+    seed: int
+    lighting: tuple[LightSetting, ...]
+    texture_size: int
+    varied: tuple[int, *tuple[Aspect, ...]]
+
+    @classmethod
+    def of(cls, params: SceneParams, seed: int, number: int) -> VariantSettings:
+        """Return the settings of a variant by the parameters of scenes."""
+        return cls(seed, params.lighting, params.texture_size, (number, *sorted(params.vary)))
+
+
+def import_variant(
+    path: Path,
+    out: Path,
+    scene_id: str,
+    settings: VariantSettings,
+    of: str,
+    opened: OpenedFiles,
+    **options: Any,
+) -> Scene:
+    """Import the scene `of`, see `import_scene`, and write a variant of it alone."""
+    with temporary_folder() as folder:
+        import_scene(path, folder / of, of, opened, **options)
+        return vary_scene(folder / of, out, scene_id, settings)
+
+
+def vary_scene(base: Path, out: Path, scene_id: str, settings: VariantSettings) -> Scene:
+    """Write a variant of the scene in `base` as the scene folder `out`.
+
+    Of the aspects that vary, "finishes" (floors, walls, ceilings and fabrics) and "light" (hour,
+    weather, lit lamps and their colour) apply to imports; "furniture" and "outdoors" do not. Plan,
     cameras, objects and portals do not change, except that PBRS' light removes ground planes of
     importers; the split is that of `base`. Equal arguments give equal bytes. Raises `InputError`
     if `base` is not a complete scene.
     """
     scene = load_scene(base)
-    varied = [aspect for aspect in ("finishes", "light") if aspect in params.vary]
+    (variant, *aspects), seed = settings.varied, settings.seed
+    varied = [aspect for aspect in ("finishes", "light") if aspect in aspects]
     record: dict[str, Any] = {"variant": variant, "varied": varied, "of": scene.scene_id}
     with writing_scene(Path(out)) as folder:
         copy_files(base, folder)
         root: Element = defusedxml.ElementTree.parse(folder / "scene.xml").getroot()
         lights, lighting, objects = scene.lights, scene.lighting, scene.objects
         if "finishes" in varied:
-            record["finishes"] = refinish(folder, root, scene, params.texture_size, seed, variant)
+            record["finishes"] = refinish(folder, root, scene, settings.texture_size, seed, variant)
         if "light" in varied:
-            relit = relight(root, scene, params.lighting, seed, variant)
+            relit = relight(root, scene, settings.lighting, seed, variant)
             lights, lighting, record["light"] = relit.lights, relit.lighting, relit.choices
             if lighting == "pbrs":
                 objects = _without_ground(root, objects)

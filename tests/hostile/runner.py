@@ -182,7 +182,7 @@ def _child(root: Path, family: Family, number: int) -> None:
         import tempfile
 
         from pbrnet.pipeline.cli import main
-        from pbrnet.pipeline.stages import limits
+        from pbrnet.pipeline.farm import limits
 
         # Imports fork this process, as the command does: the hook watches forks alone.
         limits._can_fork = lambda: True

@@ -51,7 +51,7 @@ CASES = """
 import os, sys, threading, time
 import numpy
 import work
-from pbrnet.pipeline.stages.limits import Limits, run_limited
+from pbrnet.pipeline.farm.limits import Limits, run_limited
 
 if sys.argv[1] == "with threads":
     threading.Thread(target=threading.Event().wait, daemon=True).start()

@@ -46,7 +46,6 @@ PLUMBING = (
     "pipeline/costs",
     "pipeline/farm",
     "pipeline/keys.py",
-    "pipeline/stages/limits.py",
     "pipeline/params.py",
     "pipeline/passes/settings.py",
     "pipeline/progress.py",
@@ -177,7 +176,7 @@ def home() -> str:
     """Return a digest of a home's folder."""
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "home"
-        make_home(place, "home", SceneParams(rooms_max=2, texture_size=64), 7, "day")
+        make_home(place, "home", SceneParams(rooms_max=2, texture_size=64).home(7, "day"))
         files = sorted(file for file in place.rglob("*") if file.is_file())
         parts = [f"{file.relative_to(place)} {digest_file(file)}".encode() for file in files]
     return digest_bytes(*parts)[:16]

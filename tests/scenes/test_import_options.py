@@ -13,13 +13,13 @@ import yaml
 from pbrnet.pipeline.farm.versions import scene_digest
 from pbrnet.pipeline.params import Params, load_params
 from pbrnet.pipeline.stages.runner import StageError
-from pbrnet.pipeline.stages.scenes import run_scenes, scene_name
+from pbrnet.pipeline.stages.scenes import run_scenes
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.mitsuba.pbrs import find_release
 from pbrnet.scenes.opened_files import OpenedFiles, unchanged
-from pbrnet.scenes.registry import SOURCES, import_scene
+from pbrnet.scenes.registry import SOURCES, import_scene, scene_name
 from tests.fixtures import mitsuba_files as mitsuba
 from tests.fixtures import sweethome as draw
 from tests.fixtures.gltf import square

@@ -21,7 +21,7 @@ from pbrnet.scenes.photometry import blackbody
 from pbrnet.scenes.procedural.textures.families import has_surface
 from pbrnet.scenes.registry import import_scene
 from pbrnet.scenes.variants.refinish import with_metric_uvs
-from pbrnet.scenes.variants.vary import vary_scene
+from pbrnet.scenes.variants.vary import VariantSettings, vary_scene
 from tests.fixtures import sweethome as draw
 from tests.fixtures.command import printed
 from tests.fixtures.paths import ROOT
@@ -50,7 +50,7 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 def varied(base: Scene, number: int = 1, seed: int = 5, params: SceneParams = PARAMS) -> Scene:
     out = base.folder.with_name(f"flat-v{number}-{seed}")
-    return vary_scene(base.folder, out, f"flat-v{number}", number, params, seed)
+    return vary_scene(base.folder, out, f"flat-v{number}", VariantSettings.of(params, seed, number))
 
 
 def materials(scene: Scene) -> dict[str, str]:

@@ -24,7 +24,7 @@ from pbrnet.scenes.assets.index import (
     load_index,
 )
 from pbrnet.scenes.formats.ply import read_ply
-from pbrnet.scenes.looks import LookParams
+from pbrnet.scenes.looks import HomeSettings
 from pbrnet.scenes.procedural.furnishing.asset_rules import (
     ASSET_RULES,
     AssetRule,
@@ -51,10 +51,9 @@ _EDGE = 0.01  # metres from the edge of a support surface that stay free
 class AssetSampler:
     """Samples catalogue pieces for one home."""
 
-    def __init__(self, rng: Draw, index: KindIndex, params: LookParams) -> None:
+    def __init__(self, rng: Draw, index: KindIndex, home: HomeSettings) -> None:
         self.rng, self._index = rng, index
-        self._share = params.catalogue_share
-        self._limit = params.catalogue_triangles
+        self._share, self._limit = home.share, home.triangles
         self._budget = _HOME_TRIANGLES
         self._models: dict[str, list[IndexEntry]] = {}
 

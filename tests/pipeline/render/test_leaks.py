@@ -102,7 +102,7 @@ def test_light_enters_a_real_room_by_its_windows(shared_scenes: Path, tmp_path: 
 @pytest.mark.parametrize("seed", [3, pytest.param(8, marks=pytest.mark.check)])
 def test_procedural_homes_are_dark(tmp_path: Path, seed: int) -> None:
     params = SceneParams(rooms_min=3, rooms_max=4, texture_size=64)
-    scene = make_home(tmp_path / "home", "home", params, seed, "day")
+    scene = make_home(tmp_path / "home", "home", params.home(seed, "day"))
     leaks = find_leaks(open_scene(scene), walks=2000)
     assert not leaks, str(leaks[0])
 

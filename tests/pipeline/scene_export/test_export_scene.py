@@ -44,7 +44,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 def _made(folder: Path, seed: int, light: str) -> Path:
-    make_home(folder, folder.name, SceneParams(rooms_max=2, texture_size=64), seed, light)
+    make_home(folder, folder.name, SceneParams(rooms_max=2, texture_size=64).home(seed, light))
     return folder
 
 

@@ -18,7 +18,7 @@ from pbrnet.scenes.layout.building.swings import with_swings
 from pbrnet.scenes.layout.describe import described, layout_text
 from pbrnet.scenes.layout.furnishing.furnish import furnish_layout
 from pbrnet.scenes.params import SceneParams
-from pbrnet.scenes.procedural.design import Design, HomeSeeds, design_home
+from pbrnet.scenes.procedural.design import Design, design_home
 from pbrnet.scenes.procedural.home import make_home
 from pbrnet.scenes.procedural.plan import Plan
 from pbrnet.scenes.registry import import_scene
@@ -92,7 +92,7 @@ def test_a_folder_without_catalogues_is_refused(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def home() -> Design:
-    return design_home(SceneParams(rooms_min=3, rooms_max=3), HomeSeeds(8), None)
+    return design_home(SceneParams(rooms_min=3, rooms_max=3).home(8, "day"), None)
 
 
 def test_a_described_home_is_read_back(home: Design) -> None:
@@ -122,8 +122,9 @@ def test_a_scene_folder_is_described_like_its_home(
 ) -> None:
     monkeypatch.chdir(tmp_path)  # where no params.yaml is
     params = SceneParams(rooms_min=3, rooms_max=3, texture_size=64, outdoors="none")
-    home = design_home(params, HomeSeeds(8), None)
-    make_home(tmp_path / "home", "home", params, 8, "day")
+    settings = params.home(8, "day")
+    home = design_home(settings, None)
+    make_home(tmp_path / "home", "home", settings)
     done = CliRunner().invoke(
         cli, ["scenes", "--describe", str(tmp_path / "out"), str(tmp_path / "home")]
     )

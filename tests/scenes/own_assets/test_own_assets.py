@@ -28,7 +28,7 @@ from pbrnet.scenes.formats.ply import read_ply
 from pbrnet.scenes.layout.furnishing.fitting import fit_piece
 from pbrnet.scenes.own_assets.table import read_table
 from pbrnet.scenes.params import AssetParams, SceneParams
-from pbrnet.scenes.procedural.design import HomeSeeds, catalogue_sampler, design_home
+from pbrnet.scenes.procedural.design import catalogue_sampler, design_home
 from pbrnet.scenes.procedural.furnishing.asset_rules import rules_of_own
 from pbrnet.scenes.procedural.furnishing.asset_sampler import (
     AssetSampler,
@@ -229,14 +229,14 @@ def test_the_stated_category_and_the_size_tell_the_kinds(piece: IndexEntry, kind
 
 def test_procedural_homes_take_own_pieces(data: Path) -> None:
     wanted = SceneParams(catalogue_share=1.0, rooms_min=2, rooms_max=5)
-    furniture = design_home(wanted, HomeSeeds(3), data / "assets").furniture
+    furniture = design_home(wanted.home(3, "day"), data / "assets").furniture
     taken = Counter(one.placed.piece.credit.author for one in furniture if one.placed.piece.credit)
     assert taken["A. Maker"] >= 1
     assert taken["C. Maker"] >= USD
 
 
 def sampler(data: Path) -> AssetSampler:
-    made = catalogue_sampler(SceneParams(catalogue_share=1.0), HomeSeeds(0), data / "assets")
+    made = catalogue_sampler(SceneParams(catalogue_share=1.0).home(0, "day"), data / "assets")
     assert made is not None
     return made
 

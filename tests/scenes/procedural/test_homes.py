@@ -120,7 +120,7 @@ def homes(tmp_path_factory: pytest.TempPathFactory) -> list[Home]:
 def home_of(root: Path, seed: int) -> Home:
     """Make the home of a seed below `root`."""
     folder = root / f"home-{seed}"
-    make_home(folder, folder.name, SMALL, seed, SETTINGS[seed % 4])
+    make_home(folder, folder.name, SMALL.home(seed, SETTINGS[seed % 4]))
     plan = make_plan(generator(seed, "plan"), SMALL.rooms_min, SMALL.rooms_max)
     return Home(seed, folder, load_scene(folder), plan)
 
@@ -168,13 +168,13 @@ def test_equal_seeds_and_the_first_variant_give_equal_bytes(
     home = homes[3]
     again = tmp_path / home.folder.name
     first = replace(SMALL, vary=("finishes", "furniture", "light", "outdoors"))
-    make_home(again, again.name, first, home.seed, home.scene.lighting, 0)
+    make_home(again, again.name, first.home(home.seed, home.scene.lighting, 0))
     assert digest_folder(again) == digest_folder(home.folder)
 
 
 def test_light_settings_share_plan_and_furniture(homes: list[Home], tmp_path: Path) -> None:
     home = min((home for home in homes if home.scene.lighting == "night"), key=_room_count)
-    scene = make_home(tmp_path / "day", "day", SMALL, home.seed, "day")
+    scene = make_home(tmp_path / "day", "day", SMALL.home(home.seed, "day"))
     assert scene.plan == home.scene.plan
     assert _still(scene) == _still(home.scene)
     windows = {portal.room for portal in scene.portals if portal.clear}
@@ -461,7 +461,7 @@ def test_lamps_emit_their_lumens(homes: list[Home]) -> None:
 
 def test_light_of_pbrs_is_white_uniform_and_complete(homes: list[Home], tmp_path: Path) -> None:
     home = min((one for one in homes if one.scene.lighting != "day"), key=_room_count)
-    made = make_home(tmp_path / "pbrs", "pbrs", SMALL, home.seed, "pbrs")
+    made = make_home(tmp_path / "pbrs", "pbrs", SMALL.home(home.seed, "pbrs"))
     assert made.lighting == "pbrs" and not [one for one in _still(made) if _is_outside(one[0])]
     assert _still(made) == [one for one in _still(home.scene) if not _is_outside(one[0])]
     lit = {light.id for light in made.lights if light.kind == "area"}
@@ -473,16 +473,15 @@ def test_light_of_pbrs_is_white_uniform_and_complete(homes: list[Home], tmp_path
     (white,), (bulb,) = (_radiances(root, path) for path in ("emitter/rgb", "shape/emitter/rgb"))
     assert white == (white[0],) * 3
     assert bulb == pytest.approx((white[0] * 400 / 75,) * 3)
-    other = make_home(
-        tmp_path / "v", "v", replace(SMALL, vary=("furniture",)), home.seed, "pbrs", 1
-    )
+    varied = replace(SMALL, vary=("furniture",)).home(home.seed, "pbrs", 1)
+    other = make_home(tmp_path / "v", "v", varied)
     assert other.source["light"] == made.source["light"] and _still(other) != _still(made)
 
 
 def test_homes_without_outdoors_keep_the_rest(homes: list[Home], tmp_path: Path) -> None:
     home = min(homes, key=_room_count)
-    params = replace(SMALL, outdoors="none")
-    made = make_home(tmp_path / "bare", "bare", params, home.seed, home.scene.lighting)
+    bare = replace(SMALL, outdoors="none").home(home.seed, home.scene.lighting)
+    made = make_home(tmp_path / "bare", "bare", bare)
     assert _still(made) == [one for one in _still(home.scene) if not _is_outside(one[0])]
     assert made.source["light"] == home.scene.source["light"]
 
@@ -527,8 +526,8 @@ def test_a_variant_keeps_the_plan_and_differs_in_what_may_vary(
 
     def variant(number: int, *vary: str) -> Scene:
         folder = tmp_path / "-".join([str(number), *vary])
-        params = replace(SMALL, vary=vary)
-        return make_home(folder, "twin", params, home.seed, home.scene.lighting, number)
+        twin = replace(SMALL, vary=vary).home(home.seed, home.scene.lighting, number)
+        return make_home(folder, "twin", twin)
 
     def furniture(scene: Scene) -> list[Any]:
         return [(item.id, item.bbox_min) for item in scene.objects if not item.is_structure]

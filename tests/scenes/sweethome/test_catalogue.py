@@ -422,14 +422,14 @@ def test_inspect_draws_a_sheet(converted: Path) -> None:
 
 def _home(folder: Path, seed: int, share: float, assets: Path) -> Scene:
     params = SceneParams(texture_size=64, catalogue_share=share)
-    make_home(folder, folder.name, params, seed, "mixed", 0, assets)
+    make_home(folder, folder.name, params.home(seed, "mixed"), assets)
     return load_scene(folder)
 
 
 def test_without_a_share_homes_stay_as_they_are(converted: Path, tmp_path: Path) -> None:
-    params = SceneParams(rooms_max=2, texture_size=64)
-    make_home(tmp_path / "a" / "home", "home", params, 11, "day")
-    _ = make_home(tmp_path / "b" / "home", "home", params, 11, "day", 0, converted / "assets")
+    home = SceneParams(rooms_max=2, texture_size=64).home(11, "day")
+    make_home(tmp_path / "a" / "home", "home", home)
+    make_home(tmp_path / "b" / "home", "home", home, converted / "assets")
     assert digest_folder(tmp_path / "a") == digest_folder(tmp_path / "b")
 
 
