@@ -6,7 +6,7 @@ take noisy samples. Light transport is computed for the methods that take it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import product
@@ -20,6 +20,7 @@ from pbrnet.pipeline.channels import RGB, TRUTHS, Kind, channels_of, column_chan
 from pbrnet.pipeline.frames import (
     Channels,
     Frame,
+    Result,
     check_frame,
     frame_path,
     read_frame,
@@ -29,18 +30,11 @@ from pbrnet.pipeline.frames import (
 )
 from pbrnet.pipeline.images import Picture, contact_sheet, error_picture, reflectance_picture
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.illumination import render_illumination
-from pbrnet.pipeline.passes.inputs import inputs_of, visible_surfaces
-from pbrnet.pipeline.passes.materials import materials_of
-from pbrnet.pipeline.passes.registry import render, settings_of
-from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
-from pbrnet.pipeline.passes.transport import render_transport
-from pbrnet.pipeline.passes.truth import Preparation, noisy_trace, prepare, render_samples
-from pbrnet.pipeline.passes.visibility import render_visibility
+from pbrnet.pipeline.passes.registry import QUICK, render, settings_of
+from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene, set_variant
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
-from pbrnet.pipeline.transport.settings import TransportParams
 from pbrnet.pipeline.views import View, as_matrix, load_cameras, look
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import plain
@@ -76,10 +70,6 @@ class Rendered:
     frames: Mapping[Kind, Channels]
     noisy_spp: int = 0
 
-    def having(self, kind: Kind, channels: Channels, noisy_spp: int = 0) -> Rendered:
-        """These frames and another."""
-        return Rendered({**self.frames, kind: channels}, noisy_spp or self.noisy_spp)
-
 
 @dataclass
 class ViewRenderer:
@@ -114,28 +104,21 @@ class ViewRenderer:
 
         A network that takes noisy samples gets `samples` per pixel; 0: the median of its training.
         """
-        scene, params = self.scene, self.params
         methods = [METHODS[card.name] for card in cards if card.name in METHODS]
-        taken = columns_taken(methods, cards)
-        rendered = surfaces_seen(scene, view, taken.get("materials", ()))
-        if "illumination" in taken:
-            panorama = render_illumination(scene, view, params.illumination)
-            rendered = rendered.having("illumination", panorama)
-        if "visibility" in taken:
-            rays = params.illumination.shadow_rays or IlluminationParams().shadow_rays
-            lit = replace(params.illumination, shadow_rays=rays)
-            shadows = render_visibility(scene, view, lit, panorama)
-            rendered = rendered.having("visibility", shadows)
+        taken: dict[Kind, list[str]] = {"inputs": [], **columns_taken(methods, cards)}
         trained_with = max((card.training.get("noisy_spp", 0) for card in cards), default=0)
         spp = trained_with and (samples or trained_with)
-        prepared = prepared_for(scene, view, params.seed) if "transport" in taken or spp else None
-        if "transport" in taken:
-            light = compute_transport(scene, view, params.transport, params.seed, prepared)
-            rendered = rendered.having("transport", light)
-        if spp:
-            noisy = trace_samples(scene, view, params.groundtruth, params.seed, spp, prepared)
-            rendered = rendered.having("noisy", noisy, spp)
-        return rendered
+        params = replace(self.params, noisy=NoisyParams(spp))
+        frames: dict[Kind, Result] = {}
+        for trace in QUICK:
+            settings = {
+                kind: own or taken[kind]  # surfaces have no settings but the columns
+                for kind, own in trace.settings(params).items()
+                if kind in taken and (spp or kind != "noisy")
+            }
+            if settings:
+                frames |= trace.render(self.scene, view, settings, params.seed)
+        return Rendered({kind: channels for kind, (channels, _) in frames.items()}, spp)
 
 
 @dataclass
@@ -418,46 +401,6 @@ def write_radiance(
     return f"unit: {unit}; {share:.2%} of the pixels are white: their values are lower bounds"
 
 
-def surfaces_seen(scene: RenderScene, view: View, materials: Collection[str] = ()) -> Rendered:
-    """Inputs of a view and these channels of its materials, from one trace."""
-    surfaces = visible_surfaces(scene, view, textures=bool(materials))
-    rendered = Rendered({"inputs": inputs_of(surfaces)})
-    if materials:
-        rendered = rendered.having("materials", materials_of(surfaces, materials)[0])
-    return rendered
-
-
-def prepared_for(scene: RenderScene, view: View, seed: int) -> Preparation:
-    """Preparation of a view for its light transport and its samples."""
-    return prepare(scene, view, _seed_of(view, seed, "transport"))
-
-
-def compute_transport(
-    scene: RenderScene,
-    view: View,
-    params: TransportParams,
-    root_seed: int,
-    prepared: Preparation | None = None,
-) -> Channels:
-    """Light transport of a view."""
-    seed = _seed_of(view, root_seed, "transport")
-    return render_transport(scene, view, params, seed, prepared)[0]
-
-
-def trace_samples(
-    scene: RenderScene,
-    view: View,
-    params: GroundTruthParams,
-    root_seed: int,
-    spp: int,
-    prepared: Preparation | None = None,
-) -> Channels:
-    """Noisy samples of a view, raw and denoised; colour only."""
-    seed = _seed_of(view, root_seed, "noisy")
-    trace = noisy_trace(params, spp)
-    return render_samples(scene, view, trace, seed, prepared)
-
-
 def images_of(kind: Kind, channels: Channels) -> dict[str, AnyArray]:
     """Images by column of the channels that a frame holds, as an `Example` has them."""
     images = {
@@ -501,10 +444,6 @@ def example_of(
         exposure_shading=exposure_of(shading, tone) if truth else unknown,
         exposure_color=exposure_of(color, tone) if truth else unknown,
     )
-
-
-def _seed_of(view: View, seed: int, what: str) -> int:
-    return derive(seed, "predict", view.scene_id, view.view_id, what)
 
 
 def _samples_of(frame: Frame) -> int:

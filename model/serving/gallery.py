@@ -17,12 +17,13 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from pbrnet.model.evaluation.inference import PREDICTABLE, Networks, load_networks
-from pbrnet.model.evaluation.predict import ViewRenderer, example_of, placed_view, surfaces_seen
+from pbrnet.model.evaluation.predict import ViewRenderer, example_of, placed_view
 from pbrnet.model.evaluation.previews import PREVIEWS, RADIOSITY, Preview
 from pbrnet.model.release.pretrained import find_models
 from pbrnet.model.titles import METHOD_TITLES
 from pbrnet.pipeline.images import NOTHING, Picture, png_bytes, reflectance_picture
 from pbrnet.pipeline.lenses.settings import STEEPEST
+from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.views import ImageParams, View, intrinsics_of
@@ -95,7 +96,7 @@ class Gallery:
 
     def _surfaces(self, view: View) -> tuple[Picture, float]:
         """Draft of a view, and the distance to the surface in its middle."""
-        frame = surfaces_seen(self.renderer.scene, view).frames["inputs"]
+        frame = render_inputs(self.renderer.scene, view)
         facing = 0.35 + 0.65 * np.abs(frame["N.Z"])
         colors = np.stack([frame[f"albedo.{band}"] for band in "RGB"], axis=-1)
         picture = reflectance_picture(colors * facing[..., None])

@@ -113,9 +113,9 @@ RENDERERS: dict[str, Callable[[VisibleMaterials], AnyArray]] = {
 
 
 def materials_of(
-    surfaces: VisibleSurfaces, channels: Collection[str] = tuple(RENDERERS)
+    surfaces: VisibleSurfaces, channels: Collection[str] | None = None
 ) -> tuple[Channels, dict[str, Any]]:
-    """Return some channels of a `materials` frame, each (H, W), and the names of the materials."""
-    chosen = {name: make for name, make in RENDERERS.items() if name in channels}
+    """Return a frame's channels, or some of them, each (H, W), and the names of the materials."""
+    chosen = {name: make for name, make in RENDERERS.items() if name in (channels or RENDERERS)}
     bands = channels_by("materials", surfaces.view, chosen, VisibleMaterials(surfaces))
     return bands, {"material_names": list(surfaces.scene.table.names)}

@@ -2,24 +2,21 @@
 
 A trace makes frames of one or more kinds of a view. It reads the settings of these kinds and no
 other parameter, and a frame's fingerprint is a digest of its settings, of the keys of its code,
-the view's camera and size, the scene's content, the renderer and the seed. So a parameter that
-determines pixels cannot be missing from it; view scores, the farm and training are not in it.
+the view's camera and size, the scene's content, the renderer and the seed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from pbrnet.pipeline.channels import SURFACES, Kind
 from pbrnet.pipeline.frames import Result, camera_of, fingerprint
 from pbrnet.pipeline.keys import keys
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes import environment, transport, truth
-from pbrnet.pipeline.passes.illumination import render_illumination
+from pbrnet.pipeline.passes import environment, transport, truth, visibility
 from pbrnet.pipeline.passes.surfaces import render_surfaces
-from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.seeds import derive
@@ -52,26 +49,19 @@ class Trace(Generic[S]):
 
 
 _TRUTH = ("groundtruth", "inputs")  # inputs guide the denoiser
+SEEN: Trace[Any] = Trace(
+    {kind: (kind, "inputs") for kind in SURFACES},
+    lambda params: dict.fromkeys(SURFACES),  # they depend on the view alone
+    render_surfaces,
+)
+LIGHTS = Trace(
+    {"illumination": ("illumination",), "visibility": ("visibility", "illumination", "inputs")},
+    lambda params: visibility.settings(params.illumination),
+    visibility.render_lights,
+)
 TRACES: tuple[Trace[Any], ...] = (
-    Trace(
-        {kind: (kind, "inputs") for kind in SURFACES},
-        lambda params: dict.fromkeys(SURFACES),  # they depend on the view alone
-        render_surfaces,
-    ),
-    Trace(
-        {"illumination": ("illumination",)},
-        lambda params: {"illumination": replace(params.illumination, shadow_rays=0)},
-        lambda scene, view, own, _: {
-            "illumination": (render_illumination(scene, view, own["illumination"]), {})
-        },
-    ),
-    Trace(
-        {"visibility": ("visibility", "illumination", "inputs")},
-        lambda params: {"visibility": params.illumination},
-        lambda scene, view, own, _: {
-            "visibility": (render_visibility(scene, view, own["visibility"]), {})
-        },
-    ),
+    SEEN,
+    LIGHTS,
     Trace(
         {"shading": _TRUTH, "color": _TRUTH, "light": ("light", *_TRUTH)},
         lambda of: truth.truth_settings(of.groundtruth, of.shading, of.light, of.optics),
@@ -101,6 +91,19 @@ TRACES: tuple[Trace[Any], ...] = (
             "transport": transport.render_transport(scene, view, own["transport"].transport, seed)
         },
         seed="transport",
+    ),
+)
+# Traces of what networks take for a picture; the seed is the root seed.
+QUICK: tuple[Trace[Any], ...] = (
+    SEEN,
+    LIGHTS,
+    Trace(
+        {"transport": ("transport", "guides"), "noisy": (*_TRUTH, "guides")},
+        lambda of: {
+            "transport": of.transport,
+            "noisy": truth.noisy_trace(of.groundtruth, of.noisy.spp),
+        },
+        transport.render_quick,
     ),
 )
 TRACE_OF: dict[Kind, Trace[Any]] = {kind: trace for trace in TRACES for kind in trace.kinds}

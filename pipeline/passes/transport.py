@@ -12,14 +12,16 @@ reflectance has a filter of its own (`pbrnet.pipeline.transport.smoothing`), whi
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pbrnet.pipeline.channels import RGB, TRANSPORT_DIRECT, TRANSPORT_INDIRECT, Kind
-from pbrnet.pipeline.frames import Channels, banded, stacked
+from pbrnet.pipeline.frames import Channels, Result, banded, stacked
 from pbrnet.pipeline.passes.denoise import Quality, denoise, denoiser_version
-from pbrnet.pipeline.passes.truth import Preparation, prepare
+from pbrnet.pipeline.passes.truth import Preparation, prepare, render_samples
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights
 from pbrnet.pipeline.render.drjit_arrays import to_numpy
@@ -32,6 +34,7 @@ from pbrnet.pipeline.transport.settings import USUAL_SURFELS, TransportParams
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.seeds import derive
 
 # By size of the image: up to so many pixels, so many samples each; twice the surfels from there on.
 _SMALL = 40_000
@@ -109,6 +112,38 @@ def render_transport(
         for band, name in enumerate(names)
     }
     return channels, found.statistics
+
+
+def render_quick(
+    scene: RenderScene,
+    view: View,
+    settings: Mapping[Kind, Any],
+    seed: int,
+    prepared: Preparation | None = None,
+) -> dict[Kind, Result]:
+    """Render light transport, and `noisy` samples of colour alone, for a picture.
+
+    `settings`: `TransportParams`, and `GroundTruthParams` of the samples. Both use `prepared`, what
+    `prepare_quick` returns for this view. `seed` is the root seed.
+    """
+    prepared = prepared or prepare_quick(scene, view, seed)
+    made: dict[Kind, Result] = {}
+    if "transport" in settings:
+        own = _quick_seed(view, seed, "transport")
+        made["transport"] = render_transport(scene, view, settings["transport"], own, prepared)
+    if "noisy" in settings:
+        own = _quick_seed(view, seed, "noisy")
+        made["noisy"] = render_samples(scene, view, settings["noisy"], own, prepared), {}
+    return made
+
+
+def prepare_quick(scene: RenderScene, view: View, seed: int) -> Preparation:
+    """Return guides and light plan of `render_quick`."""
+    return prepare(scene, view, _quick_seed(view, seed, "transport"))
+
+
+def _quick_seed(view: View, seed: int, kind: Kind) -> int:
+    return derive(seed, "predict", view.scene_id, view.view_id, kind)
 
 
 def transport_of(

@@ -9,10 +9,13 @@ the camera, nor indirect light.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 
-from pbrnet.pipeline.channels import TINT
-from pbrnet.pipeline.frames import Channels, stacked
+from pbrnet.pipeline.channels import TINT, Kind
+from pbrnet.pipeline.frames import Channels, Result, stacked
 from pbrnet.pipeline.panorama_lights import sources, unshadowed_irradiance
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import facing_normals
@@ -30,6 +33,30 @@ _WINDOW = (0.5, 1.0, 1.0, 1.0, 0.5)  # weights of the 5 x 5 neighbourhood, per a
 _MIN_COSINE = 0.9  # between the normals of one surface
 _MAX_OFFSET = 0.01  # of the depth: distance of a surface from the pixel's tangent plane
 _TOLERANCE = 0.02  # metres before a source's mean position within which a ray has arrived
+
+
+def settings(params: IlluminationParams) -> dict[Kind, IlluminationParams]:
+    """Return the settings of panorama and visibility.
+
+    Visibility for a picture has the usual shadow rays where the parameters have none.
+    """
+    rays = params.shadow_rays or IlluminationParams.shadow_rays
+    return {
+        "illumination": replace(params, shadow_rays=0),
+        "visibility": replace(params, shadow_rays=rays),
+    }
+
+
+def render_lights(
+    scene: RenderScene, view: View, settings: Mapping[Kind, IlluminationParams], seed: int = 0
+) -> dict[Kind, Result]:
+    """Render the panorama of light sources, their visibility, or both; nothing is random."""
+    panorama = render_illumination(scene, view, next(iter(settings.values())))
+    made: dict[Kind, Result] = {"illumination": (panorama, {})}
+    if "visibility" in settings:
+        shares = render_visibility(scene, view, settings["visibility"], panorama)
+        made["visibility"] = shares, {}
+    return {kind: made[kind] for kind in settings}
 
 
 def render_visibility(

@@ -39,13 +39,9 @@ from pbrnet.model.evaluation.metrics import flip_map, ssim
 from pbrnet.model.evaluation.predict import (
     Rendered,
     ViewRenderer,
-    compute_transport,
     example_of,
     images_of,
-    prepared_for,
     resized,
-    surfaces_seen,
-    trace_samples,
 )
 from pbrnet.model.methods import METHODS, PRODUCTS, columns_of, trained_baselines
 from pbrnet.model.studies.files import result_path, write_result
@@ -62,7 +58,7 @@ from pbrnet.model.studies.time.results import (
     TimeResult,
 )
 from pbrnet.model.training.train import Folders
-from pbrnet.pipeline.channels import TRUTHS
+from pbrnet.pipeline.channels import TRUTHS, Kind
 from pbrnet.pipeline.commands.options import Size
 from pbrnet.pipeline.farm.versions import processor, scene_digest
 from pbrnet.pipeline.frames import Channels, stacked
@@ -74,11 +70,13 @@ from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.registry import render, settings_of
 from pbrnet.pipeline.passes.settings import GroundTruthParams
-from pbrnet.pipeline.passes.transport import samples_for
-from pbrnet.pipeline.passes.truth import sample_guides
+from pbrnet.pipeline.passes.surfaces import render_surfaces
+from pbrnet.pipeline.passes.transport import prepare_quick, render_quick, samples_for
+from pbrnet.pipeline.passes.truth import noisy_trace, sample_guides
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.render.scene import renderer_version, set_variant
 from pbrnet.pipeline.tonemap import tonemap
+from pbrnet.pipeline.transport.settings import TransportParams
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import build, plain
@@ -226,13 +224,13 @@ class ViewBenchmark:
         self.view, self.networks = view, networks
         self.seed = derive(self.params.seed, "study", "time", view.scene_id, view.view_id)
         self.takes = columns_of(networks.baselines)
-        given = self._surfaces().having("illumination", self._illumination())
+        given = {**self._surfaces(), "illumination": self._illumination()}
         if "transport_color" in self.takes:
-            given = given.having("transport", self._transport())
+            given["transport"] = self._transport(self.params.transport)
         truths = store.read("shading", view), store.read("color", view)
         self.noise = float(truths[1].meta["noise"])
         pair = (truths[0].channels, truths[1].channels)
-        self.example: Example = example_of(view, given, networks.card, pair)
+        self.example: Example = example_of(view, Rendered(given), networks.card, pair)
         self.truth = true_color(self.example, networks)
         self.seconds: dict[str, list[float]] = defaultdict(list)
         self.errors: dict[str, tuple[float, float]] = {}
@@ -261,7 +259,7 @@ class ViewBenchmark:
             self._timed("surfaces", self._surfaces)
         self._timed("illumination", self._illumination)
         if "transport_color" in self.takes:
-            self._timed("transport", self._transport)
+            self._timed("transport", partial(self._transport, self.params.transport))
             exposure = color_exposure(example, networks.card.exposure)
             self._measure("radiosity", None, tonemap(example["transport_color"], exposure))
             self._reduced_turn()
@@ -280,10 +278,8 @@ class ViewBenchmark:
         own = transport.samples or samples_for(self.view.width * self.view.height)
         exposure = color_exposure(self.example, self.networks.card.exposure)
         for spp in (number for number in TRANSPORT_SAMPLES if number < own):
-            few, root = transport.reduced(spp), self.params.seed
-            light = self._timed(
-                f"transport_{spp}", partial(compute_transport, self.scene, self.view, few, root)
-            )
+            few = partial(self._transport, transport.reduced(spp))
+            light = self._timed(f"transport_{spp}", few)
             given = self.example.having(**images_of("transport", light))
             self._measure("radiosity", spp, tonemap(given["transport_color"], exposure))
             if "plus" in self.networks.baselines:
@@ -296,10 +292,11 @@ class ViewBenchmark:
         Light transport has made their guides and light plan.
         """
         truth, root = self.params.groundtruth, self.params.seed
-        prepared = prepared_for(self.scene, self.view, root)
+        prepared = prepare_quick(self.scene, self.view, root)
         for spp in HYBRID_SAMPLES:
-            trace = partial(trace_samples, self.scene, self.view, truth, root, spp, prepared)
-            noisy = self._timed(f"samples_{spp}", trace)
+            own = {"noisy": noisy_trace(truth, spp)}
+            trace = partial(render_quick, self.scene, self.view, own, root, prepared)
+            noisy, _ = self._timed(f"samples_{spp}", trace)["noisy"]
             given = self.example.having(
                 **images_of("noisy", noisy), noisy_spp=np.array(spp, np.float32)
             )
@@ -326,16 +323,20 @@ class ViewBenchmark:
     def _illumination(self) -> Channels:
         return render_illumination(self.scene, self.view, self.params.illumination)
 
-    def _transport(self) -> Channels:
-        return compute_transport(self.scene, self.view, self.params.transport, self.params.seed)
+    def _transport(self, params: TransportParams) -> Channels:
+        settings, seed = {"transport": params}, self.params.seed
+        return render_quick(self.scene, self.view, settings, seed)["transport"][0]
 
     def _materials_taken(self) -> bool:
         return any(card.training.get("materials") for card in self.networks.cards.values())
 
-    def _surfaces(self) -> Rendered:
+    def _surfaces(self) -> dict[Kind, Channels]:
         """Inputs and materials, from one trace."""
-        materials = INPUTS["materials"].columns if self._materials_taken() else ()
-        return surfaces_seen(self.scene, self.view, materials)
+        names: dict[Kind, Any] = {"inputs": None}
+        if self._materials_taken():
+            names["materials"] = INPUTS["materials"].columns
+        made = render_surfaces(self.scene, self.view, names)
+        return {kind: channels for kind, (channels, _) in made.items()}
 
     def _plain(self, truth: GroundTruthParams) -> Channels:
         """Render colour with Mitsuba's path integrator."""

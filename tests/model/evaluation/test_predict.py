@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +28,7 @@ from pbrnet.pipeline.channels import TRANSPORT_DIRECT, TRANSPORT_INDIRECT
 from pbrnet.pipeline.cli import cli
 from pbrnet.pipeline.frames import pixels_digest, read_frame, read_meta
 from pbrnet.pipeline.images import png_facts, read_picture
+from pbrnet.pipeline.passes.registry import Trace
 from pbrnet.pipeline.photograph import photograph
 from pbrnet.pipeline.tonemap import Exposure, tonemap
 from pbrnet.scenes.errors import InputError, MachineError, ParameterError
@@ -399,23 +399,21 @@ def test_from_a_scene_only_what_the_network_takes_is_rendered(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made: list[str] = []
-    names = ("render_illumination", "render_transport", "materials_of", "render_visibility")
 
-    def counted(name: str) -> Callable[..., Any]:
-        render = getattr(prediction, name)
-        return lambda *given: made.append(name) or render(*given)
+    def counted(trace: Trace[Any]) -> Trace[Any]:
+        return replace(trace, render=lambda *of: made.extend(of[2]) or trace.render(*of))
 
-    for name in names:
-        monkeypatch.setattr(prediction, name, counted(name))
+    monkeypatch.setattr(prediction, "QUICK", [counted(trace) for trace in prediction.QUICK])
     view = box_camera("v", (40, 30), (1.0, 1.0, 1.4), (1, 1, -0.2))
     box_room(Path("data"), view)
     for materials in (False, True):
         untrained_models(Path("models"), ("plus",), levels=3, materials=materials)
         predicted("data/scenes/box", "--view", "v", "--method", "plus", "--out", "s.png")
-    assert made == [names[1], names[2], names[1]], "no panorama"
+    assert made == ["inputs", "transport", "inputs", "materials", "transport"], "no panorama"
+    made.clear()
     untrained_models(Path("models"), levels=3, panorama="shadows")
     predicted("data/scenes/box", "--view", "v", "--method", "pbrnet", "--out", "s.png")
-    assert made[3:] == [names[0], names[3]]
+    assert made == ["inputs", "illumination", "visibility"]
 
 
 def test_with_the_truth_the_unit_is_the_scenes() -> None:
