@@ -1,4 +1,4 @@
-"""Time budgets: which method, with how many samples, gives the best picture in so many seconds.
+"""Choice of a method, and of the samples that give the best picture in so many seconds.
 
 Seconds are expected from those of the reference run, and measured on this machine for what is
 chosen (`pbrnet.model.evaluation.speeds`); a view's picture counts whole, from its inputs on, but
@@ -14,14 +14,24 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pbrnet.model.evaluation.predict import ViewRenderer, example_of
-from pbrnet.model.evaluation.previews import DENOISED, RADIOSITY, denoised, radiosity
-from pbrnet.model.evaluation.speeds import expected_seconds, scaled
+from pbrnet.model.evaluation.previews import DENOISED, PREVIEWS, RADIOSITY, denoised, radiosity
+from pbrnet.model.evaluation.speeds import (
+    expected_seconds,
+    keep_seconds,
+    known_seconds,
+    place_of,
+    scaled,
+    speeds_file,
+)
+from pbrnet.model.methods import MAX_SAMPLES
 from pbrnet.pipeline.passes.denoise import Quality
+from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.views import View
 
 if TYPE_CHECKING:
     from pbrnet.model.evaluation.inference import Networks
 
+HYBRID, PLUS = "hybrid", "plus"
 # Methods and samples per pixel, each with less error than the one before, at 160x120 and 480x360;
 # from 64 and 32 denoised samples on taken for granted.
 SMALL = (
@@ -63,6 +73,40 @@ class Choice:
     seconds: float
     is_measured: bool
     measured: Mapping[str, float]
+
+
+def best_method(
+    has_network: Callable[[str], bool], spp: int, tiles: bool, quality: bool, own_models: bool
+) -> str | None:
+    """Return the available method with the lowest error in docs/results.md that fits the options.
+
+    None where the first network of the user's own models should draw.
+    """
+    available = integrator.available()
+    networks = not quality and available
+    if networks and not tiles and spp <= MAX_SAMPLES and has_network(HYBRID):
+        return HYBRID
+    if networks and not spp and has_network(PLUS):
+        return PLUS
+    return RADIOSITY if available and not tiles and not own_models else None
+
+
+def choose_for(
+    seconds: float, renderer: ViewRenderer, view: View, networks: Networks | None
+) -> Choice:
+    """Return the effort for a budget as measured on this view; measurements are kept.
+
+    `networks`: those of `HYBRID`, or None without them.
+    """
+    methods: Sequence[str] = PREVIEWS if integrator.available() else (DENOISED,)
+    methods = (*methods, *((HYBRID,) if networks else ()))
+    pixels = view.width * view.height
+    file, place = speeds_file(), place_of(renderer.scene, view)
+    known, measure = known_seconds(file, place), stopwatch(renderer, view, networks)
+    choice = choose(seconds, efforts_for(pixels, methods), measure, pixels, known)
+    if choice.measured:
+        keep_seconds(file, place, {**known, **choice.measured})
+    return choice
 
 
 def efforts_for(pixels: int, methods: Sequence[str]) -> list[Effort]:

@@ -35,7 +35,7 @@ from pbrnet.pipeline.passes.settings import NoisyParams
 from pbrnet.pipeline.photograph import meter, photograph
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene, set_variant
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
-from pbrnet.pipeline.views import View, as_matrix, load_cameras, look
+from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import load_scene
@@ -56,11 +56,6 @@ class ViewSource:
 
     view: View
     load: Loader
-
-    @property
-    def name(self) -> str:
-        """Scene and view for messages."""
-        return f"{self.view.scene_id}/{self.view.view_id}"
 
 
 @dataclass(frozen=True)
@@ -123,32 +118,30 @@ class ViewRenderer:
 
 @dataclass
 class Renderers:
-    """Renderers of scenes; only the scene that was used last stays open."""
+    """Renderers of views by their scenes' folders; only the last scene stays open."""
 
-    params: Params
-    data: Path
+    open: Callable[[Path], ViewRenderer]
+    folders: Mapping[str, Path]
     _last: ViewRenderer | None = field(default=None, init=False)
 
-    def of(self, scene: Path) -> ViewRenderer:
-        """Renderer of the scene in this folder."""
+    def of(self, view: View) -> ViewRenderer:
+        """Renderer of a view's scene."""
+        scene = self.folders[view.scene_id]
         if self._last is None or self._last.source != scene:
             if self._last is not None:
                 self._last = None
                 free_memory()
-            self._last = ViewRenderer(scene, self.params, self.data)
+            self._last = self.open(scene)
         return self._last
 
 
 def from_scenes(
-    renderer_of: Callable[[View], ViewRenderer],
-    views: Sequence[View],
-    with_truth: bool,
-    samples: int = 0,
+    renderers: Renderers, views: Sequence[View], with_truth: bool, samples: int = 0
 ) -> list[ViewSource]:
     """Views of scenes; what the network takes is rendered, see `ViewRenderer`."""
 
     def load(view: View, card: ModelCard) -> Example:
-        renderer = renderer_of(view)
+        renderer = renderers.of(view)
         truth = renderer.truth(view) if with_truth else None
         return example_of(view, renderer.inputs(view, [card], samples), card, truth)
 
@@ -235,86 +228,6 @@ def columns_taken(
         if column not in (NOISY_SPP, "K"):
             found.setdefault(column_channel(column).kind, []).append(column)
     return found
-
-
-def frame_sets(inputs: Path, *others: Path) -> list[tuple[Path, ...]]:
-    """Sets of frames with the same relative path in these folders; for files, the files themselves.
-
-    Raises `InputError` if there are none, or if a frame is missing in one of the folders.
-    """
-    if not any(path.is_dir() for path in (inputs, *others)):
-        return [(inputs, *others)]
-    for folder in (inputs, *others):
-        if not folder.is_dir():
-            raise InputError(f"{folder}: not a folder; give folders or files, not both")
-    names = sorted(path.relative_to(inputs) for path in inputs.rglob("*.exr"))
-    if not names:
-        raise InputError(f"{inputs}: no .exr frames in this folder")
-    for folder in others:
-        missing = [name for name in names if not (folder / name).is_file()]
-        if missing:
-            raise InputError(
-                f"{folder / missing[0]}: missing, but there is {inputs / missing[0]}"
-                + (f", and {len(missing) - 1} more" if len(missing) > 1 else "")
-                + "; render them with: pbrnet illumination"
-                + (", pbrnet inputs, pbrnet groundtruth" if folder != others[0] else "")
-            )
-    return [(inputs / name, *(folder / name for folder in others)) for name in names]
-
-
-def find_views(
-    scene: Path, cameras: Path, names: Sequence[str], size: tuple[int, int] | None
-) -> list[View]:
-    """The named views of a camera file, or all of them, resized to `size` (width, height).
-
-    Raises `InputError` for an unknown view, and for a camera file of another scene.
-    """
-    views = load_cameras(cameras).views
-    found = []
-    for name in names or [view.view_id for view in views]:
-        view = next((view for view in views if view.view_id == name), None)
-        if view is None:
-            raise InputError(f"{cameras}: no view {name!r} (there are: {_named(views)})")
-        found.append(resized(view, size) if size else view)
-    if not found:
-        raise InputError(f"{cameras}: contains no views")
-    if found[0].scene_id != load_scene(scene).scene_id:
-        raise InputError(f"{cameras}: cameras of {found[0].scene_id!r}, not of the scene {scene}")
-    return found
-
-
-def _named(views: Iterable[View]) -> str:
-    """Names of views; of a walk or another trajectory, the first and the last."""
-    names: dict[str, list[str]] = {}
-    for view in views:
-        names.setdefault(view.trajectory or view.view_id, []).append(view.view_id)
-    return ", ".join(" to ".join(dict.fromkeys((of[0], of[-1]))) for of in names.values()) or "none"
-
-
-def placed_view(scene_id: str, eye: AnyArray, towards: AnyArray, intrinsics: AnyArray) -> View:
-    """View with the name `camera` from a position and a direction, (3,) each, world, metres.
-
-    The centre of the image is the principal point. Raises `InputError` for a camera that looks
-    straight up or down.
-    """
-    if np.linalg.norm(np.cross(towards, (0, 0, 1))) < 1e-6 * np.linalg.norm(towards) + 1e-12:
-        raise InputError("a camera that looks straight up or down has no up vector; tilt it a bit")
-    width, height = (round(float(2 * side)) for side in intrinsics[:2, 2])
-    pose = look(eye, towards)
-    return View(scene_id, "camera", width, height, as_matrix(intrinsics), as_matrix(pose))
-
-
-def resized(view: View, size: tuple[int, int]) -> View:
-    """The same camera with (width, height) pixels; they stay square.
-
-    The horizontal field of view is kept, the vertical one follows from the aspect ratio.
-    """
-    width, height = size
-    scale = width / view.width
-    camera = view.intrinsics
-    camera[:2] *= scale
-    camera[1, 2] += 0.5 * (height - scale * view.height)
-    return replace(view, width=width, height=height, K=as_matrix(camera))
 
 
 def known_truth(data: Path, view: View) -> tuple[Frame, Frame] | None:

@@ -17,8 +17,9 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from pbrnet.model.evaluation.inference import PREDICTABLE, Networks, load_networks
-from pbrnet.model.evaluation.predict import ViewRenderer, example_of, placed_view
+from pbrnet.model.evaluation.predict import ViewRenderer, example_of
 from pbrnet.model.evaluation.previews import PREVIEWS, RADIOSITY, Preview
+from pbrnet.model.evaluation.selection import placed_view
 from pbrnet.model.release.pretrained import find_models
 from pbrnet.model.titles import METHOD_TITLES
 from pbrnet.pipeline.images import NOTHING, Picture, png_bytes, reflectance_picture
@@ -86,9 +87,8 @@ class Gallery:
             raise InputError(f"method: {shown(shot.method)} is not one of {known}")
         half_fov_x = min(self.renderer.params.image.half_fov_x, STEEPEST)
         image = ImageParams(shot.width, shot.height, half_fov_x)
-        eye, towards = np.array(shot.eye), np.array(shot.towards)
         scene = self.renderer.scene.scene.scene_id
-        view = placed_view(scene, eye, towards, intrinsics_of(image))
+        view = placed_view(scene, shot.eye, shot.towards, intrinsics_of(image))
         picture, distance = self._surfaces(view) if shot.method == SURFACES else (None, 0.0)
         if picture is None:
             picture = photograph(self._color(view, shot.method))

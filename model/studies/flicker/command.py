@@ -8,7 +8,8 @@ from typing import Any
 import click
 
 from pbrnet.model.evaluation.inference import load_networks
-from pbrnet.model.evaluation.predict import ViewRenderer, find_views
+from pbrnet.model.evaluation.predict import ViewRenderer
+from pbrnet.model.evaluation.selection import find_views
 from pbrnet.model.methods import PREDICTABLE
 from pbrnet.model.options import found_models_option, methods_option
 from pbrnet.model.release.pretrained import find_models

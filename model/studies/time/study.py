@@ -41,8 +41,8 @@ from pbrnet.model.evaluation.predict import (
     ViewRenderer,
     example_of,
     images_of,
-    resized,
 )
+from pbrnet.model.evaluation.selection import resized
 from pbrnet.model.methods import METHODS, PRODUCTS, columns_of, trained_baselines
 from pbrnet.model.studies.files import result_path, write_result
 from pbrnet.model.studies.frame_store import FrameStore, open_views, opened_scene, with_samples
@@ -74,7 +74,7 @@ from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.passes.transport import prepare_quick, render_quick, samples_for
 from pbrnet.pipeline.passes.truth import noisy_trace, sample_guides
 from pbrnet.pipeline.progress import Progress
-from pbrnet.pipeline.render.scene import renderer_version, set_variant
+from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pbrnet.pipeline.tonemap import tonemap
 from pbrnet.pipeline.transport.settings import TransportParams
 from pbrnet.pipeline.views import View
@@ -179,7 +179,8 @@ def study_time(
     folder = renders / (f"{size}-raw" if config.raw_reference else size)
     store = FrameStore(folder, reference, seed)
     _references(scenes, views, store)
-    measurements = _measure_views(scenes, views, params, networks, store, config)
+    renderer_of = partial(ViewRenderer, params=params)
+    measurements = _measure_views(scenes, views, renderer_of, networks, store, config)
     result = TimeResult(
         seed=params.seed,
         split=opened.split,
@@ -370,7 +371,7 @@ class ViewBenchmark:
 def _measure_views(
     scenes: dict[str, Scene],
     views: list[View],
-    params: Params,
+    renderer_of: Callable[[RenderScene], ViewRenderer],
     networks: Networks,
     store: FrameStore,
     config: TimeConfig,
@@ -394,7 +395,7 @@ def _measure_views(
                 if not due:
                     continue
                 with opened_scene(scenes[scene_id]) as opened:
-                    renderer = ViewRenderer(opened, params)
+                    renderer = renderer_of(opened)
                     for number in due:
                         benchmark = ViewBenchmark(
                             renderer, views[number], networks, store, config.clock

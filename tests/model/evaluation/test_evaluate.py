@@ -18,9 +18,9 @@ from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation import evaluate as evaluation
 from pbrnet.model.evaluation.evaluate import LeakError, evaluate
 from pbrnet.model.evaluation.inference import load_networks
-from pbrnet.model.evaluation.predict import find_views, resized
 from pbrnet.model.evaluation.product import product, product_linear
 from pbrnet.model.evaluation.reference import sheet, summary
+from pbrnet.model.evaluation.selection import find_views, resized
 from pbrnet.model.settings import EvaluateParams, StageTrainParams, TrainParams
 from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.costs.ledger import Ledger

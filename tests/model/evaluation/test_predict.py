@@ -142,8 +142,8 @@ def test_without_a_method_the_best_one_there_is_draws(
     untrained_models(pretrained.PACKED, networks, levels=2)
     drawn: list[str | None] = []
 
-    def draws(request: predict_command.PictureRequest) -> list[object]:
-        drawn.append(request.method)
+    def draws(*given: object) -> list[object]:
+        drawn.extend(one.method for one in given if isinstance(one, predict_command.Way))
         return []
 
     monkeypatch.setattr(predict_command, "_previews", draws)
@@ -281,7 +281,7 @@ def test_every_method_that_a_time_budget_may_choose_is_predicted(
 ) -> None:
     shutil.copytree(ROOT / "weights", "weights")
     monkeypatch.setattr(
-        "pbrnet.model.commands.predict.choose", lambda *_: Choice(Effort(method, 1), 0.1, True, {})
+        "pbrnet.model.evaluation.budget.choose", lambda *_: Choice(Effort(method, 1), 0.1, True, {})
     )
     view = (room, "--view", "east", "--size", "36x20")
     output = predicted(*view, "--seconds", "2", "--out", "chosen.png")
