@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.seeds import derive32, generator
 
+T = TypeVar("T")
 EPOCHS = 10  # at most; an epoch is a point of a learning curve
 STAGES = ("shading", "composition")  # the two networks, in the order of training
 
@@ -176,8 +177,8 @@ def _sizes(study: TrialStudy, config: TrialConfig, total: int) -> list[int | Non
     return list(dict.fromkeys(sorted(sizes)))
 
 
-def changed(params: Params, changes: Mapping[str, Any]) -> Params:
-    """Return the parameters with other values at these paths, such as `train.loss.kind`."""
+def changed(params: T, changes: Mapping[str, Any]) -> T:
+    """Return parameters with other values at these paths, such as `train.loss.kind`."""
     content = plain(params)
     for path, value in changes.items():
         *sections, name = path.split(".")
@@ -185,7 +186,7 @@ def changed(params: Params, changes: Mapping[str, Any]) -> Params:
         for section in sections:
             inner = inner[section]
         inner[name] = value
-    return build(Params, content)
+    return build(type(params), content)
 
 
 def scheduled(train: TrainParams, variant: Variant, steps: int | None, total: int) -> TrainParams:
