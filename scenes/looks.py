@@ -43,4 +43,4 @@ class HomeSettings:
 
     def named(self, varies: bool, *names: str) -> Draw:
         """The generator for the purpose that `names` state; of the variant, if that `varies`."""
-        return generator(self.seed, *names, *(("variant", self.varied[0]) if varies else ()))
+        return generator(self.seed, *names, *(("variant", *self.varied[:1]) if varies else ()))

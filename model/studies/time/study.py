@@ -295,7 +295,7 @@ class ViewBenchmark:
         truth, root = self.params.groundtruth, self.params.seed
         prepared = prepare_quick(self.scene, self.view, root)
         for spp in HYBRID_SAMPLES:
-            own = {"noisy": noisy_trace(truth, spp)}
+            own: dict[Kind, Any] = {"noisy": noisy_trace(truth, spp)}
             trace = partial(render_quick, self.scene, self.view, own, root, prepared)
             noisy, _ = self._timed(f"samples_{spp}", trace)["noisy"]
             given = self.example.having(
@@ -325,8 +325,8 @@ class ViewBenchmark:
         return render_illumination(self.scene, self.view, self.params.illumination)
 
     def _transport(self, params: TransportParams) -> Channels:
-        settings, seed = {"transport": params}, self.params.seed
-        return render_quick(self.scene, self.view, settings, seed)["transport"][0]
+        settings: dict[Kind, Any] = {"transport": params}
+        return render_quick(self.scene, self.view, settings, self.params.seed)["transport"][0]
 
     def _materials_taken(self) -> bool:
         return any(card.training.get("materials") for card in self.networks.cards.values())
