@@ -47,6 +47,9 @@ if TYPE_CHECKING:  # with torch, which light transport does without
     from pbrnet.model.evaluation.inference import Networks, Prediction
     from pbrnet.model.training.store import ModelCard
 
+_SHADOWS = (
+    "pbrnet illumination, with illumination.shadow_rays above 0, renders visibility beside it"
+)
 Loader = Callable[["ModelCard"], "Example"]  # takes the card of the network that gets the example
 
 
@@ -170,17 +173,12 @@ def from_frames(paths: Mapping[Kind, Path], truth: Path | None = None) -> ViewSo
             raise ParameterError(
                 f"{card.name} also takes frames of {' and '.join(sorted(lacking))}: give their "
                 "paths, predict from the SCENE, or choose another --method"
+                + (f"; {_SHADOWS}" if "visibility" in lacking else "")
             )
         frames = {kind: read_frame(path) for kind, path in paths.items()}
         for kind, frame in frames.items():
             size = None if kind == "illumination" else (view.width, view.height)
             check_frame(frame, paths[kind], _needed_bands(kind), size)
-        if "visibility" in columns_taken([METHODS[card.name]], [card]).keys() - frames.keys():
-            raise InputError(
-                f"{view.scene_id}/{view.view_id}: no visibility, which the network takes; predict "
-                "from the scene, or render it to data/visibility, beside data/illumination, with: "
-                "pbrnet illumination, and illumination.shadow_rays above 0"
-            )
         known = known_truth(truth, view) if truth else None
         if truth and known is None:
             raise InputError(

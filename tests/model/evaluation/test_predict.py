@@ -391,8 +391,9 @@ def test_shadows_are_found_beside_the_panorama_or_asked_for() -> None:
     untrained_models(Path("models"), levels=3, panorama="shadows")
     predicted(*FRAMES, "--method", "pbrnet", "--out", "shadows.png")
     shutil.copy(FRAMES[3], "panorama.exr")
-    error = refused(*FRAMES[:3], "panorama.exr", "--method", "pbrnet", "--out", "wrong.png")
-    assert "from the scene, or render it to data/visibility" in error and "dvc repro" not in error
+    wrong = predict(*FRAMES[:3], "panorama.exr", "--method", "pbrnet", "--out", "wrong.png")
+    assert isinstance(wrong.exception, ParameterError)
+    assert "shadow_rays above 0, renders visibility beside it" in str(wrong.exception)
 
 
 def test_from_a_scene_only_what_the_network_takes_is_rendered(
