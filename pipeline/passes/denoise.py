@@ -11,7 +11,8 @@ import sys
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
-from typing import Any, Literal
+from types import ModuleType
+from typing import Literal
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def grey_guide(normal: Image, albedo: float) -> Image:
 
 
 @cache
-def _oidn() -> Any:
+def _oidn() -> ModuleType:
     """Import `pyoidn` without torch, whose import costs each worker a second and 200 MB.
 
     `pyoidn` needs torch for tensors only, and works without it.

@@ -47,7 +47,7 @@ _CARD_BYTES = 512  # of a card's memory for each sample of a launch: half of it 
 
 REMAINDERS = ("indirect", "specular")  # of colour without direct and diffuse light
 
-Launch = Callable[[int, int, int], Any]  # (copies side by side, spp, seed) -> mi.TensorXf
+Launch = Callable[[int, int, int], "mi.TensorXf | Float32Array"]  # copies side by side, spp, seed
 Truth = tuple[Channels, dict[str, Any]]  # an image and its statistics
 
 
@@ -95,7 +95,7 @@ def render_truth(
     path = with_panes(path, render_scene.scene.portals)
     scene = render_scene.mitsuba
 
-    def launch(copies: int, spp: int, seed: int) -> Any:
+    def launch(copies: int, spp: int, seed: int) -> mi.TensorXf:
         sensor = make_sensor(view, copies)
         return mi.render(scene, sensor=sensor, integrator=path, spp=spp, seed=seed)
 
@@ -130,7 +130,7 @@ def render_both(
         color, shading = (truth_of(each, params) for each in blocks)
         return Truths(color, shading, halves=_halves(blocks))
 
-    def launch_all(copies: int, spp: int, seed: int) -> Any:
+    def launch_all(copies: int, spp: int, seed: int) -> Float32Array:
         images = np.asarray(launch(copies, spp, seed)).reshape(view.height, copies * view.width, -1)
         return with_remainders(images[..., : 6 + 3 * len(parts.names)])
 
@@ -174,7 +174,7 @@ def color_blocks(
     path = _joint_path(render_scene, table, params, lights, alone=True)
     launch = _joint_launch(render_scene, view, path, optics)
 
-    def launch_color(copies: int, spp: int, seed: int) -> Any:
+    def launch_color(copies: int, spp: int, seed: int) -> Float32Array:
         images = np.asarray(launch(copies, spp, seed)).reshape(view.height, copies * view.width, -1)
         return images[..., :3]  # without the padding
 
@@ -189,7 +189,7 @@ def _joint_launch(
     scene, version = render_scene.neutral(None).mitsuba, render_scene.materials.version
     count = len(path.image_names) + len(path.parts.names)
 
-    def launch(copies: int, spp: int, seed: int) -> Any:
+    def launch(copies: int, spp: int, seed: int) -> mi.TensorXf:
         if optics or not view.lens.is_pinhole:
             rays = render_scene.materials.kept(RayTracer)
             camera = (view.pose, view.lens, optics)
@@ -201,7 +201,11 @@ def _joint_launch(
 
 
 def _joint_path(
-    render_scene: RenderScene, table: Any, params: GroundTruthParams, lights: Any, **more: Any
+    render_scene: RenderScene,
+    table: mi.BSDFPtr,
+    params: GroundTruthParams,
+    lights: UniformLights | PlannedLights,
+    **more: Any,
 ) -> JointPath:
     """Return the joint path tracer of a scene; `table` and `lights` are its first arguments."""
     return JointPath(
@@ -216,7 +220,7 @@ def _joint_path(
     )
 
 
-def _own(materials: MaterialSets) -> Any:
+def _own(materials: MaterialSets) -> mi.BSDFPtr:
     """Return a table in which every material is its own twin."""
     return partner_table([(bsdf, bsdf) for bsdf in materials.own])
 
@@ -246,7 +250,7 @@ def lens_launch(
 
 
 def planned_lights(
-    render_scene: RenderScene, scene: Any, view: View, seed: int, lens: Lens | None = None
+    render_scene: RenderScene, scene: mi.Scene, view: View, seed: int, lens: Lens | None = None
 ) -> PlannedLights:
     """Return emitter sampling and path guiding planned for a view, or for another lens at its pose.
 
@@ -273,7 +277,7 @@ def _view_lights(
 
 def _lights(
     render_scene: RenderScene,
-    scene: Any,
+    scene: mi.Scene,
     view: View,
     params: GroundTruthParams,
     seed: int,
@@ -394,7 +398,7 @@ def launch_samples() -> int:
 
 
 @lru_cache(maxsize=8)
-def path_integrator(max_depth: int, rr_depth: int) -> Any:
+def path_integrator(max_depth: int, rr_depth: int) -> mi.Integrator:
     """Return Mitsuba's `path` integrator; `max_depth` and `rr_depth` are its parameters."""
     # A fixed image block size: the scalar variant seeds by block and chooses it by thread count.
     return mi.load_dict(

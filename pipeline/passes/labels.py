@@ -154,7 +154,9 @@ def describe_lights(render_scene: RenderScene) -> list[dict[str, Any]]:
     ]
 
 
-def _place_and_flux(light: Light, shapes: dict[str, Any], lamps: dict[str, Any]) -> dict[str, Any]:
+def _place_and_flux(
+    light: Light, shapes: dict[str, mi.Shape], lamps: dict[str, mi.Emitter]
+) -> dict[str, Any]:
     own = [shapes[name] for name in light.shapes if name in shapes]
     lit = [shape for shape in own if shape.is_emitter()]
     if lit:
@@ -185,7 +187,7 @@ def _place_and_flux(light: Light, shapes: dict[str, Any], lamps: dict[str, Any])
     return {"centre": None, "size": None, "flux": None}
 
 
-def _constant(emitter: Any, name: str) -> Float64Array | None:
+def _constant(emitter: mi.Emitter, name: str) -> Float64Array | None:
     """Return a constant of an emitter as linear RGB (3,); None if it is textured."""
     params = mi.traverse(emitter)
     if f"{name}.value" not in params:
@@ -203,7 +205,7 @@ def _inside(points: Float64Array, view: View) -> BoolArray:
     return inside
 
 
-def _plain(values: Float64Array) -> Any:
+def _plain(values: Float64Array) -> list[float] | list[list[float]]:
     """Return an array as lists of numbers, rounded."""
     return (np.round(values, _DIGITS) + 0.0).tolist()
 

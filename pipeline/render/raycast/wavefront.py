@@ -10,7 +10,7 @@ import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import drjit as dr
 import mitsuba as mi
@@ -43,6 +43,10 @@ from pbrnet.pipeline.render.scene_geometry import (
 )
 from pbrnet.scenes.arrays import AnyArray
 
+Hit: TypeAlias = "mi.PreliminaryIntersection3f"
+Values: TypeAlias = "dr.ArrayBase"
+Partners: TypeAlias = "tuple[mi.UInt32, mi.UInt32]"  # `starts` and `partners`, see `_partners`
+Tables = dict[str, Any]  # of shapes and faces, see `_make_tables`
 _HIT_FIELDS = len(fields(Hits))
 _MAX_RECORDINGS, _NEVER = 8, 1 << 30  # numbers of rays; Dr.Jit would warn of many
 
@@ -81,7 +85,7 @@ def _surfaces(
     slots: tuple[TextureSlot, ...] | None,
     numbers: list[mi.UInt32],
     ray: mi.Ray3f,
-) -> list[Any]:
+) -> list[Values]:
     """Return what `surfaces` does.
 
     `twins` are the reflectance twins, None without colours; `numbers` those of `_texture_numbers`.
@@ -102,7 +106,13 @@ def _surfaces(
     return [shape, distance, *(dr.select(valid, vector, 0) for vector in vectors), *values]
 
 
-def _evaluated(slot: TextureSlot, numbers: Any, shape: Any, si: Any, valid: Any) -> Any:
+def _evaluated(
+    slot: TextureSlot,
+    numbers: mi.UInt32,
+    shape: mi.Int32,
+    si: mi.SurfaceInteraction3f,
+    valid: mi.Bool,
+) -> Values:
     """Return a slot's values. A switch over its textures alone, as in `_passes`."""
     number = dr.gather(mi.UInt32, numbers, mi.UInt32(dr.maximum(shape, 0)), valid)
     ways = [getattr(texture, slot.way) for texture in _distinct(slot)]
@@ -117,7 +127,7 @@ def _texture_numbers(slot: TextureSlot) -> AnyArray:
     return np.array([places.get(id(texture), len(places)) for texture in slot.textures])
 
 
-def _distinct(slot: TextureSlot) -> list[Any]:
+def _distinct(slot: TextureSlot) -> list[mi.Texture]:
     return list({id(texture): texture for texture in slot.textures if texture is not None}.values())
 
 
@@ -149,10 +159,12 @@ class _Recorded:
     the rays of an image need.
     """
 
-    def __init__(self, geometry: SceneGeometry, function: Callable[..., list[Any]]) -> None:
+    def __init__(self, geometry: SceneGeometry, function: Callable[..., list[Values]]) -> None:
         itself = weakref.ref(geometry)
 
-        def trace(scene: Any, arrays: dict[str, Any], arguments: tuple[Any, ...]) -> list[Any]:
+        def trace(
+            scene: mi.Scene, arrays: dict[str, Any], arguments: tuple[Any, ...]
+        ) -> list[Values]:
             known = itself()
             assert known is not None
             return function(known, *arguments)
@@ -160,14 +172,14 @@ class _Recorded:
         self._launch = dr.freeze(trace, limit=_MAX_RECORDINGS, warn_after=_NEVER)
         self._geometry, self._function = itself, function
 
-    def __call__(self, *arguments: Any) -> list[Any]:
+    def __call__(self, *arguments: Any) -> list[Values]:
         geometry = self._geometry()
         assert geometry is not None
         arrays = {name: table for name, table in _tables(geometry).items() if name != "masks"}
         return list(self._launch(geometry.scene, arrays, arguments))
 
 
-def _recorded(geometry: SceneGeometry, function: Callable[..., list[Any]]) -> _Recorded:
+def _recorded(geometry: SceneGeometry, function: Callable[..., list[Values]]) -> _Recorded:
     """Return the recorded form of a function; cached on the geometry."""
     key = f"recorded {function.__name__}"
     return geometry.cached(key, lambda: _Recorded(geometry, function))
@@ -185,7 +197,7 @@ def objects_along(
     table = column(mi.UInt32, np.append(numbers, -1).astype(np.int64) & 0xFFFFFFFF)
     pixel = dr.arange(mi.UInt32, len(directions))
 
-    def note_shape(number: Any, active: Any) -> None:
+    def note_shape(number: mi.UInt32, active: mi.Bool) -> None:
         shape = dr.gather(mi.Int32, tables["shape"], number, active)
         known = active & (shape >= 0)
         thing = dr.gather(mi.UInt32, table, mi.UInt32(dr.maximum(shape, 0)), known)
@@ -195,12 +207,14 @@ def objects_along(
 
     touching: Any = _touching_objects(geometry, numbers)
 
-    def note_partner(place: Any, end: Any, ray: Any) -> tuple[Any, ...]:
+    def note_partner(
+        place: mi.UInt32, end: mi.UInt32, ray: mi.Ray3f
+    ) -> tuple[mi.UInt32, mi.UInt32, mi.Ray3f]:
         other, met = _meets_partner(tables, touching, ray, place)
         note_shape(dr.gather(mi.UInt32, tables["owner"], other), met)
         return place + 1, end, ray
 
-    def note(hit: Any, ray: Any, active: Any) -> None:
+    def note(hit: Hit, ray: mi.Ray3f, active: mi.Bool) -> None:
         met = active & ~_passes(tables, hit, ray, any_mask)
         note_shape(dr.reinterpret_array(mi.UInt32, hit.shape), met)
         if touching is not None:
@@ -212,7 +226,9 @@ def objects_along(
                 labels=("place", "end", "ray"),
             )
 
-    def step(active: Any, hit: Any, ray: Any, layer: Any) -> tuple[Any, ...]:
+    def step(
+        active: mi.Bool, hit: Hit, ray: mi.Ray3f, layer: mi.UInt32
+    ) -> tuple[mi.Bool, Hit, mi.Ray3f, mi.UInt32]:
         note(hit, ray, active)
         onward = _onward(ray, hit)
         hit = _intersect(geometry, tables, onward)
@@ -248,7 +264,7 @@ def emitted_radiance(
     return to_numpy(shape, distance, light)
 
 
-def environment_radiance(emitter: Any, directions: AnyArray) -> AnyArray:
+def environment_radiance(emitter: mi.Emitter, directions: AnyArray) -> AnyArray:
     """Return the radiance (N, 3) of an environment emitter along `directions` (N, 3)."""
     si = dr.zeros(mi.SurfaceInteraction3f, len(directions))
     si.wi = vector(mi.Vector3f, -directions)
@@ -257,7 +273,7 @@ def environment_radiance(emitter: Any, directions: AnyArray) -> AnyArray:
 
 
 def sample_emitters(
-    emitters: tuple[Any, ...], indices: AnyArray, origin: AnyArray, samples: AnyArray
+    emitters: tuple[mi.Emitter, ...], indices: AnyArray, origin: AnyArray, samples: AnyArray
 ) -> tuple[AnyArray, ...]:
     """Return direction (N, 3), distance (N,), radiance over density (N, 3), density (N,)."""
     si = dr.zeros(mi.SurfaceInteraction3f, len(indices))
@@ -274,16 +290,18 @@ def sample_emitters(
     return direction.astype(np.float64), distance, weights, density.astype(np.float64)
 
 
-def _sampled(emitter: Any, si: Any, sample: Any) -> tuple[Any, Any]:
+def _sampled(
+    emitter: mi.Emitter, si: mi.SurfaceInteraction3f, sample: mi.Point2f
+) -> tuple[mi.DirectionSample3f, mi.Color3f]:
     ds, weight = emitter.sample_direction(si, sample)
     return ds, mi.Color3f(weight)
 
 
-def _ray(origins: AnyArray, directions: AnyArray) -> Any:
+def _ray(origins: AnyArray, directions: AnyArray) -> mi.Ray3f:
     return mi.Ray3f(vector(mi.Point3f, origins), vector(mi.Vector3f, directions))
 
 
-def _camera_rays(poses: AnyArray, local: AnyArray) -> Any:
+def _camera_rays(poses: AnyArray, local: AnyArray) -> mi.Ray3f:
     """Return rays of every pose (N, 4, 4) along every local direction (P, 3), pose by pose."""
     count = len(local)
     index = dr.arange(mi.UInt32, len(poses) * count)
@@ -298,7 +316,9 @@ def _camera_rays(poses: AnyArray, local: AnyArray) -> Any:
     )
 
 
-def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[Any, Any, Any, Any]:
+def _first_hit(
+    geometry: SceneGeometry, ray: mi.Ray3f, through: bool
+) -> tuple[mi.Int32, mi.Float, Hit, mi.Ray3f]:
     """Return shape index, distance from the ray's origin, the hit, and the ray it belongs to.
 
     Behind each clear surface the ray continues from a slightly later start on the same line.
@@ -327,14 +347,19 @@ def _first_hit(geometry: SceneGeometry, ray: Any, through: bool) -> tuple[Any, A
 
 
 def _step(
-    geometry: SceneGeometry, tables: dict[str, Any], any_mask: bool, hit: Any, ray: Any, layer: Any
-) -> tuple[Any, Any, Any, Any]:
+    geometry: SceneGeometry,
+    tables: Tables,
+    any_mask: bool,
+    hit: Hit,
+    ray: mi.Ray3f,
+    layer: mi.UInt32,
+) -> tuple[mi.Bool, Hit, mi.Ray3f, mi.UInt32]:
     ray = _onward(ray, hit)
     hit = _intersect(geometry, tables, ray)
     return _passes(tables, hit, ray, any_mask), hit, ray, layer + 1
 
 
-def _intersect(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -> Any:
+def _intersect(geometry: SceneGeometry, tables: Tables, ray: mi.Ray3f) -> Hit:
     """Return the first hit of each ray; on a mesh, face and place follow `triangles`.
 
     Where faces of several shapes lie in one plane, the last opaque one of them is hit.
@@ -363,7 +388,9 @@ def _intersect(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -> Any
     return hit
 
 
-def _first_hit_face(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -> tuple[Any, Any]:
+def _first_hit_face(
+    geometry: SceneGeometry, tables: Tables, ray: mi.Ray3f
+) -> tuple[Hit, mi.UInt32]:
     """Return a hit to be filled in, and the number of the face that each ray meets first.
 
     Faces are those that Embree finds along `triangles.ASIDE`. Where the ray meets none of them, or
@@ -372,7 +399,9 @@ def _first_hit_face(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -
     across, count = mi.Frame3f(ray.d), dr.width(ray.d)
     zero = dr.zeros(mi.UInt32, count)
 
-    def look(number: Any, one: Any, two: Any, three: Any, other: Any) -> tuple[Any, ...]:
+    def look(
+        number: mi.UInt32, one: mi.UInt32, two: mi.UInt32, three: mi.UInt32, other: mi.Bool
+    ) -> tuple[Values, ...]:
         x, y = _of(number, *(mi.Float(x) for x, _ in ASIDE)), _of(number, *(y for _, y in ASIDE))
         aside = mi.Ray3f(ray)
         aside.d = ray.d + across.s * x + across.t * y
@@ -390,7 +419,7 @@ def _first_hit_face(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -
     # Three rays about this one on the same face: it meets that, too, because faces are convex.
     apart = (one != two) | (two != three)
 
-    def compare(number: Any, face: Any, t: Any) -> tuple[Any, ...]:
+    def compare(number: mi.UInt32, face: mi.UInt32, t: Values) -> tuple[Values, ...]:
         candidate = _of(number, one, two, three)
         met, distance = _reaches(tables, ray, candidate, candidate > 0)
         nearer = met & ((distance < t) | ((distance == t) & (candidate > face)))
@@ -412,12 +441,14 @@ def _first_hit_face(geometry: SceneGeometry, tables: dict[str, Any], ray: Any) -
     return hit, dr.select(hit.is_valid() & ~on_mesh & (hit.t < t), 0, face)
 
 
-def _of(number: Any, first: Any, second: Any, third: Any) -> Any:
+def _of(number: mi.UInt32, first: Values, second: Values, third: Values) -> Values:
     """Return the value of that number, 0 to 2."""
     return dr.select(number == 0, first, dr.select(number == 1, second, third))
 
 
-def _reaches(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> tuple[Any, Any]:
+def _reaches(
+    tables: Tables, ray: mi.Ray3f, face: mi.UInt32, active: mi.Bool
+) -> tuple[mi.Bool, Values]:
     """Return whether each ray meets a face or passes close to its edge, and the distance."""
     rows = _rows(tables, ray, face, active)
     t, _, _, determinant = meet(*rows)
@@ -425,7 +456,7 @@ def _reaches(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> tuple[
     return active & (t > 0) & comes_near(rows[0], rows[1], rows[2:], determinant), t
 
 
-def _face(tables: dict[str, Any], hit: Any) -> tuple[Any, Any]:
+def _face(tables: Tables, hit: Hit) -> tuple[mi.UInt32, mi.Bool]:
     """Return the number of the face that is hit, and whether it is one of a mesh."""
     valid = hit.is_valid()
     number = dr.reinterpret_array(mi.UInt32, hit.shape)
@@ -433,34 +464,34 @@ def _face(tables: dict[str, Any], hit: Any) -> tuple[Any, Any]:
     return first + hit.prim_index, valid & (first > 0)
 
 
-def _places(partners: tuple[Any, Any], face: Any, active: Any) -> tuple[Any, Any]:
+def _places(partners: Partners, face: mi.UInt32, active: mi.Bool) -> tuple[mi.UInt32, mi.UInt32]:
     """Return the first place of a face's partners, and the one behind the last."""
     starts = (dr.gather(mi.UInt32, partners[0], face + step, active) for step in (0, 1))
     return tuple(starts)  # type: ignore[return-value]
 
 
-def _last(tables: dict[str, Any], ray: Any, place: Any, face: Any) -> Any:
+def _last(tables: Tables, ray: mi.Ray3f, place: mi.UInt32, face: mi.UInt32) -> mi.UInt32:
     """Return the later one of a face and the partner at `place`, if the ray meets that."""
     other, met = _meets_partner(tables, tables["ties"], ray, place)
     return dr.select(met, dr.maximum(face, other), face)
 
 
 def _meets_partner(
-    tables: dict[str, Any], partners: tuple[Any, Any], ray: Any, place: Any
-) -> tuple[Any, Any]:
+    tables: Tables, partners: Partners, ray: mi.Ray3f, place: mi.UInt32
+) -> tuple[mi.UInt32, mi.Bool]:
     """Return the partner at `place`, and whether the ray meets it."""
     other = dr.gather(mi.UInt32, partners[1], place)
     exact, t, u, v = _meet(tables, ray, other, dr.full(mi.Bool, True))
     return other, exact & (t > 0) & (u >= 0) & (v >= 0) & (u + v <= 1)
 
 
-def _meet(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> tuple[Any, ...]:
+def _meet(tables: Tables, ray: mi.Ray3f, face: mi.UInt32, active: mi.Bool) -> tuple[Values, ...]:
     """Return whether a ray crosses a face's plane, and t, u and v there in double precision."""
     t, u, v, determinant = meet(*_rows(tables, ray, face, active))
     return active & (determinant != 0), t / determinant, u / determinant, v / determinant
 
 
-def _rows(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> list[Any]:
+def _rows(tables: Tables, ray: mi.Ray3f, face: mi.UInt32, active: mi.Bool) -> list[list[Values]]:
     """Return origin and direction of a ray and the corners of a face, in double precision."""
     corner = dr.gather(mi.Vector3u, tables["faces"], face, active)
     points = [dr.gather(mi.Point3f, tables["vertices"], number, active) for number in corner]
@@ -468,7 +499,7 @@ def _rows(tables: dict[str, Any], ray: Any, face: Any, active: Any) -> list[Any]
     return [[double(value) for value in vector] for vector in (ray.o, ray.d, *points)]
 
 
-def _onward(ray: Any, hit: Any) -> Any:
+def _onward(ray: mi.Ray3f, hit: Hit) -> mi.Ray3f:
     """Return the ray from a little past the surface: more than the hit point's rounding."""
     past = hit.t + 1e-5 * (1 + dr.max(dr.abs(ray(hit.t))))
     onward = mi.Ray3f(ray)
@@ -476,7 +507,7 @@ def _onward(ray: Any, hit: Any) -> Any:
     return onward
 
 
-def _passes(tables: dict[str, Any], hit: Any, ray: Any, any_mask: bool) -> Any:
+def _passes(tables: Tables, hit: Hit, ray: mi.Ray3f, any_mask: bool) -> mi.Bool:
     valid = hit.is_valid()
     number = dr.reinterpret_array(mi.UInt32, hit.shape)
     passes = dr.gather(mi.UInt32, tables["clear"], number, valid) == 1
@@ -488,19 +519,19 @@ def _passes(tables: dict[str, Any], hit: Any, ray: Any, any_mask: bool) -> Any:
     return passes & valid
 
 
-def _emission(shape: Any, ray: Any, hit: Any, active: Any) -> Any:
+def _emission(shape: mi.Shape, ray: mi.Ray3f, hit: Hit, active: mi.Bool) -> mi.Color3f:
     """Return the radiance that a shape emits at a hit, back along the ray."""
     si = shape.compute_surface_interaction(ray, hit, mi.RayFlags.All, active)
     si.wi = mi.Vector3f(0, 0, -dr.dot(si.sh_frame.n, ray.d))  # area emitters read its sign alone
     return mi.Color3f(shape.emitter().eval(si, active))
 
 
-def _tables(geometry: SceneGeometry) -> dict[str, Any]:
+def _tables(geometry: SceneGeometry) -> Tables:
     """Return shape properties by registry id; cached on the geometry."""
     return geometry.cached("tables", lambda: _make_tables(geometry))
 
 
-def _make_tables(geometry: SceneGeometry) -> dict[str, Any]:
+def _make_tables(geometry: SceneGeometry) -> Tables:
     shapes, triangles = geometry.shapes, triangles_of(geometry.shapes)
     ids = np.array([registry_id(shape, mi.ShapePtr) for shape in shapes], dtype=np.int64)
     return {
@@ -518,7 +549,7 @@ def _make_tables(geometry: SceneGeometry) -> dict[str, Any]:
     }
 
 
-def _touching_objects(geometry: SceneGeometry, numbers: AnyArray) -> tuple[Any, Any] | None:
+def _touching_objects(geometry: SceneGeometry, numbers: AnyArray) -> Partners | None:
     """Return the faces of other objects that touch each face; None if none does in any view.
 
     As `_partners`, on either side. `numbers` are the objects of `objects_along`: faces without
@@ -555,7 +586,7 @@ def _find_touching(geometry: SceneGeometry) -> _Touching:
     return _Touching(len(triangles.faces), face, partner, owner[face], owner[partner])
 
 
-def _partners(geometry: SceneGeometry, triangles: Triangles) -> tuple[Any, Any] | None:
+def _partners(geometry: SceneGeometry, triangles: Triangles) -> Partners | None:
     """Return `starts` and `partners` of faces that are hit in one another's place, None without.
 
     The partners of face f are `partners[starts[f] : starts[f + 1]]`.
@@ -565,7 +596,7 @@ def _partners(geometry: SceneGeometry, triangles: Triangles) -> tuple[Any, Any] 
     return (mi.UInt32(starts), mi.UInt32(partners)) if len(partners) else None
 
 
-def _mask_tables(geometry: SceneGeometry) -> dict[str, Any]:
+def _mask_tables(geometry: SceneGeometry) -> Tables:
     """Return `mask`, the number of each masked shape, and `masks`, their null transmissions."""
     shapes = [shape for shape, has in zip(geometry.shapes, geometry.masked, strict=True) if has]
     return {
@@ -574,7 +605,7 @@ def _mask_tables(geometry: SceneGeometry) -> dict[str, Any]:
     }
 
 
-def _null_transmission(shape: Any, ray: Any, hit: Any, active: Any) -> Any:
+def _null_transmission(shape: mi.Shape, ray: mi.Ray3f, hit: Hit, active: mi.Bool) -> mi.Float:
     """Return the share of light that passes a shape's material undeviated at a hit."""
     si = shape.compute_surface_interaction(ray, hit, mi.RayFlags.All, active)
     own = shape.bsdf()  # None for an instance: its shape group holds the BSDF
