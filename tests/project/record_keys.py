@@ -2,19 +2,17 @@
 
     python -m tests.project.record_keys [--same KEY ...]
 
-records the code anew. Where it makes other frames, cameras or homes than those recorded under the
-same key, the key must be raised first. Of keys without recorded output, `--same` says that what
-they make stays as it was.
+records the code anew. Where it makes other frames, scenes, cameras, rows, exports or weights than
+those recorded under the same key, the key must be raised first. Of keys without recorded output,
+or with a sample that reaches a part of their code, `--same` says that the rest stays as it was.
 """
 
 import argparse
 import ast
 import json
 import sys
-import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -23,18 +21,14 @@ import yaml
 
 from pbrnet.model.studies.registry import STUDIES
 from pbrnet.model.studies.trials.words import COMPARISONS
-from pbrnet.pipeline.cameras.camera_files import make_cameras
 from pbrnet.pipeline.keys import table
 from pbrnet.pipeline.passes.registry import TRACES
 from pbrnet.pipeline.render.scene import set_variant
-from pbrnet.scenes.checked import plain
-from pbrnet.scenes.files import digest_bytes, digest_file, write_text
+from pbrnet.scenes.files import digest_bytes, write_text
 from pbrnet.scenes.models.options import READERS
-from pbrnet.scenes.params import SceneParams
-from pbrnet.scenes.procedural.home import make_home
 from pbrnet.scenes.registry import SOURCES
 from tests.fixtures import recorded
-from tests.fixtures.params import pbrs_cameras, view_params
+from tests.fixtures.outputs import OUTPUTS, differing, output
 from tests.fixtures.paths import ROOT
 from tests.project.imports import import_closure
 
@@ -54,6 +48,7 @@ PLUMBING = (
     "scenes/arrays.py",
     "scenes/errors.py",
 )
+SAMPLES = ("scenes.imports", "dataset", "exports", "train")  # recorded in part
 _NETWORKS = {
     "shading": "networks/pbrnet",
     "composition": "networks/pbrnet",
@@ -172,41 +167,24 @@ def known() -> dict[str, dict[str, Any]]:
     return found
 
 
-def home() -> str:
-    """Return a digest of a home's folder."""
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / "home"
-        make_home(place, "home", SceneParams(rooms_max=2, texture_size=64).home(7, "day"))
-        files = sorted(file for file in place.rglob("*") if file.is_file())
-        parts = [f"{file.relative_to(place)} {digest_file(file)}".encode() for file in files]
-    return digest_bytes(*parts)[:16]
-
-
-def cameras() -> str:
-    """Return a digest of the cameras sampled in the recorded room."""
-    with tempfile.TemporaryDirectory() as folder:
-        opened, _ = recorded.recorded_room(Path(folder) / "living")
-        params = replace(recorded.PARAMS, cameras=pbrs_cameras(min_objects=1, grid=0.5))
-        found = make_cameras(opened, view_params(params), 7)
-    return digest_bytes(json.dumps(plain(found, brief=True), sort_keys=True).encode())[:16]
-
-
-OUTPUTS: dict[str, Callable[[], str]] = {"scenes.homes": home, "cameras": cameras}
+def of(parts: list[str]) -> str:
+    """Return the names of the parts of an output that differ, in brackets."""
+    return f" ({', '.join(parts)})" if any(parts) else ""
 
 
 def faults(changed: set[str], raised: set[str], same: set[str]) -> list[str]:
     """Say which keys with changed code must be raised, or need a decision."""
     pixels = {"render"}.union(*(names for trace in TRACES for names in trace.keys.values()))
     wrong = [
-        f"{name}: another output under the same key: raise it in keys.yaml"
-        for name, output in OUTPUTS.items()
-        if name in changed and known()[name]["output"] != output()
+        f"{name}: another output under the same key: raise it in keys.yaml{of(parts)}"
+        for name in OUTPUTS
+        if name in changed and (parts := differing(known()[name]["output"], output(name)))
     ]
     if changed & pixels and "render" not in raised:
         found, before = recorded.frames(), recorded.known()
         under = [kind for kind in before if not raised & {*recorded.keys_of(kind)}]
         wrong += filter(None, (recorded.fault(kind, before[kind], found[kind]) for kind in under))
-    undecided = sorted(changed - pixels - {*OUTPUTS})
+    undecided = sorted(changed - pixels - {*OUTPUTS} | changed & {*SAMPLES})
     if set(undecided) - same:
         wrong.append(
             "changed code: raise in keys.yaml what now makes other things; then\n"
@@ -234,7 +212,7 @@ def main(words: list[str] | None = None) -> int:
     for name, code in now.items():
         rows[name] = before.get(name, {}) | {"key": numbers[name], "code": code}
         if name in OUTPUTS and name in raised:
-            rows[name]["output"] = OUTPUTS[name]()
+            rows[name]["output"] = output(name)
     lines = (f" {json.dumps(name)}: {json.dumps(row)}" for name, row in rows.items())
     write_text(FILE, "{\n" + ",\n".join(lines) + "\n}\n")
     return 0

@@ -10,6 +10,8 @@ from pbrnet.model.methods import METHODS
 from pbrnet.pipeline.channels import KINDS
 from pbrnet.pipeline.keys import table
 from pbrnet.pipeline.passes.registry import TRACE_OF
+from pbrnet.pipeline.render.scene import set_variant
+from tests.fixtures.outputs import OUTPUTS, differing, output
 from tests.fixtures.paths import ROOT
 from tests.project import record_keys
 
@@ -59,10 +61,24 @@ def test_changed_code_was_decided_on() -> None:
 
 
 def test_one_command_records_what_was_decided() -> None:
-    changed = {"train", "report"}
-    (line,) = record_keys.faults(changed, set(), {"train"})
-    assert line.endswith("--same report train")
+    changed = {"evaluate", "report"}
+    (line,) = record_keys.faults(changed, set(), {"evaluate"})
+    assert line.endswith("--same evaluate report")
     assert record_keys.faults(changed, set(), changed) == []
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_what_is_made_is_what_was_recorded_under_its_key(name: str) -> None:
+    """If this fails: raise the key in keys.yaml, or undo what changed its output."""
+    set_variant("auto")
+    assert differing(record_keys.known()[name]["output"], output(name)) == []
+
+
+def test_a_part_of_an_output_that_differs_is_named() -> None:
+    known: Any = {"a": "1", "b": [1.0, 2.0], "c": "3"}
+    assert differing(known, {"a": "1", "b": [1.0005, 2.0], "d": "3"}) == ["c", "d"]
+    assert differing(known, {**known, "b": [1.1, 2.0]}) == ["b"]
+    assert record_keys.of(differing("1", "2")) == "" and record_keys.of(["c"]) == " (c)"
 
 
 def test_comments_and_docstrings_are_no_change(tmp_path: Path) -> None:
