@@ -17,6 +17,7 @@ DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 TOCTREE = re.compile(r"```\{toctree\}\n(.*?)```", re.DOTALL)
 CODE = re.compile(r"`((?:scenes|pipeline|model|tests|benchmarks|examples|params|docs)/[\w./-]+)`")
+NAME_IN = re.compile(r"`(\w+)(?:\.(\w+))?`,? (?:in |of |\()`(\w+/[\w./-]+\.(?:py|toml|yaml))`")
 
 
 def slug(heading: str) -> str:
@@ -89,6 +90,14 @@ def test_named_files_exist(page: Path) -> None:
         if not {"NAME", "FORMAT.py", "NAME.py"} & {*name.split("/")}
     ]  # but for the placeholders of recipes
     assert [name for name in names if not (ROOT / name).exists()] == []
+
+
+def test_names_are_in_the_files_named_beside_them() -> None:
+    found = [match for page in PAGES for match in NAME_IN.findall(page.read_text())]
+    assert len(found) >= 20
+    for *names, file in found:
+        text = (ROOT / file).read_text()
+        assert all(re.search(rf"\b{name}\b", text) for name in names), (names, file)
 
 
 def test_the_readme_reaches_its_first_link_within_two_screens() -> None:

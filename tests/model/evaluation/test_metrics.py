@@ -82,6 +82,8 @@ def test_the_interval_comes_from_scenes_not_from_views() -> None:
     few = bootstrap({"a": [0.2] * 50, "b": [0.8] * 50}, seed=0)
     assert few.mean == pytest.approx(0.5)
     assert (few.low, few.high) == (pytest.approx(0.2), pytest.approx(0.8))
+    uneven = bootstrap({"a": [0.2] * 9, "b": [0.8]}, seed=0)
+    assert (uneven.mean, uneven.low, uneven.high) == pytest.approx((0.26, 0.2, 0.8))
     rng = np.random.default_rng(0)
     many = bootstrap({str(i): [value] for i, value in enumerate(rng.normal(0, 1, 400))}, seed=0)
     assert many.low is not None and many.high is not None

@@ -175,7 +175,8 @@ def test_coco_panoptic_segments_cover_what_they_say(dataset: Path, tmp_path: Pat
             assert (true[mask] == segment["category_id"]).all()
             assert (true == segment["category_id"]).sum() == segment["area"]
             lines, columns = np.nonzero(mask)
-            assert segment["bbox"][:2] == [columns.min(), lines.min()]
+            sides = [np.ptp(columns) + 1, np.ptp(lines) + 1]
+            assert segment["bbox"] == [columns.min(), lines.min(), *sides]
         found = {categories[segment["category_id"]]["name"] for segment in segments.values()}
         assert {"wall", "table"} <= found <= set(PARTS)
     thing = {category["name"]: category["isthing"] for category in file["categories"]}

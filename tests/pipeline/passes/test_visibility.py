@@ -185,6 +185,8 @@ def test_sources_are_drawn_by_their_weight() -> None:
     assert number[0].tolist() == [0, 0, 2, 2, 2, 2, 2, 2]
     assert some.tolist() == [True, False, True]
     assert (number[2] == 1).all() and ((number >= 0) & (number < 3)).all()
+    (first,), _ = choose_sources(np.array([[0.0, 1.0]]), np.zeros((1, 1)))
+    assert first == 1, "a source without weight is never drawn"
 
 
 def test_direct_light_of_the_panorama_has_the_shadows(tmp_path: Path) -> None:

@@ -233,14 +233,12 @@ def test_an_inverted_or_open_body_would_be_noticed() -> None:
 
 def test_wood_grain_runs_along_the_board() -> None:
     board = box((0.1, 1.2, 0.02))
-    lengthwise = np.ptp(board.uvs[board.faces[:, 0]][:, 0])
-    assert lengthwise > 1.0  # u, along which the grain runs, spans the long side
-    top = [face for face in board.faces if (board.vertices[face, 2] > 0.019).all()]
-    for face in top:
+    for face in board.faces:
         moved = board.vertices[face] - board.vertices[face[0]]
         turned = board.uvs[face] - board.uvs[face[0]]
-        np.testing.assert_allclose(moved[:, 1], turned[:, 0], atol=1e-9)
-        np.testing.assert_allclose(moved[:, 0], turned[:, 1], atol=1e-9)
+        if moved[:, 1].any():  # on all sides but the ends
+            np.testing.assert_allclose(moved[:, 1], turned[:, 0], atol=1e-9)
+            np.testing.assert_allclose(moved[:, 0] + moved[:, 2], turned[:, 1], atol=1e-9)
 
 
 def test_normals_hide_the_seam_of_a_cylinder_and_keep_its_edge() -> None:
