@@ -7,6 +7,7 @@ glass, alpha masks, bump and normal maps, blend weights) stays unchanged in the 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mitsuba as mi
@@ -20,6 +21,7 @@ from pbrnet.scenes.errors import InputError
 _WRAPPERS = ("twosided", "mask", "bumpmap", "normalmap", "blendbsdf")
 _CONDUCTORS = ("conductor", "roughconductor")
 _DIELECTRICS = ("dielectric", "thindielectric", "roughdielectric")
+_CLEAR = ("dielectric", "thindielectric", "null")  # camera rays pass these undeviated
 # plugin -> property that holds its base colour; Mitsuba's default of each is 0.5
 _BASE = {
     "diffuse": "reflectance",
@@ -103,15 +105,19 @@ def reflectance_twin(graph: Graph, bsdf: Bsdf) -> Bsdf:
     return Bsdf(bsdf.node, "diffuse", {"reflectance": _base_colour(graph, bsdf)})
 
 
-def passes_light(graph: Graph, index: int) -> bool:
-    """Test whether camera rays pass node `index` undeviated.
+def traits(graph: Graph, bsdfs: Sequence[int], own: int | None) -> tuple[bool, bool, Mirror, float]:
+    """Return `clear`, `masked`, `mirrors` and `transmitted` of a shape, see `SceneGeometry`.
 
-    True for smooth dielectrics, thin panes and the null BSDF.
+    `bsdfs` are its BSDF nodes, for an instance those of its group; `own` is its own, if any.
     """
-    return graph.plugin(index) in ("dielectric", "thindielectric", "null")
+    clear = bool(bsdfs) and all(graph.plugin(each) in _CLEAR for each in bsdfs)
+    masked = any(_has_mask(graph, each) for each in bsdfs)
+    if own is None:
+        return clear, masked, "", 0.0
+    return clear, masked, _mirrored_sides(graph, own), _transmitted_share(graph, own)
 
 
-def mirrored_sides(graph: Graph, index: int) -> Mirror:
+def _mirrored_sides(graph: Graph, index: int) -> Mirror:
     """Return which sides of node `index` are a perfect mirror, without bumps and masks."""
     children = graph.nested(index, "BSDF")
     if graph.plugin(index) == "twosided":
@@ -119,7 +125,7 @@ def mirrored_sides(graph: Graph, index: int) -> Mirror:
     return "front" if graph.plugin(index) == "conductor" else ""
 
 
-def transmitted_share(graph: Graph, index: int) -> float:
+def _transmitted_share(graph: Graph, index: int) -> float:
     """Return the part of the diffuse light of node `index` that goes through, in [0, 1].
 
     The rest is reflected. Where a texture decides, as in a blend, it is taken as one half.
@@ -130,13 +136,13 @@ def transmitted_share(graph: Graph, index: int) -> float:
         return min(1.0, max(0.0, value / 2)) if isinstance(value, float | int) else 0.5
     if plugin == "twosided" or not children:
         return 0.0
-    return sum(transmitted_share(graph, child) for child in children) / len(children)
+    return sum(_transmitted_share(graph, child) for child in children) / len(children)
 
 
-def has_mask(graph: Graph, index: int) -> bool:
+def _has_mask(graph: Graph, index: int) -> bool:
     """Test whether a BSDF node holds an alpha mask anywhere."""
     return graph.plugin(index) == "mask" or any(
-        has_mask(graph, child) for child in graph.nested(index, "BSDF")
+        _has_mask(graph, child) for child in graph.nested(index, "BSDF")
     )
 
 

@@ -24,12 +24,7 @@ from pbrnet.pipeline.render.drjit_arrays import bounds_of
 from pbrnet.pipeline.render.lights import Lights, collect_lights
 from pbrnet.pipeline.render.material_sets import MaterialSets
 from pbrnet.pipeline.render.materials import MaterialTable
-from pbrnet.pipeline.render.neutral import (
-    has_mask,
-    mirrored_sides,
-    passes_light,
-    transmitted_share,
-)
+from pbrnet.pipeline.render.neutral import traits
 from pbrnet.pipeline.render.raycast import meshes
 from pbrnet.pipeline.render.scene_geometry import SceneGeometry
 from pbrnet.pipeline.render.scenegraph import Graph, parse, shapes_of
@@ -133,19 +128,10 @@ def open_scene(scene: Scene, neutral_albedo: float | None = None) -> RenderScene
         if graph.plugin(node) == "shapegroup":
             continue
         shape = graph.make(node)
-        bsdfs, own = _bsdfs_of(graph, node), graph.nested(node, "BSDF")
+        bsdfs, own = _bsdfs_of(graph, node), next(iter(graph.nested(node, "BSDF")), None)
         bsdfs_of_shapes.append((shape.id(), bsdfs))
-        rows.append(
-            (
-                shape,
-                index_of.get(shape.id(), -1),
-                bool(bsdfs) and all(passes_light(graph, bsdf) for bsdf in bsdfs),
-                any(has_mask(graph, bsdf) for bsdf in bsdfs),
-                mirrored_sides(graph, own[0]) if own else "",
-                transmitted_share(graph, own[0]) if own else 0.0,
-                materials.reflectances[own[0] if own else -1],
-            )
-        )
+        twin = materials.reflectances[-1 if own is None else own]
+        rows.append((shape, index_of.get(shape.id(), -1), *traits(graph, bsdfs, own), twin))
     columns: Any = zip(*rows, strict=True) if rows else ((),) * 7
     shapes, objects, clear, masked, mirrors, transmitted, twins = columns
     missing = sorted(set(index_of) - {shape.id() for shape in shapes})
