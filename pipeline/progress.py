@@ -11,7 +11,7 @@ from types import TracebackType
 
 from tqdm import tqdm
 
-from pbrnet.pipeline.terminal import say, visible
+from pbrnet.pipeline.terminal import counted, say, visible
 
 FIRST, EVERY = 3.0, 10.0  # seconds until the first line, and between lines
 COMPILING = "compiling or loading kernels"  # a note for what renders
@@ -135,11 +135,11 @@ class Progress:
         with self._lock:
             self._note = note
             self.done += count
-            counted = self._ahead.pop(of, 0)
+            known = self._ahead.pop(of, 0)
             self._start_clock()
         if self._bar is not None:
             self._bar.set_postfix_str(visible(note), refresh=False)
-            self._bar.update(count - counted)
+            self._bar.update(count - known)
         else:
             self._print_if_due()
 
@@ -211,7 +211,7 @@ class Progress:
 
 
 def span(seconds: float) -> str:
-    """Return a duration in words: `40 seconds`, `12 minutes`, `1.6 hours`."""
+    """Return a duration in words: `1 second`, `12 minutes`, `1.6 hours`."""
     if seconds < 90:
-        return f"{seconds:.0f} seconds"
+        return counted(round(seconds), "second")
     return f"{seconds / 60:.0f} minutes" if seconds < 5400 else f"{seconds / 3600:,.1f} hours"

@@ -117,7 +117,8 @@ def test_slow_work_has_seconds_for_each_item(
 
 
 @pytest.mark.parametrize(
-    ("seconds", "text"), [(40, "40 seconds"), (720, "12 minutes"), (46511, "12.9 hours")]
+    ("seconds", "text"),
+    [(0.9, "1 second"), (40, "40 seconds"), (720, "12 minutes"), (46511, "12.9 hours")],
 )
 def test_durations_are_words(seconds: float, text: str) -> None:
     assert span(seconds) == text
