@@ -14,6 +14,7 @@ from pbrnet.pipeline.views import ImageParams, View, as_matrix, intrinsics_of, l
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.files import exists
 
 Point = tuple[float, float, float]
 
@@ -159,8 +160,15 @@ def find_views(
 ) -> list[View]:
     """The named views of a camera file, or all of them, resized to `size` (width, height).
 
-    Raises `InputError` for an unknown view, and for a camera file of another scene.
+    Raises `InputError` for an unknown view, and for a camera file that is missing or of another
+    scene.
     """
+    scene_id = load_scene(scene).scene_id
+    if not exists(cameras):
+        raise InputError(
+            f"{cameras}: no cameras of {scene_id} yet; sample them with: pbrnet cameras, or give "
+            "--eye and --towards"
+        )
     views = load_cameras(cameras).views
     found = []
     for name in names or [view.view_id for view in views]:
@@ -170,7 +178,7 @@ def find_views(
         found.append(resized(view, size) if size else view)
     if not found:
         raise InputError(f"{cameras}: contains no views")
-    if found[0].scene_id != load_scene(scene).scene_id:
+    if found[0].scene_id != scene_id:
         raise InputError(f"{cameras}: cameras of {found[0].scene_id!r}, not of the scene {scene}")
     return found
 

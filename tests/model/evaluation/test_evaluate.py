@@ -46,6 +46,7 @@ from tests.fixtures.command import Run
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.predict import box_camera, box_frames, box_room
 from tests.fixtures.predictor import untrained_models
+from tests.fixtures.stages import write_room
 from tests.fixtures.trial import folders_in
 
 SIZE = {"width": 24, "height": 18, "panorama": 16}
@@ -406,10 +407,13 @@ def test_all_views_are_named_for_one_that_is_not_there(tmp_path: Path) -> None:
         replace(view_at((0, 0, 1), (1, 0, 1), name=f"walk-00-{n:04d}"), trajectory="walk-00")
         for n in range(3)
     ]
+    write_room(tmp_path / "a")
+    with pytest.raises(InputError, match=r"no cameras of a yet; sample them with: pbrnet cameras"):
+        find_views(tmp_path / "a", tmp_path / "a.json", ["x"], None)
     rest = [view_at((0, 0, 1), (1, 0, 1), name=f"room-s{n}") for n in range(9)]
     save_cameras(tmp_path / "a.json", CameraFile("a", (*rest, *frames)))
     with pytest.raises(InputError, match=r"room-s8, walk-00-0000 to walk-00-0002\)$"):
-        find_views(tmp_path, tmp_path / "a.json", ["x"], None)
+        find_views(tmp_path / "a", tmp_path / "a.json", ["x"], None)
 
 
 @pytest.mark.parametrize(
