@@ -91,7 +91,7 @@ def cost(
     if check:
         _show_check(errors, as_json)
         return
-    left_out = set(KINDS) - set(params.kinds)
+    left_out = {str(kind) for kind in KINDS if kind not in params.kinds}
     left_out |= {"truth"} if left_out >= set(TRACED) else set()
     costs = [cost for cost in costs if cost.stage not in left_out]
     stored = 0

@@ -138,7 +138,10 @@ def costs_of(ledger: pa.Table) -> list[StageCost]:
 
 def typical_costs() -> list[StageCost]:
     """Return the costs of every stage on a typical core, for runs without a ledger."""
-    return [StageCost(stage, *numbers, 0) for stage, numbers in data_beside(__file__).items()]
+    return [
+        StageCost(stage, scene, view, sample, 0)
+        for stage, (scene, view, sample) in data_beside(__file__).items()
+    ]
 
 
 def seconds_of(
