@@ -130,7 +130,7 @@ def anchor_of(kind: str) -> Anchor:
     """The place where pieces of a kind stand, hang or lie."""
     if kind in THINGS:
         return THINGS[kind].anchor
-    return FURNITURE_KINDS[kind].anchor() if kind in FURNITURE_KINDS else "free"
+    return FURNITURE_KINDS[kind].piece.anchor if kind in FURNITURE_KINDS else "free"
 
 
 def _from_own(
@@ -297,7 +297,7 @@ def _own_kinds() -> Mapping[str, tuple[str, ...]]:
     """Kinds by the category that their pieces have."""
     found: dict[str, list[str]] = {}
     for name, kind in FURNITURE_KINDS.items():
-        found.setdefault(kind.category(), []).append(name)
+        found.setdefault(kind.piece.category, []).append(name)
     for name, thing in THINGS.items():
         found.setdefault(thing.category, []).append(name)
     return {category: tuple(names) for category, names in found.items()}

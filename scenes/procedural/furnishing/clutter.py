@@ -13,7 +13,7 @@ from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
 from pbrnet.scenes.procedural.furnishing.space import PlacedPiece
 from pbrnet.scenes.procedural.furniture.things.kinds import BY_PLACE
-from pbrnet.scenes.procedural.furniture.things.packages import power_cable
+from pbrnet.scenes.procedural.furniture.things.packages import PowerCable
 from pbrnet.scenes.procedural.plan import Opening
 from pbrnet.scenes.procedural.scene_item import Pose
 
@@ -161,5 +161,7 @@ def _lead(furnisher: Furnisher, item: PlacedPiece, side: float, run: float, end:
     at = middle - beside + side * run
     if not 0.1 < at < edge.length - 0.1:
         return False
-    cable = power_cable(furnisher.rng, furnisher.style, side * run, end - _SOCKET_HEIGHT)
+    cable = PowerCable.make(
+        furnisher.rng, furnisher.style, run=side * run, end=end - _SOCKET_HEIGHT
+    )
     return space.hang("cable", cable, edge, at, _SOCKET_HEIGHT) is not None

@@ -14,7 +14,6 @@ from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher
 from pbrnet.scenes.procedural.furniture.parts.cloth import sampled
 from pbrnet.scenes.procedural.furniture.parts.drapes import Cut, over, slices
-from pbrnet.scenes.procedural.furniture.things.soft import garment
 from pbrnet.scenes.procedural.piece import FurniturePiece
 
 # Garment -> outline, width and length in metres.
@@ -72,7 +71,7 @@ def _over_back(
     at = (rng.normal(0, 0.02), middle + rng.normal(0, 0.02), top + 0.02)
     turn = rng.normal(0 if cut != "shirt" or rng.chance(0.5) else 180, 6)
     made = over(
-        rng, piece, name, "clothing", garment(rng, furnisher.style), (width, length), at,
+        rng, piece, name, "clothing", furnisher.style.garment(rng), (width, length), at,
         turn=turn, cut=cut, within=slices(behind, low, 0.015), gap=0.008,
     )  # fmt: skip
     return made if made is not None and _lies_on(made, points) else None
@@ -131,7 +130,7 @@ def _on_bed(furnisher: Furnisher, piece: FurniturePiece, used: set[str]) -> Furn
     cut, width, length = _CLOTHES[name]
     at = (float(rng.uniform(-0.3, 0.3) * high[0]), rng.between(-0.7, -0.2), top + 0.08)
     return over(
-        rng, piece, name, "clothing", garment(rng, furnisher.style), (width, length), at,
+        rng, piece, name, "clothing", furnisher.style.garment(rng), (width, length), at,
         turn=rng.between(0, 360), tight=rng.between(0.15, 0.35), cut=cut, gap=0.014,
     )  # fmt: skip
 

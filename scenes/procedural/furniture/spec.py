@@ -13,11 +13,11 @@ anchor; clearances and a constant `mount_height` are given as `Builder` has them
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, Self, dataclass_transform
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import Any, ClassVar, NamedTuple, Self, dataclass_transform
 
-from pbrnet.scenes.procedural.furniture.parts.build import Builder
+from pbrnet.scenes.procedural.furniture.parts.build import Builder, Print
 from pbrnet.scenes.procedural.furniture.style import Style
 from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece, Material
 from pbrnet.scenes.seeds import Draw
@@ -54,18 +54,20 @@ def shape(feature: str, *variants: str) -> Any:
 
 
 def either(share: float, one: Material | str, other: Material | str) -> Any:
-    """A field that is one material with probability `share`, else another.
-
-    Names are those of the style's materials; "accents" stands for any of its first five accents.
-    """
+    """A field that is one material with probability `share`, else another; see `material`."""
     return drawn(
         lambda draw, spec: material(draw, spec.style, one if draw.chance(share) else other)
     )
 
 
-def any_of(which: str) -> Any:
-    """A field drawn from the style's materials of a name: "accents", "cushions", "books"."""
-    return drawn(lambda draw, spec: material(draw, spec.style, which))
+def any_of(*which: Material | str) -> Any:
+    """A field drawn from materials, each as likely; see `material`."""
+
+    def one_of(draw: Draw, spec: Any) -> Material:
+        found = [material(draw, spec.style, each) for each in which]
+        return draw.pick(found) if len(found) > 1 else found[0]
+
+    return drawn(one_of)
 
 
 def one(kind: type[Spec]) -> Any:
@@ -78,8 +80,8 @@ def optional(share: float, kind: type[Spec]) -> Any:
     return drawn(lambda draw, spec: kind.draw(draw, spec.style) if draw.chance(share) else None)
 
 
-def optional_of(share: float, which: str) -> Any:
-    """A field that is one of the style's materials of a name with a probability, else None."""
+def optional_of(share: float, which: Material | str) -> Any:
+    """A field that is a material with a probability, else None; see `material`."""
     return drawn(
         lambda draw, spec: material(draw, spec.style, which) if draw.chance(share) else None
     )
@@ -92,29 +94,79 @@ def several(kind: type[Spec], low: int, high: int) -> Any:
     )
 
 
-def repeated(count: int | Callable[[Any], int], *hows: Any) -> Any:
+def when(is_so: Callable[[Any], bool], how: Any, otherwise: Any = None) -> Any:
+    """A field drawn as another if the fields before it are so, else `otherwise`."""
+    return drawn(lambda draw, spec: _value(how if is_so(spec) else otherwise, draw, spec))
+
+
+def by(feature: str, hows: Mapping[str, Any]) -> Any:
+    """A field drawn as the value of a field before it says; None where that is not in `hows`."""
+    return drawn(lambda draw, spec: _value(hows.get(getattr(spec, feature)), draw, spec))
+
+
+def ranged() -> Any:
+    """A field that is given as its least and greatest value, and drawn between them."""
+    return field(metadata={"of": lambda draw, limits: draw.between(*limits)})
+
+
+def scaled(low: float, high: float, default: Any = MISSING) -> Any:
+    """A field that is given as one or several lengths, each times a factor drawn from [low, high)."""
+    return field(default=default, metadata={"of": lambda draw, of: times(draw, of, low, high)})
+
+
+def times(draw: Draw, given: Any, low: float, high: float) -> Any:
+    """Draw a factor for a length, or for each of several."""
+    if isinstance(given, tuple):
+        return tuple(length * draw.between(low, high) for length in given)
+    return given * draw.between(low, high)
+
+
+def printed() -> Any:
+    """A field that is a part of a printed paper of the home."""
+    return drawn(lambda draw, spec: Print.draw(draw, spec.style))
+
+
+def repeated(count: Any, *hows: Any) -> Any:
     """A field of `count` values, each drawn as a field is; of tuples where several are given.
 
-    `count` may depend on the fields before.
+    `count` is a number, a field that draws one, or a function of the fields before.
     """
-    draws = [how.metadata["how"] for how in hows]
 
     def each(draw: Draw, spec: Any) -> Any:
-        values = tuple(one(draw, spec) for one in draws)
-        return values if len(draws) > 1 else values[0]
+        values = tuple(_value(how, draw, spec) for how in hows)
+        return values if len(hows) > 1 else values[0]
 
     def all_of(draw: Draw, spec: Any) -> tuple[Any, ...]:
-        return tuple(each(draw, spec) for _ in range(count(spec) if callable(count) else count))
+        number = count(spec) if callable(count) else _value(count, draw, spec)
+        return tuple(each(draw, spec) for _ in range(number))
 
     return drawn(all_of)
 
 
+def _value(how: Any, draw: Draw, spec: Any) -> Any:
+    """What a field draws, or the value itself."""
+    return how.metadata["how"](draw, spec) if isinstance(how, Field) else how
+
+
 def material(draw: Draw, style: Style, which: Material | str) -> Material:
-    """The material itself, or the style's of that name, drawn where it has several."""
+    """The material itself, or the style's of a name, drawn from several or as its method does."""
     if isinstance(which, Material):
         return which
     found = getattr(style, which)
+    if callable(found):
+        found = found(draw)
     return draw.pick(found) if isinstance(found, tuple) else found
+
+
+class Piece(NamedTuple):
+    """What `Builder` knows of a piece before it is built."""
+
+    name: str
+    category: str
+    anchor: Anchor
+    front_clearance: float = 0.0
+    side_clearance: float = 0.0
+    mount_height: float = 0.0
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
@@ -122,7 +174,7 @@ def material(draw: Draw, style: Style, which: Material | str) -> Material:
 class Spec:
     """Specification of one piece: frozen, printable; equal ones build equal pieces."""
 
-    _piece: ClassVar[tuple[str, str, Anchor, float, float, float]]
+    piece: ClassVar[Piece]
     style: Style = field(repr=False)
 
     def __init_subclass__(
@@ -133,7 +185,7 @@ class Spec:
         mount_height: float = 0.0,
     ) -> None:
         if piece:
-            cls._piece = (*piece, front_clearance, side_clearance, mount_height)
+            cls.piece = Piece(*piece, front_clearance, side_clearance, mount_height)
         dataclass(frozen=True, kw_only=True)(cls)
 
     @classmethod
@@ -147,7 +199,9 @@ class Spec:
         found |= {name: value for name, value in given.items() if value is not None}
         found["style"] = style
         for name, each in known.items():
-            if name not in found and "how" in each.metadata:
+            if "of" in each.metadata:
+                found[name] = each.metadata["of"](draw, found.get(name, each.default))
+            elif name not in found and "how" in each.metadata:
                 found[name] = each.metadata["how"](draw, spec)
             elif name not in found:
                 found[name] = each.default
@@ -156,17 +210,7 @@ class Spec:
     @classmethod
     def is_piece(cls, module: str) -> bool:
         """Test whether this is a kind of piece, not a part of one, that a module defines."""
-        return cls.__module__ == module and "_piece" in vars(cls)
-
-    @classmethod
-    def category(cls) -> str:
-        """The category of the piece."""
-        return cls._piece[1]
-
-    @classmethod
-    def anchor(cls) -> Anchor:
-        """The place where the piece stands, hangs or lies."""
-        return cls._piece[2]
+        return cls.__module__ == module and "piece" in vars(cls)
 
     @classmethod
     def make(cls, draw: Draw, style: Style, **given: Any) -> FurniturePiece:
@@ -175,10 +219,14 @@ class Spec:
 
     def build(self) -> FurniturePiece:
         """Build the piece: no draws, no files."""
-        b = Builder(*self._piece)
-        b.mount_height = vars(self).get("mount_height", b.mount_height)
+        return self.builder().piece()
+
+    def builder(self) -> Builder:
+        """The builder with the parts; fields named as those of `Piece` replace its values."""
+        own = {name: value for name, value in vars(self).items() if name in Piece._fields}
+        b = Builder(**self.piece._asdict() | own)
         self.assemble(b)
-        return b.piece()
+        return b
 
     def assemble(self, b: Builder) -> None:
         """Add the parts of the piece. Parts of pieces have other ways to be built."""

@@ -111,6 +111,8 @@ def scaled_color(color: Color, factor: float) -> Color:
 
 
 _BOOKS = ("#e7e1d5", "#2a2d33", "#7a2f2c", "#1f3d4f", "#c9b27c", "#355070")
+_PLAIN = ("#d8d6d0", "#3a3d44", "#41546e", "#7a7d80")
+_CLOTHS = ("cotton", "denim", "knit", "twill", "striped", "checked", "linen")
 
 CHROME = Material("metal", hex_color("#dcdde0"), roughness=0.08)
 STEEL = Material("metal", hex_color("#bcbdbd"), roughness=0.32)
@@ -175,6 +177,19 @@ class Style:
     def picture(self, draw: Draw) -> Material:
         """Draw the material of an abstract picture."""
         return Material("picture", hex_color("#9a938a"), 0.6, variant=draw.variant())
+
+    def tinted(self, draw: Draw) -> Material:
+        """Draw one of the home's small colours, in plastic."""
+        return Material("plastic", draw.pick(self.accents).color, 0.35)
+
+    def glazed(self, draw: Draw) -> Material:
+        """Draw the home's white or one of its coloured glazes."""
+        return CERAMIC if draw.chance(0.5) else draw.pick(self.accents)
+
+    def garment(self, draw: Draw) -> Material:
+        """Draw the cloth of a garment, in a small colour of the home or in white, grey or blue."""
+        color = draw.pick(self.accents).color if draw.chance(0.5) else _color(draw, _PLAIN)
+        return Material("fabric", color, 0.95, family=draw.pick(_CLOTHS), variant=draw.whole(4) + 1)
 
 
 def draw_style_name(draw: Draw) -> StyleName:

@@ -40,7 +40,7 @@ def test_a_row_of_the_table_that_no_generator_takes_is_refused(
     make: str, options: dict[str, int]
 ) -> None:
     with pytest.raises(ParameterError, match=r"tall one.*vessels"):
-        kinds._thing("tall one", "shelf", make, **options)
+        kinds._kind("tall one", "shelf", make, **options)
 
 
 def test_things_are_solid_and_touch_what_carries_them() -> None:

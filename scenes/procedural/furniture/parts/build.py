@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,30 @@ class Shown(NamedTuple):
     picture: int
 
 
+class Print(NamedTuple):
+    """A part of a printed paper of the home, of a size and with a corner in its uvs."""
+
+    paper: Material
+    size: tuple[float, ...]
+    corner: tuple[float, ...]
+
+    @staticmethod
+    def draw(draw: Draw, style: Style) -> Print:
+        """Draw a paper and a part of it."""
+        size = draw.uniform(0.25, 0.6, 2)
+        corner = draw.uniform(0, 1 - size)
+        return Print(draw.pick(style.prints), tuple(size.tolist()), tuple(corner.tolist()))
+
+    def on(self, mesh: BodyMesh) -> BodyMesh:
+        """The mesh with the uvs of the part."""
+        low, size = mesh.uvs.min(axis=0), np.maximum(np.ptp(mesh.uvs, axis=0), 1e-6)
+        uvs = (mesh.uvs - low) / size * np.array(self.size) + np.array(self.corner)
+        return BodyMesh(mesh.vertices, mesh.faces, uvs, mesh.smooth)
+
+
+Skin = Material | Print
+
+
 @dataclass
 class Builder:
     """Collects meshes; meshes of the same material and lamp become one part of the piece."""
@@ -55,16 +79,18 @@ class Builder:
 
     def add(
         self,
-        material: Material,
+        skin: Skin,
         *meshes: BodyMesh,
         name: str = "",
         lumens: float = 0.0,
         kelvin: float = 2800.0,
     ) -> None:
-        """Add meshes of a material; the part's name defaults to the kind of the material."""
+        """Add meshes of a material or print; the part's name defaults to the material's kind."""
+        material = skin.paper if isinstance(skin, Print) else skin
         for mesh in meshes:
             key = (name or material.kind, material, mesh.smooth, lumens, kelvin, self._own)
-            self._groups.setdefault(key, []).append(mesh)
+            own = skin.on(mesh) if isinstance(skin, Print) else mesh
+            self._groups.setdefault(key, []).append(own)
 
     @contextmanager
     def holding(self, name: str, category: str) -> Iterator[None]:
@@ -154,34 +180,3 @@ class Builder:
             mount_height=self.mount_height,
             joints=tuple(self.joints),
         )
-
-
-@dataclass(frozen=True)
-class Assembler:
-    """A function that adds the parts of a piece to a builder; called, it makes the piece."""
-
-    add: Callable[..., None]  # takes a builder, a `Draw`, a style and options
-    category: str
-    anchor: Anchor
-
-    def __call__(
-        self,
-        draw: Draw,
-        style: Style,
-        *options: Any,
-        name: str,
-        category: str = "",
-        anchor: Anchor | None = None,
-        **more: Any,
-    ) -> FurniturePiece:
-        """Make a piece of this name; `category` and `anchor` replace the usual ones."""
-        b = Builder(name, category or self.category, anchor or self.anchor)
-        self.add(b, draw, style, *options, **more)
-        return b.piece()
-
-
-def assembles(
-    category: str, anchor: Anchor = "on_top"
-) -> Callable[[Callable[..., None]], Assembler]:
-    """Decorator that makes an `Assembler` of a function."""
-    return lambda add: Assembler(add, category, anchor)

@@ -322,6 +322,11 @@ def cylinder(
     return lathe([(radius, z0), (upper, z1)], segments)
 
 
+def disc(radius: float, low: float, high: float, segments: int, bevel: float = 0.0) -> BodyMesh:
+    """Return a cylinder that faces -Y, from `low` to `high` metres before the plane y = 0."""
+    return cylinder(radius, low, high, segments, bevel).turned("x", 90)
+
+
 def sphere(radius: float, segments: int = 20, rings: int = 10) -> BodyMesh:
     """Return a sphere about the origin."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
@@ -347,6 +352,14 @@ def superellipse(
     ring[:, 1] = y + half_y * np.sign(sine) * np.abs(sine) ** (2 / power)
     ring[:, 2] = z
     return ring
+
+
+def arc(
+    x: float, z: float, half_x: float, half_z: float, start: float = -90.0, count: int = 9
+) -> Float64Array:
+    """Return a path (count, 3) along half an ellipse about (x, 0, z), from `start` degrees on."""
+    turn = np.linspace(np.radians(start), np.radians(start + 180), count)
+    return np.stack([x + half_x * np.cos(turn), 0 * turn, z + half_z * np.sin(turn)], axis=1)
 
 
 def tube(

@@ -5,25 +5,22 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
 from functools import partial
 from typing import Any
 
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.files import data_beside
-from pbrnet.scenes.procedural.furniture.parts.build import Assembler
-from pbrnet.scenes.procedural.furniture.things import ornaments, packages, sets, soft, vessels
+from pbrnet.scenes.procedural.furniture.things import ornaments, packages, soft, vessels
+from pbrnet.scenes.procedural.furniture.things.thing import Thing
 from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece
 
-_MODULES = {"ornaments": ornaments, "packages": packages, "sets": sets, "soft": soft}
-_MODULES["vessels"] = vessels
-_OF_ALL = ("name", "category", "anchor")  # options of every generator
+_MODULES = {"ornaments": ornaments, "packages": packages, "soft": soft, "vessels": vessels}
 
 
 @dataclass(frozen=True)
-class Thing:
+class Kind:
     """A kind of thing: `make(draw, style)` builds one; `places` are names of places for it."""
 
     name: str
@@ -33,27 +30,31 @@ class Thing:
     anchor: Anchor
 
 
-def _thing(title: str, places: str, make: str, **options: Any) -> Thing:
-    """A kind of the table; `ParameterError` names one whose generator does not take its options."""
-    module, _, generator = make.partition(".")
-    assembler = getattr(_MODULES.get(module), generator, None)
-    if not isinstance(assembler, Assembler):
-        raise ParameterError(f"{title}: there is no generator {make!r}")
-    options = {"name": title} | options
-    own = {key: value for key, value in options.items() if key not in _OF_ALL}
-    try:
-        inspect.signature(assembler.add).bind(None, None, None, **own)
-    except TypeError as error:
-        raise ParameterError(f"{title}: {make}: {error}") from None
-    category = options.get("category", assembler.category)
-    maker = partial(assembler, **options)
-    anchor = options.get("anchor", assembler.anchor)
-    return Thing(title.replace(" ", "_"), tuple(places.split()), maker, category, anchor)
+def _kind(title: str, places: str, make: str, **row: Any) -> Kind:
+    """A kind of the table; `ParameterError` names one whose specification is not of its options."""
+    module, _, name = make.partition(".")
+    spec = getattr(_MODULES.get(module), name.title().replace("_", ""), None)
+    if not (isinstance(spec, type) and issubclass(spec, Thing)):
+        raise ParameterError(f"{title}: there is no specification {make!r}")
+    given = {"name": title} | row
+    options = {key: tuple(each) if isinstance(each, list) else each for key, each in given.items()}
+    known = {each.name: each for each in fields(spec)}
+    needed = {key for key, each in known.items() if each.default is MISSING and not each.metadata}
+    if wrong := (options.keys() - known) | (needed - {"style"} - options.keys()):
+        raise ParameterError(f"{title}: {make}: unknown or missing: {', '.join(sorted(wrong))}")
+    category, anchor = (row.get(key, getattr(spec.piece, key)) for key in ("category", "anchor"))
+    return Kind(
+        title.replace(" ", "_"),
+        tuple(places.split()),
+        partial(spec.make, **options),
+        category,
+        anchor,
+    )
 
 
-_KINDS = [_thing(title, **entry) for title, entry in data_beside(__file__).items()]
-THINGS: dict[str, Thing] = {thing.name: thing for thing in _KINDS}
+_KINDS = [_kind(title, **entry) for title, entry in data_beside(__file__).items()]
+THINGS: dict[str, Kind] = {kind.name: kind for kind in _KINDS}
 BY_PLACE: dict[str, tuple[str, ...]] = {
-    place: tuple(thing.name for thing in _KINDS if place in thing.places)
-    for place in sorted({place for thing in _KINDS for place in thing.places})
+    place: tuple(kind.name for kind in _KINDS if place in kind.places)
+    for place in sorted({place for kind in _KINDS for place in kind.places})
 }

@@ -2,23 +2,40 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from pbrnet.scenes.files import data_beside
-from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
-from pbrnet.scenes.procedural.furniture.parts.drapes import hooked, pleats
+from pbrnet.scenes.procedural.furniture.parts.build import Builder, Print
+from pbrnet.scenes.procedural.furniture.parts.drapes import Pleats, hooked, pleats
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     CORNERS,
     BodyMesh,
+    arc,
     bar,
     box,
     cylinder,
+    disc,
     lathe,
     loft,
     span,
     sphere,
     superellipse,
     tube,
+)
+from pbrnet.scenes.procedural.furniture.spec import (
+    Spec,
+    any_of,
+    between,
+    by,
+    drawn,
+    either,
+    optional_of,
+    printed,
+    repeated,
+    scaled,
+    when,
+    whole,
 )
 from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
@@ -28,116 +45,145 @@ from pbrnet.scenes.procedural.furniture.style import (
     PAGES,
     STEEL,
     WHITE_PLASTIC,
-    Style,
     hex_color,
 )
-from pbrnet.scenes.procedural.furniture.things.vessels import Range, glazed, printed, tinted
+from pbrnet.scenes.procedural.furniture.things.thing import OUTLINES, RoundThing, Thing, turned
 from pbrnet.scenes.procedural.piece import Material
-from pbrnet.scenes.seeds import Draw
 
 _CORK = Material("paper", hex_color("#b08a5e"), 0.95, family="corrugated")
 _WAX = Material("plastic", hex_color("#efe6d2"), 0.6)
 # Board -> what is pinned to it; on others flyers
 _PINNED = {"magnetic board": "memo", "cork board": "ticket"}
-# Of turned ornaments: outline from the foot to the top, radius and height relative to the greatest.
-_SHAPES: dict[str, list[list[float]]] = data_beside(__file__)
+_KEYS = ("front door key", "bicycle key", "cellar key", "letter box key", "car key", "shed key")
 
 
-@assembles("clutter")
-def turned(b: Builder, draw: Draw, style: Style, shape: str, radius: Range, height: Range) -> None:
+class Turned(RoundThing, category="clutter"):
     """A turned ornament of glaze, wood or metal, with or without a candle."""
-    r, h = draw.between(*radius), draw.between(*height)
-    outline = np.array(_SHAPES[shape])
-    t = np.linspace(0, 1, len(outline))
-    fine = np.linspace(0, 1, 3 * len(outline))
-    profile = [
-        (r * float(np.interp(s, t, outline[:, 0])), h * float(np.interp(s, t, outline[:, 1])))
-        for s in fine
-    ]
-    body = draw.pick([glazed(draw, style), style.wood, style.dark_wood, style.metal])
-    b.add(body, lathe(profile, 24), name="body")
-    if shape == "candlestick":
-        b.add(_WAX, cylinder(0.011, h, h + draw.between(0.06, 0.2), 14), name="candle")
+
+    shape: str
+    body: Material = any_of("glazed", "wood", "dark_wood", "metal")
+    candle: float = when(lambda it: it.shape == "candlestick", between(0.06, 0.2), 0.0)
+
+    def assemble(self, b: Builder) -> None:
+        outline = np.array(OUTLINES[self.shape])
+        t, fine = np.linspace(0, 1, len(outline)), np.linspace(0, 1, 3 * len(outline))
+        radii, heights = (np.interp(fine, t, outline[:, k]) for k in (0, 1))
+        profile = np.stack([self.radius * radii, self.height * heights], axis=1).tolist()
+        b.add(self.body, lathe(profile, 24), name="body")
+        if self.candle:
+            top = self.height + self.candle
+            b.add(_WAX, cylinder(0.011, self.height, top, 14), name="candle")
 
 
-@assembles("clutter")
-def globe(b: Builder, draw: Draw, style: Style) -> None:
+class Globe(Thing, category="clutter"):
     """A globe on a turned foot."""
-    r = draw.between(0.07, 0.13)
-    foot = [(0.6 * r, 0), (0.62 * r, 0.012), (0.12 * r, 0.03), (0.1 * r, 0.06)]
-    b.add(style.dark_wood, lathe(foot, 22), name="foot")
-    b.add(*printed(draw, style, sphere(r, 24, 14).moved(z=0.058 + r)), name="globe")
-    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 14)
-    arc = np.stack(
-        [(r + 0.008) * np.cos(turn), 0 * turn, 0.058 + r + (r + 0.008) * np.sin(turn)], 1
-    )
-    b.add(style.metal, tube(arc, 0.0035, 8), name="arc")
+
+    r: float = between(0.07, 0.13)
+    map: Print = printed()
+
+    def assemble(self, b: Builder) -> None:
+        r, z = self.r, 0.058 + self.r
+        b.add(self.style.dark_wood, turned("globe foot", r, 1, 22), name="foot")
+        b.add(self.map, sphere(r, 24, 14).moved(z=z), name="globe")
+        meridian = arc(0, z, r + 0.008, r + 0.008, count=14)
+        b.add(self.style.metal, tube(meridian, 0.0035, 8), name="arc")
 
 
-@assembles("candle")
-def lantern(b: Builder, draw: Draw, style: Style) -> None:
+class Lantern(Thing, category="candle"):
     """A lantern: a candle between four posts under a hood."""
-    half, h = draw.between(0.05, 0.08), draw.between(0.18, 0.3)
-    frame = style.metal if draw.chance(0.6) else style.wood
-    b.add(frame, box((2 * half, 2 * half, 0.015), (0, 0, 0), 0.002), name="frame")
-    b.add(frame, box((2.1 * half, 2.1 * half, 0.012), (0, 0, h), 0.002), name="frame")
-    for x, y in CORNERS:
-        at = (0.88 * x * half, 0.88 * y * half, 0.0148)
-        b.add(frame, box((0.011, 0.011, h - 0.0145), at), name="frame")
-    turn = np.linspace(0, np.pi, 12)
-    ring = np.stack([0.03 * np.cos(turn), 0 * turn, h + 0.011 + 0.03 * np.sin(turn)], 1)
-    b.add(frame, tube(ring, 0.003, 8), name="handle")
-    b.add(_WAX, cylinder(0.45 * half, 0.0152, 0.5 * h, 20, 0.002), name="candle")
+
+    half: float = between(0.05, 0.08)
+    h: float = between(0.18, 0.3)
+    frame: Material = either(0.6, "metal", "wood")
+
+    def assemble(self, b: Builder) -> None:
+        half, h = self.half, self.h
+        floor = box((2 * half, 2 * half, 0.015), (0, 0, 0), 0.002)
+        hood = box((2.1 * half, 2.1 * half, 0.012), (0, 0, h), 0.002)
+        b.add(self.frame, floor, hood, name="frame")
+        for x, y in CORNERS:
+            at = (0.88 * x * half, 0.88 * y * half, 0.0148)
+            b.add(self.frame, box((0.011, 0.011, h - 0.0145), at), name="frame")
+        ring = arc(0, h + 0.011, 0.03, 0.03, 0.0, 12)
+        b.add(self.frame, tube(ring, 0.003, 8), name="handle")
+        b.add(_WAX, cylinder(0.45 * half, 0.0152, 0.5 * h, 20, 0.002), name="candle")
 
 
-@assembles("clutter", "on_wall")
-def sheet(
-    b: Builder, draw: Draw, style: Style, size: tuple[float, float], look: str, height: float = 1.5
-) -> None:
+class Sheet(Thing, category="clutter", anchor="on_wall"):
     """A flat thing on the wall, its middle `height` metres up: poster, calendar, board, plate.
 
     What is pinned to a notice board are objects of their own.
     """
-    categories = {"mirror": "mirror", "board": "clutter", "plate": "crockery", "woven": "textile"}
-    b.category = categories.get(look, "picture" if look == "poster" else "paper")
-    b.mount_height = height
-    x, z = (float(length * draw.between(0.85, 1.15)) for length in size)
-    if look == "plate":
-        ring = [(0.0, 0.0), (0.3 * x, 0.0), (0.5 * x, 0.018), (0.495 * x, 0.021)]
-        ring += [(0.3 * x, 0.006), (0.0, 0.006)]
-        b.add(glazed(draw, style), lathe(ring, 32).turned("x", 90), name="plate")
-    elif look == "woven":
-        cloth = draw.pick(style.cushions)
-        b.add(style.wood, bar((-x / 2, -0.01, z / 2), (x / 2, -0.01, z / 2), 0.01, 10))
-        b.add(cloth, span((-0.46 * x, -0.0135, -z / 2), (0.46 * x, -0.0075, z / 2 - 0.004)))
-    elif look == "mirror":
-        b.add(style.metal, cylinder(x / 2, 0.0, 0.014, 40, 0.004).turned("x", 90), name="rim")
-        b.add(MIRROR, cylinder(x / 2 - 0.012, 0.0141, 0.0155, 40).turned("x", 90), name="mirror")
-    elif look == "board":
-        b.add(style.wood, span((-x / 2, -0.015, -z / 2), (x / 2, 0.0, z / 2), 0.003), name="frame")
-        inner = _CORK if draw.chance(0.6) else WHITE_PLASTIC
-        face = span((0.03 - x / 2, -0.0165, 0.03 - z / 2), (x / 2 - 0.03, -0.0151, z / 2 - 0.03))
-        b.add(inner, face, name="face")
-        for k in range(draw.whole(2, 5)):
-            half = draw.between(0.035, 0.055)
-            left = -x / 2 + 0.1 + (x - 0.2) * k / 4
-            up = draw.between(-0.5, 0.5) * (z - 0.2)
-            with b.holding(_PINNED.get(b.name, "flyer"), "paper"):
+
+    size: tuple[float, float] = scaled(0.85, 1.15)
+    look: str
+    height: float = 1.5
+    face: Any = by(
+        "look",
+        {
+            "plate": any_of("glazed"),
+            "woven": any_of("cushions"),
+            "board": either(0.6, _CORK, WHITE_PLASTIC),
+            "poster": any_of("picture"),
+            "calendar": printed(),
+        },
+    )
+    notes: tuple[tuple[float, float, Print, Material], ...] = repeated(  # half width, height
+        when(lambda sheet: sheet.look == "board", whole(2, 5), 0),
+        between(0.035, 0.055),
+        between(-0.5, 0.5),
+        printed(),
+        any_of("tinted"),
+    )
+
+    def assemble(self, b: Builder) -> None:
+        (x, z), wood = self.size, self.style.wood
+        b.category = _CATEGORIES.get(self.look, "paper")
+        b.mount_height = self.height
+        if self.look == "plate":
+            b.add(self.face, turned("wall plate", x, 1, 32).turned("x", 90), name="plate")
+        elif self.look == "woven":
+            b.add(wood, bar((-x / 2, -0.01, z / 2), (x / 2, -0.01, z / 2), 0.01, 10))
+            cloth = span((-0.46 * x, -0.0135, -z / 2), (0.46 * x, -0.0075, z / 2 - 0.004))
+            b.add(self.face, cloth)
+        elif self.look == "mirror":
+            b.add(self.style.metal, disc(x / 2, 0.0, 0.014, 40, 0.004), name="rim")
+            b.add(MIRROR, disc(x / 2 - 0.012, 0.0141, 0.0155, 40), name="mirror")
+        elif self.look == "board":
+            b.add(wood, span((-x / 2, -0.015, -z / 2), (x / 2, 0.0, z / 2), 0.003), name="frame")
+            low, high = (0.03 - x / 2, -0.0165, 0.03 - z / 2), (x / 2 - 0.03, -0.0151, z / 2 - 0.03)
+            b.add(self.face, span(low, high), name="face")
+            self._add_notes(b)
+        else:
+            face = span((-x / 2, -0.0022, -z / 2), (x / 2, -0.0006, z / 2))
+            if self.look == "poster":
+                b.add(self.face, _whole(face, x, z), name="sheet")
+            else:
+                b.add(PAGES, face, name="sheet")
+                self._add_days(b)
+
+    def _add_notes(self, b: Builder) -> None:
+        x, z = self.size
+        for k, (half, high, skin, pin) in enumerate(self.notes):
+            left, up = -x / 2 + 0.1 + (x - 0.2) * k / 4, high * (z - 0.2)
+            with b.holding(_PINNED.get(self.name, "flyer"), "paper"):
                 note = span((left - half, -0.0178, up - half), (left + half, -0.0168, up + half))
-                b.add(*printed(draw, style, note), name="note")
-                pin = cylinder(0.006, 0.0, 0.008, 10).turned("x", 90)
-                b.add(tinted(draw, style), pin.moved(left, -0.0176, up + 0.8 * half), name="pin")
-    else:
-        paper = style.picture(draw) if look == "poster" else PAGES
-        face = span((-x / 2, -0.0022, -z / 2), (x / 2, -0.0006, z / 2))
-        b.add(paper, _whole(face, x, z) if look == "poster" else face, name="sheet")
-        if look == "calendar":
-            upper = span((0.01 - x / 2, -0.003, 0.02), (x / 2 - 0.01, -0.0023, z / 2 - 0.01))
-            b.add(*printed(draw, style, upper), name="print")
-            for row in range(5):
-                for column in range(7):
-                    at = ((column - 3) * 0.12 * x, -0.0026, -0.06 * z - 0.085 * z * row)
-                    b.add(BLACK_PLASTIC, box((0.03 * x, 0.0006, 0.02 * z), at), name="days")
+                b.add(skin, note, name="note")
+                head = disc(0.006, 0.0, 0.008, 10).moved(left, -0.0176, up + 0.8 * half)
+                b.add(pin, head, name="pin")
+
+    def _add_days(self, b: Builder) -> None:
+        x, z = self.size
+        upper = span((0.01 - x / 2, -0.003, 0.02), (x / 2 - 0.01, -0.0023, z / 2 - 0.01))
+        b.add(self.face, upper, name="print")
+        for row in range(5):
+            for column in range(7):
+                at = ((column - 3) * 0.12 * x, -0.0026, -0.06 * z - 0.085 * z * row)
+                b.add(BLACK_PLASTIC, box((0.03 * x, 0.0006, 0.02 * z), at), name="days")
+
+
+_CATEGORIES = {"mirror": "mirror", "board": "clutter", "plate": "crockery", "woven": "textile"}
+_CATEGORIES["poster"] = "picture"
 
 
 def _whole(face: BodyMesh, x: float, z: float) -> BodyMesh:
@@ -146,80 +192,162 @@ def _whole(face: BodyMesh, x: float, z: float) -> BodyMesh:
     return BodyMesh(face.vertices, face.faces, uvs, smooth=False)
 
 
-@assembles("fitting", "on_wall")
-def on_hook(b: Builder, draw: Draw, style: Style, size: tuple[float, float], held: str) -> None:
+class OnHook(Thing, category="fitting", anchor="on_wall"):
     """A hook on the wall with a towel, an apron or a coat, an object of its own."""
-    name, b.name = b.name, f"hook of the {b.name}"
-    b.mount_height = draw.between(1.5, 1.7)
-    b.add(style.metal, cylinder(0.022, 0.0, 0.006, 18, 0.001).turned("x", 90), name="plate")
-    path = [(0, -0.004, 0.0), (0, -0.05, -0.022), (0, -0.08, -0.016), (0, -0.088, 0.016)]
-    b.add(style.metal, tube(path, 0.006, 8), name="hook")
-    cloth = draw.pick(style.cushions)
-    if held == "towel":
-        cloth = style.towel
-    wide, long = (float(length * draw.between(0.9, 1.1)) for length in size)
-    with b.holding(name, held):
-        b.add(cloth, hooked(pleats(draw), (wide, long)).moved(0, -0.035, -0.012), name="cloth")
+
+    held: str
+    mount_height: float = between(1.5, 1.7)
+    cloth: Material = any_of("cushions")
+    size: tuple[float, float] = scaled(0.9, 1.1)
+    pleats: Pleats = drawn(lambda draw, hook: pleats(draw))
+
+    def assemble(self, b: Builder) -> None:
+        b.name = f"hook of the {self.name}"
+        b.add(self.style.metal, disc(0.022, 0.0, 0.006, 18, 0.001), name="plate")
+        path = [(0, -0.004, 0.0), (0, -0.05, -0.022), (0, -0.08, -0.016), (0, -0.088, 0.016)]
+        b.add(self.style.metal, tube(path, 0.006, 8), name="hook")
+        cloth = self.style.towel if self.held == "towel" else self.cloth
+        with b.holding(self.name, self.held):
+            b.add(cloth, hooked(self.pleats, self.size).moved(0, -0.035, -0.012), name="cloth")
 
 
-@assembles("fitting", "on_wall")
-def rail(b: Builder, draw: Draw, style: Style) -> None:
+class Rail(Thing, category="fitting", anchor="on_wall"):
     """A rail with ladles, sieves and spatulas on hooks, each an object of its own."""
-    b.mount_height = draw.between(1.5, 1.65)
-    metal = STEEL if draw.chance(0.6) else style.metal
-    half = draw.between(0.2, 0.32)
-    b.add(metal, bar((-half, -0.04, 0), (half, -0.04, 0), 0.006, 10), name="rail")
-    for side in (-1, 1):
-        at = side * (half - 0.03)
-        b.add(metal, bar((at, 0.0, 0), (at, -0.04, 0), 0.005, 8), name="bracket")
-    for k, x in enumerate(np.arange(-half + 0.07, half - 0.05, 0.095)):
-        long = draw.between(0.22, 0.3)
-        body = draw.pick([metal, style.wood, BLACK_PLASTIC])
-        end = -0.02 - long
-        with b.holding(("ladle", "spatula", "whisk", "sieve", "wooden spoon")[k % 5], "fitting"):
-            turn = np.linspace(0, np.pi, 8)
-            hook = np.stack([0 * turn + x, -0.04 - 0.011 * np.cos(turn), 0.011 * np.sin(turn)], 1)
-            path = [*hook.tolist(), [float(x), -0.029, -0.03]]
-            b.add(metal, tube(path, 0.0022, 7), name="hook")
-            b.add(body, bar((x, -0.029, -0.026), (x, -0.032, end), 0.005, 8), name="shaft")
-            blade = superellipse(0.03, 0.008, 0.0, 2.0, 20)
-            sizes = ((0.3, 0.0), (1.0, 0.03), (1.0, 0.07), (0.3, 0.095))
-            rings = [blade * (size, size, 1) + (0, 0, z) for size, z in sizes]
-            b.add(body, loft(np.stack(rings)).moved(float(x), -0.032, end - 0.085), name="blade")
+
+    mount_height: float = between(1.5, 1.65)
+    metal: Material = either(0.6, STEEL, "metal")
+    half: float = between(0.2, 0.32)
+    tools: tuple[tuple[float, Material], ...] = repeated(  # length, material
+        lambda rail: len(rail.places),
+        between(0.22, 0.3),
+        drawn(lambda draw, rail: draw.pick([rail.metal, rail.style.wood, BLACK_PLASTIC])),
+    )
+
+    @property
+    def places(self) -> list[float]:
+        """Places of the tools along x."""
+        return np.arange(-self.half + 0.07, self.half - 0.05, 0.095).tolist()
+
+    def assemble(self, b: Builder) -> None:
+        metal, half = self.metal, self.half
+        b.add(metal, bar((-half, -0.04, 0), (half, -0.04, 0), 0.006, 10), name="rail")
+        for at in (0.03 - half, half - 0.03):
+            b.add(metal, bar((at, 0.0, 0), (at, -0.04, 0), 0.005, 8), name="bracket")
+        names = ("ladle", "spatula", "whisk", "sieve", "wooden spoon")
+        turn = np.linspace(0, np.pi, 8)
+        blade = superellipse(0.03, 0.008, 0.0, 2.0, 20)
+        sizes = ((0.3, 0.0), (1.0, 0.03), (1.0, 0.07), (0.3, 0.095))
+        blade = np.stack([blade * (size, size, 1) + (0, 0, z) for size, z in sizes])
+        for k, (x, (long, body)) in enumerate(zip(self.places, self.tools, strict=True)):
+            end = -0.02 - long
+            with b.holding(names[k % 5], "fitting"):
+                hook = [0 * turn + x, -0.04 - 0.011 * np.cos(turn), 0.011 * np.sin(turn)]
+                path = [*np.stack(hook, 1).tolist(), [x, -0.029, -0.03]]
+                b.add(metal, tube(path, 0.0022, 7), name="hook")
+                b.add(body, bar((x, -0.029, -0.026), (x, -0.032, end), 0.005, 8), name="shaft")
+                b.add(body, loft(blade).moved(x, -0.032, end - 0.085), name="blade")
 
 
-@assembles("paper", "on_wall")
-def paper_holder(b: Builder, draw: Draw, style: Style) -> None:
+class PaperHolder(Thing, category="paper", anchor="on_wall"):
     """A toilet roll on a holder."""
-    b.mount_height = draw.between(0.68, 0.8)
-    b.add(CHROME, cylinder(0.022, 0.0, 0.008, 18, 0.001).turned("x", 90), name="plate")
-    b.add(CHROME, bar((0, -0.004, 0), (0, -0.07, 0), 0.006, 10), name="arm")
-    b.add(CHROME, bar((-0.004, -0.07, 0), (0.13, -0.07, 0), 0.006, 10), name="arm")
-    roll = cylinder(draw.between(0.04, 0.056), 0.016, 0.116, 26, 0.002).turned("y", 90)
-    b.add(PAGES, roll.moved(0, -0.07, -0.012), name="roll")
+
+    mount_height: float = between(0.68, 0.8)
+    r: float = between(0.04, 0.056)
+
+    def assemble(self, b: Builder) -> None:
+        b.add(CHROME, disc(0.022, 0.0, 0.008, 18, 0.001), name="plate")
+        out, across = (0, -0.004, 0), (-0.004, -0.07, 0)
+        b.add(CHROME, bar(out, (0, -0.07, 0), 0.006, 10), name="arm")
+        b.add(CHROME, bar(across, (0.13, -0.07, 0), 0.006, 10), name="arm")
+        roll = cylinder(self.r, 0.016, 0.116, 26, 0.002).turned("y", 90)
+        b.add(PAGES, roll.moved(0, -0.07, -0.012), name="roll")
 
 
-@assembles("fitting", "free")
-def brush(b: Builder, draw: Draw, style: Style) -> None:
+class RollTower(Thing, category="fitting", anchor="free"):
+    """A stand with spare rolls of toilet paper on a pole, each an object of its own."""
+
+    count: int = whole(2, 5)
+    r: float = between(0.05, 0.058)
+
+    def assemble(self, b: Builder) -> None:
+        b.add(CHROME, cylinder(0.08, 0.0, 0.012, 28, 0.002), name="foot")
+        for k in range(self.count):
+            low = 0.0125 + 0.1005 * k
+            with b.holding("roll on a pole", "paper"):
+                b.add(PAGES, cylinder(self.r, low, low + 0.1, 26, 0.002), name="roll")
+        top = 0.0127 + 0.1005 * self.count
+        b.add(CHROME, cylinder(0.02, top, top + 0.004, 20, 0.001), name="pole")
+        b.add(CHROME, cylinder(0.008, top + 0.0038, 0.48, 12, 0.002), name="pole")
+
+
+class Brush(Thing, category="fitting", anchor="free"):
     """A toilet brush in its holder, on the floor."""
-    holder = [(0.045, 0), (0.05, 0.16), (0.046, 0.16), (0.04, 0.008), (0, 0.008)]
-    b.add(CERAMIC if draw.chance(0.5) else STEEL, lathe(holder, 22), name="holder")
-    b.add(WHITE_PLASTIC, bar((0, 0, 0.0085), (0.008, 0, 0.38), 0.008, 10), name="handle")
+
+    body: Material = either(0.5, CERAMIC, STEEL)
+
+    def assemble(self, b: Builder) -> None:
+        b.add(self.body, turned("brush holder", 1, 1, 22), name="holder")
+        b.add(WHITE_PLASTIC, bar((0, 0, 0.0085), (0.008, 0, 0.38), 0.008, 10), name="handle")
 
 
-@assembles("clutter", "free")
-def leaning(b: Builder, draw: Draw, style: Style) -> None:
+class Leaning(Thing, category="clutter", anchor="free"):
     """A long thing that stands against the wall: a broom, an ironing board, a yoga roll."""
-    tall = draw.between(0.95, 1.05)
-    if b.name == "broom":
-        b.add(style.wood, bar((0, -0.06, 0.07), (0, 0.05, tall), 0.012, 10), name="stick")
-        head = box((0.3, 0.05, 0.05), (0, -0.065, 0.03), 0.006)
-        b.add(tinted(draw, style), head, name="head")
-        b.add(BLACK_PLASTIC, box((0.28, 0.04, 0.031), (0, -0.065, 0)), name="bristles")
-    else:
+
+    tall: float = between(0.95, 1.05)
+    paint: Material = by("name", {"broom": any_of("tinted"), "ironing board": any_of("cushions")})
+
+    def assemble(self, b: Builder) -> None:
+        tall = self.tall
+        if self.name == "broom":
+            b.add(self.style.wood, bar((0, -0.06, 0.07), (0, 0.05, tall), 0.012, 10), name="stick")
+            b.add(self.paint, box((0.3, 0.05, 0.05), (0, -0.065, 0.03), 0.006), name="head")
+            b.add(BLACK_PLASTIC, box((0.28, 0.04, 0.031), (0, -0.065, 0)), name="bristles")
+            return
         b.add(WHITE_PLASTIC, box((0.32, 0.03, tall), (0, 0.02, 0), 0.004), name="board")
-        cloth = draw.pick(style.cushions)
-        b.add(cloth, box((0.325, 0.012, tall - 0.1), (0, -0.0012, 0.06), 0.003), name="cover")
+        cover = box((0.325, 0.012, tall - 0.1), (0, -0.0012, 0.06), 0.003)
+        b.add(self.paint, cover, name="cover")
         for side in (-1, 1):
             leg = bar((side * 0.1, 0.041, 0.01), (-side * 0.1, 0.041, tall - 0.15), 0.01, 8)
             b.add(STEEL, leg.moved(y=0.006 * side + 0.006), name="legs")
+
+
+class Key(Spec):
+    """A key on its ring, some with a fob."""
+
+    long: float = between(0.035, 0.055)
+    metal: Material = either(0.7, STEEL, "metal")
+    fob: Material | None = optional_of(0.5, "tinted")
+
+    def add(self, b: Builder, x: float) -> None:
+        """Add the key below its hook at x."""
+        turn = np.linspace(0, 2 * np.pi, 14)[:-1]
+        ring = [x + 0.011 * np.sin(turn), 0 * turn - 0.027, -0.0184 - 0.011 * np.cos(turn)]
+        b.add(STEEL, tube(np.stack(ring, 1), 0.0012, 6, closed=True), name="ring")
+        low, high = (x - 0.004, -0.0285, -0.029 - self.long), (x + 0.004, -0.0265, -0.0275)
+        b.add(self.metal, span(low, high), name="key")
+        if self.fob:
+            fob = box((0.022, 0.004, 0.034), (x + 0.006, -0.0301, -0.07), 0.001)
+            b.add(self.fob, fob, name="fob")
+
+
+class KeyBoard(Thing, category="fitting", anchor="on_wall"):
+    """A board with hooks and keys on most of them, each an object of its own."""
+
+    mount_height: float = between(1.4, 1.55)
+    count: int = whole(4, 7)
+    names: tuple[str, ...] = drawn(lambda draw, it: tuple(draw.shuffled(_KEYS)[: it.count]))
+    keys: tuple[Key | None, ...] = repeated(
+        lambda it: it.count,
+        drawn(lambda draw, it: None if draw.chance(0.25) else Key.draw(draw, it.style)),
+    )
+
+    def assemble(self, b: Builder) -> None:
+        half = (0.055 * self.count + 0.03) / 2
+        b.add(self.style.wood, span((-half, -0.015, -0.035), (half, 0, 0.035), 0.003))
+        for k, (name, key) in enumerate(zip(self.names, self.keys, strict=True)):
+            x = (k - 0.5 * (self.count - 1)) * 0.055
+            hook = bar((x, -0.0145, -0.012), (x, -0.035, -0.008), 0.002, 6)
+            b.add(self.style.metal, hook, name="hooks")
+            if key:
+                with b.holding(name, "fitting"):
+                    key.add(b, x)

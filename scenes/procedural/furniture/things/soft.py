@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
-from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
+from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     CORNERS,
     bar,
@@ -20,21 +21,30 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
     thick_sheet,
     tube,
 )
-from pbrnet.scenes.procedural.furniture.style import BLACK_PLASTIC, RUBBER, Style, hex_color
-from pbrnet.scenes.procedural.furniture.things.vessels import tinted
+from pbrnet.scenes.procedural.furniture.spec import (
+    any_of,
+    between,
+    by,
+    chance,
+    drawn,
+    pick,
+    repeated,
+    scaled,
+    times,
+    whole,
+)
+from pbrnet.scenes.procedural.furniture.style import (
+    BLACK_PLASTIC,
+    RUBBER,
+    STEEL,
+    hex_color,
+)
+from pbrnet.scenes.procedural.furniture.things.thing import Size, Thing, turned
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw, generator
 
-_CLOTHS = ("cotton", "denim", "knit", "twill", "striped", "checked", "linen")
 _FALLS = 6  # settled sheets of each size
 _STEPS = 90
-
-
-def garment(draw: Draw, style: Style) -> Material:
-    """Cloth of a garment, in one of the home's small colours or in white, grey or blue."""
-    plain = ("#d8d6d0", "#3a3d44", "#41546e", "#7a7d80")
-    color = draw.pick(style.accents).color if draw.chance(0.5) else hex_color(draw.pick(plain))
-    return Material("fabric", color, 0.95, family=draw.pick(_CLOTHS), variant=draw.whole(4) + 1)
 
 
 @lru_cache(maxsize=64)
@@ -86,135 +96,194 @@ def fallen(fall: int, width: int, depth: int, gather: int) -> Float64Array:
     return np.round(place, 4)
 
 
-@assembles("clutter", "free")
-def sheet(b: Builder, draw: Draw, style: Style, size: tuple[int, int], gather: int) -> None:
+class Sheet(Thing, category="clutter", anchor="free"):
     """A cloth that fell: towel, garment, throw."""
-    points = fallen(draw.whole(_FALLS), *size, gather)
-    mesh = thick_sheet(points, 0.003)
-    low = float(mesh.vertices[:, 2].min())
-    b.add(garment(draw, style), mesh.moved(0, 0, -low), name="cloth")
+
+    size: tuple[int, int]
+    gather: int
+    fall: int = whole(0, _FALLS)
+    cloth: Material = any_of("garment")
+
+    def assemble(self, b: Builder) -> None:
+        points = fallen(self.fall, *self.size, self.gather)
+        b.add(self.cloth, thick_sheet(points, 0.003), name="cloth")
+        b.ground()
 
 
-@assembles("textile")
-def folded(b: Builder, draw: Draw, style: Style, size: tuple[float, float], layers: int) -> None:
+class Folded(Thing, category="textile"):
     """A pile of folded cloth; each piece has a colour of its own."""
-    z = 0.0
-    for _ in range(draw.whole(max(1, layers - 2), layers + 1)):
-        x, y = (length * draw.between(0.92, 1.0) for length in size)
-        thick = draw.between(0.022, 0.034)
-        cloth = garment(draw, style)
-        at = (draw.between(-0.006, 0.006), draw.between(-0.006, 0.006), z)
-        b.add(cloth, rounded_box((x, y, thick), at, 0.45 * thick), name="cloth")
-        z += thick + 0.0004
 
-
-@assembles("shoe", "free")
-def shoes(b: Builder, draw: Draw, style: Style) -> None:
-    """A pair of shoes, sneakers, slippers or boots, not quite in line."""
-    long, wide = draw.between(0.25, 0.3), 0.048
-    upper = Material(
-        "leather", hex_color(draw.pick(("#2a2522", "#5f4028", "#8a6a48"))), 0.45, family="nappa"
+    size: tuple[float, float]
+    layers: int
+    pile: tuple[tuple[tuple[float, float], float, Material, tuple[float, float]], ...] = repeated(
+        drawn(lambda draw, pile: draw.whole(max(1, pile.layers - 2), pile.layers + 1)),
+        drawn(lambda draw, pile: times(draw, pile.size, 0.92, 1.0)),
+        between(0.022, 0.034),
+        any_of("garment"),
+        repeated(2, between(-0.006, 0.006)),
     )
-    if b.name in ("sneakers", "slippers"):
-        upper = garment(draw, style)
-    sole = Material("plastic", hex_color("#dedbd2"), 0.6) if b.name == "sneakers" else RUBBER
-    tall = {"boots": 0.24, "slippers": 0.05, "sneakers": 0.085}.get(b.name, 0.075)
-    t = np.linspace(0, 2 * np.pi, 36, endpoint=False)
-    waist = 1 - 0.16 * np.cos(2 * t) * (np.sin(t) > -2)
-    outline = np.stack([wide * np.cos(t) * waist, 0.5 * long * np.sin(t)], axis=1)
 
-    def ring(z: float, scale: float, back: float, short: float = 1.0) -> Float64Array:
-        points = np.column_stack(
-            [outline[:, 0] * scale, outline[:, 1] * scale * short + back, np.full(len(t), z)]
-        )
-        return np.asarray(points)
+    def assemble(self, b: Builder) -> None:
+        z = 0.0
+        for size, thick, cloth, at in self.pile:
+            b.add(cloth, rounded_box((*size, thick), (*at, z), 0.45 * thick), name="cloth")
+            z += thick + 0.0004
 
-    thick = 0.02 if b.name != "slippers" else 0.012
-    for k in (-1, 1):
-        turn, x = draw.between(-14, 14), 0.075 * k
-        y = draw.between(-0.03, 0.03)
+
+_TALL = {"boots": 0.24, "slippers": 0.05, "sneakers": 0.085}
+
+
+class Shoes(Thing, category="shoe", anchor="free"):
+    """A pair of shoes, sneakers, slippers or boots, not quite in line."""
+
+    long: float = between(0.25, 0.3)
+    leather: str = pick("#2a2522", "#5f4028", "#8a6a48")
+    cloth: Material | None = by("name", dict.fromkeys(("sneakers", "slippers"), any_of("garment")))
+    places: tuple[tuple[float, float], ...] = repeated(2, between(-14, 14), between(-0.03, 0.03))
+
+    def _ring(self, z: float, scale: float, back: float, short: float = 1.0) -> Float64Array:
+        t = np.linspace(0, 2 * np.pi, 36, endpoint=False)
+        waist = 1 - 0.16 * np.cos(2 * t) * (np.sin(t) > -2)
+        x, y = 0.048 * np.cos(t) * waist, 0.5 * self.long * np.sin(t)
+        return np.column_stack([x * scale, y * scale * short + back, np.full(len(t), z)])
+
+    def assemble(self, b: Builder) -> None:
+        upper = Material("leather", hex_color(self.leather), 0.45, family="nappa")
+        pale = Material("plastic", hex_color("#dedbd2"), 0.6)
+        thick = 0.02 if self.name != "slippers" else 0.012
+        tall, back, ring = _TALL.get(self.name, 0.075), 0.2 * self.long, self._ring
         bottom = loft(np.stack([ring(0.0, 0.96, 0), ring(thick, 1.0, 0)]))
-        back = 0.2 * long
         rings = [
             ring(thick + 0.0004, 0.97, 0), ring(thick + 0.25 * tall, 0.93, 0.005),
             ring(thick + 0.6 * tall, 0.72, 0.6 * back, 0.8), ring(thick + tall, 0.6, back, 0.62),
             ring(thick + tall, 0.5, back, 0.56), ring(thick + 0.3 * tall, 0.48, back, 0.55),
         ]  # fmt: skip
         body = loft(np.stack(rings))
-        b.add(sole, bottom.turned("z", turn).moved(x, y), name="soles")
-        b.add(upper, body.turned("z", turn).moved(x, y), name="uppers")
+        for x, (turn, y) in zip((-0.075, 0.075), self.places, strict=True):
+            sole = pale if self.name == "sneakers" else RUBBER
+            b.add(sole, bottom.turned("z", turn).moved(x, y), name="soles")
+            b.add(self.cloth or upper, body.turned("z", turn).moved(x, y), name="uppers")
 
 
-@assembles("bag", "free")
-def bag(b: Builder, draw: Draw, style: Style, size: tuple[float, float, float]) -> None:
+class Bag(Thing, category="bag", anchor="free"):
     """A bag that stands and sags: backpack, handbag, tote, paper bag."""
-    x, y, z = (length * draw.between(0.9, 1.1) for length in size)
-    if b.name == "paper bag":
-        cloth = Material("paper", hex_color("#b0916a"), 0.9, family="creased")
-    elif b.name == "handbag":
-        cloth = Material(
-            "leather", hex_color(draw.pick(("#3a2a22", "#7a4a30", "#20222a"))), 0.4, family="full"
-        )
-    else:
-        cloth = garment(draw, style)
-    count = 40
-    turn = 2 * np.pi * np.arange(count) / count
-    rings = []
-    for t, scale in ((0.0, 0.9), (0.02, 1.0), (0.3, 1.05), (0.6, 0.99), (0.85, 0.85), (1.0, 0.7)):
-        ring = superellipse(0.5 * x * scale, 0.5 * y * scale, t * z, 4.0, count)
-        sag = 1 + 0.05 * t * np.sin(3 * turn + draw.between(0, 6)) * (t < 0.99)
-        ring[:, :2] *= sag[:, None]
-        rings.append(ring)
-    b.add(cloth, loft(np.stack(rings)), name="bag")
-    arc = np.linspace(0, np.pi, 13)
-    for side in (-1, 1):
-        across = side * 0.12 * y + 0.02 * side * np.sin(arc)
-        handle = np.stack([0.2 * x * np.cos(arc), across, z - 0.01 + 0.3 * z * np.sin(arc)], axis=1)
-        b.add(
-            cloth if b.name != "backpack" else BLACK_PLASTIC, tube(handle, 0.006, 8), name="handles"
-        )
+
+    size: Size = scaled(0.9, 1.1)
+    cloth: Material = drawn(lambda draw, bag: _of_bag(draw, bag))
+    sags: tuple[float, ...] = repeated(6, between(0, 6))
+
+    def assemble(self, b: Builder) -> None:
+        x, y, z = self.size
+        turn = 2 * np.pi * np.arange(40) / 40
+        levels = ((0.0, 0.9), (0.02, 1.0), (0.3, 1.05), (0.6, 0.99), (0.85, 0.85), (1.0, 0.7))
+        rings = []
+        for (t, scale), phase in zip(levels, self.sags, strict=True):
+            ring = superellipse(0.5 * x * scale, 0.5 * y * scale, t * z, 4.0, 40)
+            ring[:, :2] *= (1 + 0.05 * t * np.sin(3 * turn + phase) * (t < 0.99))[:, None]
+            rings.append(ring)
+        b.add(self.cloth, loft(np.stack(rings)), name="bag")
+        arch = np.linspace(0, np.pi, 13)
+        for side in (-1, 1):
+            across = side * 0.12 * y + 0.02 * side * np.sin(arch)
+            high = z - 0.01 + 0.3 * z * np.sin(arch)
+            handle = tube(np.stack([0.2 * x * np.cos(arch), across, high], axis=1), 0.006, 8)
+            b.add(self.cloth if self.name != "backpack" else BLACK_PLASTIC, handle, name="handles")
 
 
-@assembles("bag", "free")
-def suitcase(b: Builder, draw: Draw, style: Style) -> None:
+def _of_bag(draw: Draw, bag: Bag) -> Material:
+    if bag.name == "paper bag":
+        return Material("paper", hex_color("#b0916a"), 0.9, family="creased")
+    if bag.name == "handbag":
+        color = hex_color(draw.pick(("#3a2a22", "#7a4a30", "#20222a")))
+        return Material("leather", color, 0.4, family="full")
+    return bag.style.garment(draw)
+
+
+class Suitcase(Thing, category="bag", anchor="free"):
     """A suitcase on wheels with its handle down."""
-    x, y, z = 0.42, 0.25, draw.between(0.55, 0.68)
-    shell = tinted(draw, style)
-    b.add(shell, rounded_box((x, y, z), (0, 0, 0.045), 0.04, steps=3, inner=2), name="shell")
-    wheel = cylinder(0.022, -0.012, 0.012, 16, 0.003).turned("y", 90)
-    for side, front in CORNERS:
-        at = (0.38 * side * x, 0.32 * front * y)
-        b.add(RUBBER, wheel.moved(*at, 0.022), name="wheels")
-        b.add(BLACK_PLASTIC, box((0.03, 0.03, 0.03), (*at, 0.0442)), name="forks")
-    b.add(BLACK_PLASTIC, box((0.16, 0.025, 0.02), (0, 0.06, z + 0.0455), 0.006), name="grip")
+
+    z: float = between(0.55, 0.68)
+    shell: Material = any_of("tinted")
+
+    def assemble(self, b: Builder) -> None:
+        x, y, z = 0.42, 0.25, self.z
+        shell = rounded_box((x, y, z), (0, 0, 0.045), 0.04, steps=3, inner=2)
+        b.add(self.shell, shell, name="shell")
+        wheel = cylinder(0.022, -0.012, 0.012, 16, 0.003).turned("y", 90)
+        for side, front in CORNERS:
+            at = (0.38 * side * x, 0.32 * front * y)
+            b.add(RUBBER, wheel.moved(*at, 0.022), name="wheels")
+            b.add(BLACK_PLASTIC, box((0.03, 0.03, 0.03), (*at, 0.0442)), name="forks")
+        b.add(BLACK_PLASTIC, box((0.16, 0.025, 0.02), (0, 0.06, z + 0.0455), 0.006), name="grip")
 
 
-@assembles("clothing")
-def hat(b: Builder, draw: Draw, style: Style) -> None:
+_STRAW = Material("wood", hex_color("#c9a86a"), 0.8, family="wicker", scale=0.5)
+_FELT = Material("fabric", hex_color("#4a4038"), 0.95, family="felt")
+
+
+class Hat(Thing, category="clothing"):
     """A felt or straw hat."""
-    straw = draw.chance(0.4)
-    cloth = (
-        Material("wood", hex_color("#c9a86a"), 0.8, family="wicker", scale=0.5)
-        if straw
-        else Material("fabric", hex_color("#4a4038"), 0.95, family="felt")
-    )
-    profile = [(0.16, 0.0), (0.162, 0.004), (0.098, 0.01), (0.09, 0.1), (0.06, 0.12), (0.0, 0.112)]
-    b.add(cloth, lathe(profile, 36).scaled(y=1.15), name="hat")
+
+    straw: bool = chance(0.4)
+
+    def assemble(self, b: Builder) -> None:
+        hat = turned("hat", 1, 1, 36).scaled(y=1.15)
+        b.add(_STRAW if self.straw else _FELT, hat, name="hat")
 
 
-@assembles("toy", "free")
-def mat(b: Builder, draw: Draw, style: Style) -> None:
+class Mat(Thing, category="toy", anchor="free"):
     """A rolled exercise mat."""
-    r = draw.between(0.05, 0.065)
-    body = cylinder(r, -0.3, 0.3, 26, 0.004).turned("y", 90)
-    rubber = Material("leather", tinted(draw, style).color, 0.8, family="pebbled")
-    b.add(rubber, body.moved(0, 0, r), name="mat")
+
+    r: float = between(0.05, 0.065)
+    tint: Material = any_of("tinted")
+
+    def assemble(self, b: Builder) -> None:
+        body = cylinder(self.r, -0.3, 0.3, 26, 0.004).turned("y", 90)
+        rubber = Material("leather", self.tint.color, 0.8, family="pebbled")
+        b.add(rubber, body.moved(0, 0, self.r), name="mat")
 
 
-@assembles("bag", "free")
-def umbrella(b: Builder, draw: Draw, style: Style) -> None:
+class Umbrella(Thing, category="bag", anchor="free"):
     """A closed umbrella lying on the floor."""
-    cloth = Material("fabric", tinted(draw, style).color, 0.8, family="satin")
-    body = lathe([(0.004, 0.0), (0.03, 0.06), (0.034, 0.4), (0.014, 0.6), (0.006, 0.62)], 18)
-    b.add(cloth, body.turned("y", 90).moved(-0.3, 0, 0.034), name="cloth")
-    b.add(style.wood, bar((-0.3, 0, 0.034), (-0.42, 0, 0.034), 0.009, 10), name="grip")
+
+    tint: Material = any_of("tinted")
+
+    def assemble(self, b: Builder) -> None:
+        cloth = Material("fabric", self.tint.color, 0.8, family="satin")
+        body = turned("umbrella", 1, 1, 18).turned("y", 90).moved(-0.3, 0, 0.034)
+        b.add(cloth, body, name="cloth")
+        b.add(self.style.wood, bar((-0.3, 0, 0.034), (-0.42, 0, 0.034), 0.009, 10), name="grip")
+
+
+def _held(draw: Draw, stand: UmbrellaStand) -> Iterator[tuple[int, float, float, Material]]:
+    """Draw which umbrellas are in a stand: number, direction, height above the rim, cloth."""
+    for k in draw.permutation(3)[: draw.whole(1, 4)].tolist():
+        aside, over = draw.between(-0.15, 0.15), draw.between(0.16, 0.34)
+        yield k, aside, over, stand.style.tinted(draw) if k != 1 else stand.style.wood
+
+
+class UmbrellaStand(Thing, category="fitting", anchor="free"):
+    """An umbrella stand with umbrellas and a stick, each an object of its own."""
+
+    r: float = between(0.11, 0.13)
+    h: float = between(0.42, 0.5)
+    body: Material = any_of("metal", "glazed", "dark_wood")
+    held: tuple[tuple[int, float, float, Material], ...] = drawn(lambda *of: tuple(_held(*of)))
+
+    def assemble(self, b: Builder) -> None:
+        r, h = self.r, self.h
+        wall = [(0.0, 0.0), (r, 0.0), (r, h), (r - 0.006, h), (r - 0.006, 0.012), (0.0, 0.012)]
+        b.add(self.body, lathe(wall, 28), name="stand")
+        b.add(STEEL, cylinder(r - 0.008, 0.0122, 0.0128, 28), name="dish")
+        names = ("long umbrella", "walking stick", "short umbrella")
+        for k, aside, over, stuff in self.held:
+            turn = 2 * np.pi * (k + aside) / 3
+            along = np.array([np.cos(turn), np.sin(turn)])
+            foot, head = np.array([*0.03 * along, 0.0142]), np.array([*0.065 * along, h + over])
+            with b.holding(names[k], "bag" if k != 1 else "clutter"):
+                if k == 1:
+                    b.add(stuff, bar(foot, head, 0.01, 10), name="stick")
+                    continue
+                at = foot + 0.8 * (head - foot)
+                b.add(stuff, bar(foot, at, 0.017, 12), name="cloth")
+                b.add(self.style.dark_wood, bar(at, head, 0.008, 8), name="grip")

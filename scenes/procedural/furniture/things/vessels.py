@@ -2,20 +2,40 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from pbrnet.scenes.procedural.furniture.parts.build import Builder, assembles
+from pbrnet.scenes.files import data_beside
+from pbrnet.scenes.procedural.furniture.parts.build import Builder, Print
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
+    arc,
     bar,
     box,
     cylinder,
     lathe,
+    span,
     tube,
+)
+from pbrnet.scenes.procedural.furniture.spec import (
+    any_of,
+    between,
+    drawn,
+    either,
+    material,
+    pick,
+    printed,
+    ranged,
+    repeated,
+    scaled,
+    when,
+    whole,
 )
 from pbrnet.scenes.procedural.furniture.style import (
     BLACK_PLASTIC,
     CERAMIC,
+    CHROME,
     GLASS,
     IRON,
     PAGES,
@@ -24,280 +44,358 @@ from pbrnet.scenes.procedural.furniture.style import (
     Style,
     hex_color,
 )
-from pbrnet.scenes.procedural.piece import Material
+from pbrnet.scenes.procedural.furniture.things.thing import RoundThing, Thing, turned
+from pbrnet.scenes.procedural.piece import Material, MaterialKind
 from pbrnet.scenes.seeds import Draw
 
-Profile = list[tuple[float, float]]
-Range = tuple[float, float]  # least and greatest, metres
 _GREEN = Material("plastic", hex_color("#24402a"), 0.08)
 _BROWN = Material("plastic", hex_color("#3a2312"), 0.08)
 _ALUMINIUM = Material("metal", hex_color("#c4c5c6"), 0.35, family="brushed")
 
 
-def tinted(draw: Draw, style: Style) -> Material:
-    """One of the home's small colours, in plastic."""
-    chosen = draw.pick(style.accents)
-    return Material("plastic", chosen.color, 0.35)
-
-
-def glazed(draw: Draw, style: Style) -> Material:
-    """The home's white or one of its coloured glazes."""
-    return CERAMIC if draw.chance(0.5) else draw.pick(style.accents)
-
-
-def printed(draw: Draw, style: Style, mesh: BodyMesh) -> tuple[Material, BodyMesh]:
-    """A printed paper of the home, and the mesh with uvs in a random part of the print."""
-    low = mesh.uvs.min(axis=0)
-    size = np.maximum(np.ptp(mesh.uvs, axis=0), 1e-6)
-    part = draw.uniform(0.25, 0.6, 2)
-    start = draw.uniform(0, 1 - part)
-    uvs = start + (mesh.uvs - low) / size * part
-    print_ = draw.pick(style.prints)
-    return print_, BodyMesh(mesh.vertices, mesh.faces, uvs, mesh.smooth)
-
-
-@assembles("bottle")
-def bottle(
-    b: Builder,
-    draw: Draw,
-    style: Style,
-    radius: Range,
-    height: Range,
-    shoulder: float = 0.6,
-    neck: float = 0.35,
-    body: str = "any",
-    label: bool = True,
-) -> None:
+class Bottle(RoundThing, category="bottle"):
     """A bottle: body, shoulder from `shoulder` of the height on, neck, cap, paper label."""
-    r, h = draw.between(*radius), draw.between(*height)
-    n = max(neck * r, 0.009)
-    s, top = shoulder * h, h - 0.02
-    profile = [
-        (0.9 * r, 0.0), (r, 0.05 * h), (r, s), (0.85 * r, s + 0.25 * (top - s)),
-        (1.15 * n, s + 0.6 * (top - s)), (n, top),
-    ]  # fmt: skip
+
+    shoulder: float = 0.6
+    neck: float = 0.35
+    body: str = "any"
+    label: bool = True
+    shell: Material = drawn(lambda draw, bottle: _of_bottle(draw, bottle))
+    cap: Material = pick(BLACK_PLASTIC, WHITE_PLASTIC, _ALUMINIUM)
+    paper: Print | None = when(lambda it: it.label and it.shoulder * it.height > 0.05, printed())
+
+    def assemble(self, b: Builder) -> None:
+        r, h, n = self.radius, self.height, max(self.neck * self.radius, 0.009)
+        s, top = self.shoulder * h, h - 0.02
+        profile = [
+            (0.9 * r, 0.0), (r, 0.05 * h), (r, s), (0.85 * r, s + 0.25 * (top - s)),
+            (1.15 * n, s + 0.6 * (top - s)), (n, top),
+        ]  # fmt: skip
+        b.add(self.shell, lathe(profile, 20), name="body")
+        b.add(self.cap, cylinder(1.2 * n, top, h, 16, 0.001), name="cap")
+        if self.paper:
+            self.add_label(b, self.paper, 0.22 * s, 0.85 * s, 20)
+
+
+def _of_bottle(draw: Draw, bottle: Bottle) -> Material:
+    style = bottle.style
     choices = {
         "glass": [_GREEN, _BROWN, CERAMIC],
-        "plastic": [WHITE_PLASTIC, tinted(draw, style), tinted(draw, style)],
-        "any": [_GREEN, _BROWN, WHITE_PLASTIC, tinted(draw, style)],
-        "metal": [_ALUMINIUM, style.metal, tinted(draw, style)],
-    }[body]
-    b.add(draw.pick(choices), lathe(profile, 20), name="body")
-    cap = draw.pick([BLACK_PLASTIC, WHITE_PLASTIC, _ALUMINIUM])
-    b.add(cap, cylinder(1.2 * n, top, h, 16, 0.001), name="cap")
-    if label and s > 0.05:
-        paper = lathe([(r + 0.0006, 0.22 * s), (r + 0.0006, 0.85 * s)], 20)
-        b.add(*printed(draw, style, paper), name="label")
+        "plastic": [WHITE_PLASTIC, style.tinted(draw), style.tinted(draw)],
+        "any": [_GREEN, _BROWN, WHITE_PLASTIC, style.tinted(draw)],
+        "metal": [_ALUMINIUM, style.metal, style.tinted(draw)],
+    }
+    return draw.pick(choices[bottle.body])
 
 
-@assembles("box")
-def jar(
-    b: Builder,
-    draw: Draw,
-    style: Style,
-    radius: Range,
-    height: Range,
-    body: str = "plastic",
-    lid: bool = True,
-    label: bool = True,
-) -> None:
+class Jar(RoundThing, category="box"):
     """A jar, tin or can: straight body with a lid."""
-    r, h = draw.between(*radius), draw.between(*height)
-    top = 0.88 * h if lid else h
-    material = {
-        "plastic": tinted(draw, style),
-        "ceramic": glazed(draw, style),
+
+    body: str = "plastic"
+    lid: bool = True
+    label: bool = True
+    shell: Material = drawn(lambda draw, jar: _of_jar(draw, jar))
+    cover: Material | None = drawn(
+        lambda draw, jar: (
+            draw.pick([jar.style.wood, BLACK_PLASTIC, _ALUMINIUM, jar.shell]) if jar.lid else None
+        )
+    )
+    paper: Print | None = when(lambda jar: jar.label, printed())
+
+    def assemble(self, b: Builder) -> None:
+        r, h = self.radius, self.height
+        top = 0.88 * h if self.lid else h
+        b.add(self.shell, cylinder(r, 0.0, top, 22, min(0.003, 0.1 * r)), name="body")
+        if self.cover:
+            b.add(self.cover, cylinder(1.03 * r, top, h, 22, 0.0015), name="lid")
+        if self.paper:
+            self.add_label(b, self.paper, 0.15 * top, 0.8 * top, 22)
+
+
+def _of_jar(draw: Draw, jar: Jar) -> Material:
+    style = jar.style
+    return {
+        "plastic": style.tinted(draw),
+        "ceramic": style.glazed(draw),
         "metal": _ALUMINIUM,
         "tin": draw.pick(style.books),
         "wood": style.wood,
         "white": WHITE_PLASTIC,
-    }[body]
-    b.add(material, cylinder(r, 0.0, top, 22, min(0.003, 0.1 * r)), name="body")
-    if lid:
-        cover = draw.pick([style.wood, BLACK_PLASTIC, _ALUMINIUM, material])
-        b.add(cover, cylinder(1.03 * r, top, h, 22, 0.0015), name="lid")
-    if label:
-        paper = lathe([(r + 0.0006, 0.15 * top), (r + 0.0006, 0.8 * top)], 22)
-        b.add(*printed(draw, style, paper), name="label")
+    }[jar.body]
 
 
-def _hollow(r: float, h: float, foot: float = 0.7, wall: float = 0.003) -> Profile:
+def _hollow(r: float, h: float, foot: float, segments: int, wall: float = 0.003) -> BodyMesh:
     """An open vessel: from its foot outwards, over the rim, down inside."""
     t = np.linspace(0, 1, 6)
     outer = [(r * (foot + (1 - foot) * float(x) ** 0.5), float(x) * h) for x in t]
     inner = [(max(a - wall, 0.001), max(z, wall * 1.6)) for a, z in outer[::-1]]
-    return [*outer, *inner[:-1], (inner[-1][0] - 0.001, wall * 1.6)]
+    return lathe([*outer, *inner[:-1], (inner[-1][0] - 0.001, wall * 1.6)], segments)
 
 
-@assembles("crockery")
-def cup(
-    b: Builder,
-    draw: Draw,
-    style: Style,
-    radius: Range,
-    height: Range,
-    handle: bool = True,
-    glass: bool = False,
-    foot: float = 0.75,
-) -> None:
+class Cup(RoundThing, category="crockery"):
     """A cup, mug, tumbler or bowl."""
-    r, h = draw.between(*radius), draw.between(*height)
-    material = GLASS if glass else glazed(draw, style)
-    b.add(material, lathe(_hollow(r, h, foot), 24), name="body")
-    if handle:
-        turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)
-        ear = np.stack(
-            [0.92 * r + 0.3 * h * np.cos(turn), 0 * turn, 0.52 * h + 0.3 * h * np.sin(turn)], axis=1
-        )
-        b.add(material, tube(ear, 0.0045, 8), name="handle")
+
+    handle: bool = True
+    glass: bool = False
+    foot: float = 0.75
+    body: Material = when(lambda cup: not cup.glass, any_of("glazed"), GLASS)
+
+    def assemble(self, b: Builder) -> None:
+        r, h = self.radius, self.height
+        b.add(self.body, _hollow(r, h, self.foot, 24), name="body")
+        if self.handle:
+            ear = arc(0.92 * r, 0.52 * h, 0.3 * h, 0.3 * h)
+            b.add(self.body, tube(ear, 0.0045, 8), name="handle")
 
 
-@assembles("glass")
-def stemmed(b: Builder, draw: Draw, style: Style, slim: bool) -> None:
-    """A wine or champagne glass."""
-    r = draw.between(0.024, 0.028) if slim else draw.between(0.034, 0.042)
-    h = draw.between(0.19, 0.23)
-    bowl = 0.42 * h if not slim else 0.36 * h
-    profile = [
-        (0.034, 0.0), (0.034, 0.0015), (0.005, 0.006), (0.0035, bowl), (0.55 * r, bowl + 0.012),
-        (r, bowl + 0.35 * (h - bowl)), (0.8 * r, h), (0.8 * r - 0.0014, h),
-        (r - 0.0014, bowl + 0.35 * (h - bowl)), (0.55 * r, bowl + 0.0145), (0.001, bowl + 0.006),
-    ]  # fmt: skip
-    b.add(GLASS, lathe(profile, 24), name="glass")
+class Stemmed(RoundThing, category="glass"):
+    """A wine or champagne glass, its bowl from `stem` of the height on."""
+
+    stem: float
+
+    def assemble(self, b: Builder) -> None:
+        r, h, bowl = self.radius, self.height, self.stem * self.height
+        profile = [
+            (0.034, 0.0), (0.034, 0.0015), (0.005, 0.006), (0.0035, bowl), (0.55 * r, bowl + 0.012),
+            (r, bowl + 0.35 * (h - bowl)), (0.8 * r, h), (0.8 * r - 0.0014, h),
+            (r - 0.0014, bowl + 0.35 * (h - bowl)), (0.55 * r, bowl + 0.0145),
+            (0.001, bowl + 0.006),
+        ]  # fmt: skip
+        b.add(GLASS, lathe(profile, 24), name="glass")
 
 
-@assembles("clutter")
-def filled_cup(b: Builder, draw: Draw, style: Style, what: str) -> None:
+# What a beaker holds -> its category, length and radius of each.
+_STICKS = {
+    "pens": ("clutter", 0.15, 0.004),
+    "brushes": ("clutter", 0.2, 0.004),
+    "spoons": ("crockery", 0.3, 0.005),
+    "toothbrushes": ("fitting", 0.18, 0.005),
+}
+
+
+class FilledCup(RoundThing, category="clutter"):
     """A beaker with pens, brushes, spoons or toothbrushes in it."""
-    kinds = {"pens": "clutter", "brushes": "clutter", "spoons": "crockery"}
-    b.category = kinds.get(what, "fitting")
-    r = draw.between(0.035, 0.045) if what != "spoons" else draw.between(0.055, 0.065)
-    h = draw.between(0.09, 0.11) if what != "spoons" else draw.between(0.14, 0.17)
-    b.add(glazed(draw, style), lathe(_hollow(r, h, 0.92), 20), name="beaker")
-    long, thick = {"pens": (0.15, 0.004), "brushes": (0.2, 0.004), "spoons": (0.3, 0.005)}.get(
-        what, (0.18, 0.005)
+
+    what: str
+    body: Material = any_of("glazed")
+    sticks: tuple[tuple[float, float, Material], ...] = repeated(  # direction, length, material
+        whole(2, 7), between(0, 0.1), between(0.85, 1.1), any_of("wood", "tinted", BLACK_PLASTIC)
     )
-    for k in range(draw.whole(2, 7)):
-        turn = 2 * np.pi * (k / 7 + draw.between(0, 0.1))
-        foot = 0.3 * r * np.array([np.cos(turn), np.sin(turn)])
-        lean = 0.72 * r * np.array([np.cos(turn), np.sin(turn)])
-        reach = long * draw.between(0.85, 1.1) / h
-        end = foot + (lean - foot) * reach
-        body = bar((*foot.tolist(), 0.006), (*end.tolist(), reach * h), thick, 8)
-        stick = draw.pick([style.wood, tinted(draw, style), BLACK_PLASTIC])
-        b.add(stick, body, name="sticks")
+
+    def assemble(self, b: Builder) -> None:
+        b.category, long, thick = _STICKS[self.what]
+        r, h = self.radius, self.height
+        b.add(self.body, _hollow(r, h, 0.92, 20), name="beaker")
+        for k, (aside, length, stuff) in enumerate(self.sticks):
+            turn = 2 * np.pi * (k / 7 + aside)
+            along = np.array([np.cos(turn), np.sin(turn)])
+            foot, lean = 0.3 * r * along, 0.72 * r * along
+            reach = long * length / h
+            end = foot + (lean - foot) * reach
+            stick = bar((*foot.tolist(), 0.006), (*end.tolist(), reach * h), thick, 8)
+            b.add(stuff, stick, name="sticks")
 
 
-@assembles("pot")
-def pan(b: Builder, draw: Draw, style: Style, deep: float) -> None:
+class Pan(Thing, category="pot"):
     """A pan or saucepan with a straight handle."""
-    r = draw.between(0.1, 0.14) if deep < 0.08 else draw.between(0.075, 0.1)
-    metal = draw.pick([IRON, STEEL, BLACK_PLASTIC])
-    b.add(metal, lathe(_hollow(r, deep, 0.82), 32), name="pan")
-    grip = BLACK_PLASTIC if draw.chance(0.6) else style.wood
-    b.add(grip, box((0.17, 0.022, 0.016), (r + 0.075, 0, 0.75 * deep), 0.005), name="handle")
+
+    radius: float = ranged()
+    deep: float
+    metal: Material = pick(IRON, STEEL, BLACK_PLASTIC)
+    grip: Material = either(0.6, BLACK_PLASTIC, "wood")
+
+    def assemble(self, b: Builder) -> None:
+        b.add(self.metal, _hollow(self.radius, self.deep, 0.82, 32), name="pan")
+        handle = box((0.17, 0.022, 0.016), (self.radius + 0.075, 0, 0.75 * self.deep), 0.005)
+        b.add(self.grip, handle, name="handle")
 
 
-@assembles("crockery")
-def plate(b: Builder, draw: Draw, style: Style, crumbs: bool) -> None:
+class Plate(Thing, category="crockery"):
     """A plate with crumbs, or two plates with a fork and a knife on them."""
-    r = draw.between(0.095, 0.135)
-    glaze = glazed(draw, style)
-    profile = [
-        (0.58 * r, 0.0), (0.66 * r, 0.003), (r, 0.017), (r, 0.02), (0.66 * r, 0.0075),
-        (0.0, 0.0065),
-    ]  # fmt: skip
-    b.add(glaze, lathe(profile, 36), name="plate")
-    if crumbs:
-        for _ in range(draw.whole(4, 9)):
-            x, y = draw.uniform(-0.4 * r, 0.4 * r, 2)
-            crumb = box(
-                draw.uniform(0.003, 0.009, 3).tolist(), (float(x), float(y), 0.0066), 0.0008
-            )
-            b.add(Material("paper", hex_color("#8a5a30"), 0.9), crumb, name="crumbs")
-    else:
-        for y in (-0.012, 0.012):
-            b.add(STEEL, box((1.35 * r, 0.009, 0.002), (0.0, y, 0.0202), 0.0006), name="cutlery")
 
-
-@assembles("crockery")
-def teapot(b: Builder, draw: Draw, style: Style) -> None:
-    """A teapot with a spout, a handle and a lid."""
-    r = draw.between(0.065, 0.085)
-    glaze = glazed(draw, style)
-    body = [
-        (0.6 * r, 0.0), (0.9 * r, 0.3 * r), (r, 0.7 * r), (0.85 * r, 1.2 * r), (0.4 * r, 1.5 * r),
-        (0.36 * r, 1.56 * r), (0.12 * r, 1.66 * r), (0.14 * r, 1.8 * r), (0.0, 1.86 * r),
-    ]  # fmt: skip
-    b.add(glaze, lathe(body, 28), name="body")
-    spout = np.array([[0.9 * r, 0, 0.55 * r], [1.3 * r, 0, 0.8 * r], [1.65 * r, 0, 1.35 * r]])
-    b.add(glaze, tube(spout, [0.18 * r, 0.13 * r, 0.1 * r], 12), name="spout")
-    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)
-    ear = np.stack(
-        [-0.85 * r - 0.5 * r * np.cos(turn), 0 * turn, 0.8 * r + 0.45 * r * np.sin(turn)], 1
+    crumbs: bool
+    radius: float = between(0.095, 0.135)
+    glaze: Material = any_of("glazed")
+    bits: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...] = repeated(  # place, size
+        when(lambda plate: plate.crumbs, whole(4, 9), 0),
+        repeated(
+            2, drawn(lambda draw, plate: draw.between(-0.4 * plate.radius, 0.4 * plate.radius))
+        ),
+        repeated(3, between(0.003, 0.009)),
     )
-    b.add(glaze, tube(ear, 0.007, 8), name="handle")
+
+    def assemble(self, b: Builder) -> None:
+        b.add(self.glaze, turned("plate", self.radius, 1, 36), name="plate")
+        for at, size in self.bits:
+            crumb = box(size, (*at, 0.0066), 0.0008)
+            b.add(Material("paper", hex_color("#8a5a30"), 0.9), crumb, name="crumbs")
+        for y in () if self.crumbs else (-0.012, 0.012):
+            fork = box((1.35 * self.radius, 0.009, 0.002), (0.0, y, 0.0202), 0.0006)
+            b.add(STEEL, fork, name="cutlery")
 
 
-@assembles("clutter")
-def mill(b: Builder, draw: Draw, style: Style) -> None:
+class Teapot(Thing, category="crockery"):
+    """A teapot with a spout, a handle and a lid."""
+
+    radius: float = between(0.065, 0.085)
+    glaze: Material = any_of("glazed")
+
+    def assemble(self, b: Builder) -> None:
+        r = self.radius
+        b.add(self.glaze, turned("teapot", r, r, 28), name="body")
+        spout = np.array([[0.9 * r, 0, 0.55 * r], [1.3 * r, 0, 0.8 * r], [1.65 * r, 0, 1.35 * r]])
+        b.add(self.glaze, tube(spout, [0.18 * r, 0.13 * r, 0.1 * r], 12), name="spout")
+        ear = arc(-0.85 * r, 0.8 * r, -0.5 * r, 0.45 * r)
+        b.add(self.glaze, tube(ear, 0.007, 8), name="handle")
+
+
+class Mill(Thing, category="clutter"):
     """A pepper mill."""
-    h = draw.between(0.14, 0.26)
-    profile = [
-        (0.026, 0.0), (0.028, 0.1 * h), (0.018, 0.5 * h), (0.026, 0.74 * h), (0.012, 0.78 * h),
-        (0.025, 0.86 * h), (0.012, 0.97 * h), (0.0, h),
-    ]  # fmt: skip
-    b.add(style.dark_wood if draw.chance(0.5) else style.wood, lathe(profile, 20), name="mill")
+
+    height: float = between(0.14, 0.26)
+    wood: Material = either(0.5, "dark_wood", "wood")
+
+    def assemble(self, b: Builder) -> None:
+        b.add(self.wood, turned("pepper mill", 1, self.height, 20), name="mill")
 
 
-@assembles("paper")
-def roll(b: Builder, draw: Draw, style: Style, radius: float, height: float, spike: bool) -> None:
+class Roll(Thing, category="paper"):
     """A roll of paper standing, with its core; kitchen rolls on a stand."""
-    core = 0.021
-    z = 0.012 if spike else 0.0
-    tube_ = [(core, z), (radius, z), (radius, z + height), (core, z + height), (core - 0.001, z)]
-    paper = lathe(tube_[:-1], 28)
-    b.add(Material("paper", hex_color("#efece6"), 0.95, family="creased"), paper, name="paper")
-    if spike:
-        b.add(style.wood, cylinder(0.075, 0.0, 0.0115, 28, 0.002), name="stand")
-        b.add(style.wood, cylinder(0.01, 0.0118, height + 0.05, 14, 0.002), name="stand")
-    else:
-        b.add(PAGES, cylinder(core - 0.0015, 0.0006, height - 0.0006, 18), name="core")
+
+    radius: float
+    height: float
+    spike: bool
+
+    def assemble(self, b: Builder) -> None:
+        core, z = 0.021, 0.012 if self.spike else 0.0
+        outline = [(core, z), (self.radius, z), (self.radius, z + self.height)]
+        paper = Material("paper", hex_color("#efece6"), 0.95, family="creased")
+        b.add(paper, lathe([*outline, (core, z + self.height)], 28), name="paper")
+        if self.spike:
+            b.add(self.style.wood, cylinder(0.075, 0.0, 0.0115, 28, 0.002), name="stand")
+            pole = cylinder(0.01, 0.0118, self.height + 0.05, 14, 0.002)
+            b.add(self.style.wood, pole, name="stand")
+        else:
+            b.add(PAGES, cylinder(core - 0.0015, 0.0006, self.height - 0.0006, 18), name="core")
 
 
-@assembles("bin", "free")
-def bucket(b: Builder, draw: Draw, style: Style, size: float) -> None:
+class Bucket(Thing, category="bin", anchor="free"):
     """A bucket, basket or planter on the floor."""
-    r = size * draw.between(0.9, 1.1)
-    materials = [tinted(draw, style), style.metal, WHITE_PLASTIC]
-    body = draw.pick(materials)
-    b.add(body, lathe(_hollow(r, 1.7 * r, 0.75, 0.004), 28), name="bucket")
+
+    size: float = scaled(0.9, 1.1)
+    body: Material = any_of("tinted", "metal", WHITE_PLASTIC)
+
+    def assemble(self, b: Builder) -> None:
+        b.add(self.body, _hollow(self.size, 1.7 * self.size, 0.75, 28, 0.004), name="bucket")
 
 
-@assembles("food")
-def wrapped_food(
-    b: Builder,
-    draw: Draw,
-    style: Style,
-    color: str,
-    radius: float,
-    flat: float,
-    long: float = 1.0,
-    peel: bool = False,
-    stalk: bool = False,
-) -> None:
+class WrappedFood(Thing, category="food"):
     """A loaf of bread, an onion, a lemon or a pumpkin."""
-    r = radius * draw.between(0.9, 1.12)
-    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 12)
-    profile = [(max(r * float(np.cos(t)), 0.0), r * flat * (1 + float(np.sin(t)))) for t in turn]
-    profile[0], profile[-1] = (0.0, 0.0), (0.0, profile[-1][1])
-    body = lathe(profile, 24)
-    if long > 1:
-        body = BodyMesh(body.scaled(x=long).vertices, body.faces, body.uvs * long**0.5)
-    family = "nappa" if peel else "creased"
-    skin = Material("leather" if peel else "paper", hex_color(color), 0.6, family=family)
-    b.add(skin, body, name="food")
-    if stalk:
-        high = profile[-1][1]
-        stem = bar((0, 0, 0.9 * high), (0.004, 0, 1.12 * high), 0.04 * r + 0.001, 6)
-        b.add(style.dark_wood, stem, name="stalk")
+
+    color: str
+    radius: float = scaled(0.9, 1.12)
+    flat: float
+    long: float = 1.0
+    peel: bool = False
+    stalk: bool = False
+
+    def assemble(self, b: Builder) -> None:
+        r, turn = self.radius, np.linspace(-0.5 * np.pi, 0.5 * np.pi, 12)
+        profile = [
+            (max(r * float(np.cos(t)), 0.0), r * self.flat * (1 + float(np.sin(t)))) for t in turn
+        ]
+        profile[0], profile[-1] = (0.0, 0.0), (0.0, profile[-1][1])
+        body = lathe(profile, 24)
+        if self.long > 1:
+            stretched = body.scaled(x=self.long).vertices
+            body = BodyMesh(stretched, body.faces, body.uvs * self.long**0.5)
+        family = "nappa" if self.peel else "creased"
+        kind: MaterialKind = "leather" if self.peel else "paper"
+        b.add(Material(kind, hex_color(self.color), 0.6, family=family), body, name="food")
+        if self.stalk:
+            high = profile[-1][1]
+            stem = bar((0, 0, 0.9 * high), (0.004, 0, 1.12 * high), 0.04 * r + 0.001, 6)
+            b.add(self.style.dark_wood, stem, name="stalk")
+
+
+class Candle(RoundThing, category="candle"):
+    """A candle of one of the home's small colours."""
+
+    accent: Material = any_of("accents")
+
+    def assemble(self, b: Builder) -> None:
+        wax = Material("plastic", self.accent.color, 0.6)
+        b.add(wax, cylinder(self.radius, 0.0, self.height, 20, 0.002), name="wax")
+
+
+# What a set holds: names of its things, their kind and its options; each at most 8 cm wide.
+_SETS: dict[str, dict[str, Any]] = data_beside(__file__)
+_KINDS: dict[str, type[RoundThing]] = {"jar": Jar, "bottle": Bottle, "cup": Cup, "candle": Candle}
+Row = tuple[tuple[RoundThing, float], ...]  # things of a set and their places
+
+
+def _row(draw: Draw, style: Style, what: str, width: float, share: float) -> Row:
+    """Draw different things of a set in a row of a width."""
+    names, at = draw.shuffled(_SETS[what]["names"]), -width / 2
+    row: list[tuple[RoundThing, float]] = []
+    while names and draw.chance(share + 1.0 * (len(row) < 2)):
+        name, made = names.pop(), _SETS[what]
+        if "or" in made and draw.chance(0.35):
+            made = made["or"]
+        thing = _KINDS[made["kind"]].draw(draw, style, name=name, **made["options"])
+        low, high = thing.build().bounds[:, 0].tolist()
+        if at + high - low > width / 2:
+            break
+        row.append((thing, at - low))
+        at += high - low + draw.between(0.004, 0.03)
+    return tuple(row)
+
+
+def _add_thing(b: Builder, thing: RoundThing, x: float, y: float, z: float) -> None:
+    """Add a thing, an object of its own, at a place."""
+    with b.holding(thing.name, thing.category):
+        b.add_from(thing.builder(), x, y, z)
+
+
+class Tray(Thing, category="clutter"):
+    """A tray with a row of bottles, jars, cups or candles, each an object of its own."""
+
+    what: str
+    width: float = scaled(0.9, 1.1, 0.34)
+    body: Material = any_of("wood", "metal", "lacquer", "glazed")
+    row: Row = drawn(lambda draw, it: _row(draw, it.style, it.what, it.width - 0.04, 0.92))
+    depths: tuple[float, ...] = repeated(lambda it: len(it.row), between(-0.02, 0.02))
+
+    def assemble(self, b: Builder) -> None:
+        b.add(self.body, box((self.width, 0.13, 0.012), bevel=0.003), name="tray")
+        for side in (-1, 1):
+            at = (side * (0.5 * self.width - 0.004), 0.0, 0.0118)
+            b.add(self.body, box((0.008, 0.126, 0.014), at, 0.002), name="rim")
+        for (thing, x), y in zip(self.row, self.depths, strict=True):
+            _add_thing(b, thing, x, y, 0.0122)
+
+
+class Ledge(Thing, category="shelf", anchor="on_wall"):
+    """A narrow board on the wall with a rail, and a row of bottles or jars on it."""
+
+    what: str
+    mount_height: float = between(1.3, 1.5)
+    width: float = scaled(0.9, 1.15, 0.42)
+    board: Material = drawn(
+        lambda draw, it: material(draw, it.style, draw.pick(_BOARDS[it.what == "care"]))
+    )
+    rail: Material = either(0.6, "metal", CHROME)
+    row: Row = drawn(lambda draw, it: _row(draw, it.style, it.what, it.width - 0.05, 0.97))
+
+    def assemble(self, b: Builder) -> None:
+        half, y = self.width / 2, -0.096
+        b.add(self.board, span((-half, -0.1, -0.012), (half, 0, 0)))
+        ends = ((-half + 0.012, y, 0.03), (half - 0.012, y, 0.03))
+        b.add(self.rail, bar(*ends, 0.003, 8), name="rail")
+        for x, _, z in ends:
+            b.add(self.rail, bar((x, y, 0.0002), (x, y, z), 0.003, 8), name="rail")
+        for thing, x in self.row:
+            _add_thing(b, thing, x, -0.048, 0.0004)
+
+
+_BOARDS = (("wood", "lacquer", "dark_wood"), ("wood", "lacquer", GLASS))  # usual ones; of care
