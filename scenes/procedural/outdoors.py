@@ -20,7 +20,7 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
     prism,
     span,
 )
-from pbrnet.scenes.procedural.furniture.style import hex_color
+from pbrnet.scenes.procedural.furniture.parts.materials import hex_color
 from pbrnet.scenes.procedural.piece import Material, MaterialKind
 from pbrnet.scenes.procedural.plan import Plan, WallEdge
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item

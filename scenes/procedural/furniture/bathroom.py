@@ -6,6 +6,8 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.procedural.furniture.cabinets import add_door, add_drawers, carcass
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
+from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.parts.cloth import plane, surface
 from pbrnet.scenes.procedural.furniture.parts.drapes import (
@@ -16,21 +18,6 @@ from pbrnet.scenes.procedural.furniture.parts.drapes import (
     hung,
     ripples,
 )
-from pbrnet.scenes.procedural.furniture.parts.geometry import (
-    CORNERS,
-    BodyMesh,
-    bar,
-    box,
-    cylinder,
-    lathe,
-    loft,
-    merge,
-    prism,
-    rounded_box,
-    span,
-    superellipse,
-    tube,
-)
 from pbrnet.scenes.procedural.furniture.spec import (
     Spec,
     any_of,
@@ -38,33 +25,24 @@ from pbrnet.scenes.procedural.furniture.spec import (
     chance,
     drawn,
     either,
+    maybe,
     optional,
     pick,
-)
-from pbrnet.scenes.procedural.furniture.style import (
-    BLACK_PLASTIC,
-    CERAMIC,
-    CHROME,
-    GLASS,
-    IRON,
-    MIRROR,
-    STEEL,
-    WHITE_PAINT,
-    WHITE_PLASTIC,
-    hex_color,
+    repeated,
+    when,
 )
 from pbrnet.scenes.procedural.piece import Material
 
 
-def _tap(spout: float, height: float) -> BodyMesh:
+def _tap(spout: float, height: float) -> g.BodyMesh:
     """Basin mixer at the origin, spout towards the front (-Y)."""
     t = np.linspace(0, 0.5 * np.pi, 6)
     bend = np.stack([0 * t, -0.05 + 0.05 * np.cos(t), height - 0.05 + 0.05 * np.sin(t)], axis=1)
     path = np.concatenate([[[0, 0, 0.0]], bend, [[0, -spout, height - 0.012]]])
     ends = (0, -spout + 0.008, height - 0.006), (0, -spout + 0.004, height - 0.034)
-    lever = bar((0, -0.008, height), (0, 0.035, height + 0.035), 0.005, 8)
-    foot = cylinder(0.023, 0, 0.014, 20, bevel=0.003)
-    return merge([foot, tube(path, 0.0125, 12), bar(*ends, 0.0105, 10), lever])
+    lever = g.bar((0, -0.008, height), (0, 0.035, height + 0.035), 0.005, 8)
+    foot = g.cylinder(0.023, 0, 0.014, 20, bevel=0.003)
+    return g.merge([foot, g.tube(path, 0.0125, 12), g.bar(*ends, 0.0105, 10), lever])
 
 
 class Towel(Spec):
@@ -76,7 +54,7 @@ class Towel(Spec):
     tight: float = between(0.04, 0.15)
     ripples: Ripples = drawn(lambda draw, spec: ripples(draw))
 
-    def mesh(self, tub: Float64Array, x: float, y: float, z: float) -> BodyMesh:
+    def mesh(self, tub: Float64Array, x: float, y: float, z: float) -> g.BodyMesh:
         """The towel over the rim at (x, y, z) of a tub of triangles (N, 3, 3)."""
         near = (np.abs(tub[..., 0] - x).min(axis=1) < 0.35) & (tub[..., 1].min(axis=1) < 0.3)
         bodies, size = [surface(tub[near], 0.012), plane(2, 0.02)], (0.42, self.long)
@@ -102,23 +80,23 @@ class BathTub(Spec, piece=("bath tub", "bath", "wall"), front_clearance=0.5):
             *((0.075, 0.075, height - 0.02, 4.5), (0.12, 0.1, height - 0.25, 4)),
             *((0.17, 0.13, 0.15, 3.6), (0.25, 0.2, 0.125, 3)),
         )
-        rings = [superellipse(half_x - x, half_y - y, z, power, 96) for x, y, z, power in outline]
-        b.add(CERAMIC, loft(rings), name="tub")
-        drain = cylinder(0.028, 0.1255, 0.129, 24).moved(side * (half_x - 0.33))
-        overflow = cylinder(0.03, 0, 0.008, 24).turned("y", -90 * side)
+        rings = [g.superellipse(half_x - x, half_y - y, z, power, 96) for x, y, z, power in outline]
+        b.add(m.CERAMIC, g.loft(rings), name="tub")
+        drain = g.cylinder(0.028, 0.1255, 0.129, 24).moved(side * (half_x - 0.33))
+        overflow = g.cylinder(0.03, 0, 0.008, 24).turned("y", -90 * side)
         overflow = overflow.moved(side * (half_x - 0.094), 0, height - 0.15)
-        b.add(CHROME, drain, overflow, name="drain")
+        b.add(m.CHROME, drain, overflow, name="drain")
         with b.holding("tap", "fitting"):
-            b.add(CHROME, _tap(0.15, 0.14).moved(0, half_y - 0.033, height), name="tap")
+            b.add(m.CHROME, _tap(0.15, 0.14).moved(0, half_y - 0.033, height), name="tap")
         t = np.linspace(0, 1, 14)
         arch = np.sin(np.pi * t)
         hose = [0.09 + 0.13 * t, half_y - 0.035 - 0.03 * arch, height + 0.01 + 0.11 * arch]
-        b.add(STEEL, tube(np.stack(hose, 1), 0.006, 8), name="hose")
+        b.add(m.STEEL, g.tube(np.stack(hose, 1), 0.006, 8), name="hose")
         y = half_y - 0.036
-        stem = bar((0.22, y, height), (0.22, y, height + 0.06), 0.011, 10)
+        stem = g.bar((0.22, y, height), (0.22, y, height + 0.06), 0.011, 10)
         path = [(half_y - 0.035, 0.05), (half_y - 0.06, 0.16), (half_y - 0.08, 0.19)]
-        head = tube([(0.22, y, height + z) for y, z in path], [0.012, 0.012, 0.03], 12)
-        b.add(CHROME, stem, head, name="shower")
+        head = g.tube([(0.22, y, height + z) for y, z in path], [0.012, 0.012, 0.03], 12)
+        b.add(m.CHROME, stem, head, name="shower")
         if self.towel:
             tub = np.concatenate([part.vertices[part.faces] for part in b.piece().parts])
             towel = self.towel.mesh(tub, side * -0.3 * self.width, -half_y, height)
@@ -131,37 +109,34 @@ class WashBasin(Spec, piece=("wash basin", "wash basin", "wall"), front_clearanc
     width: float = between(0.55, 0.9)
     height: float = between(0.83, 0.88)
     on_cabinet: bool = chance(0.65)
-    pulled: float = drawn(
-        lambda draw, spec: draw.between(0.06, 0.2) if spec.on_cabinet and draw.chance(0.25) else 0.0
-    )
+    pulled: float = when("on_cabinet", maybe(0.25, between(0.06, 0.2), 0.0), 0.0)
     drawers: bool = drawn(lambda draw, spec: spec.on_cabinet and draw.chance(0.5))
-    tap: Material = either(0.7, CHROME, "metal")
+    tap: Material = either(0.7, m.CHROME, "metal")
 
     def assemble(self, b: Builder) -> None:
         height, half_x = self.height, self.width / 2
         bowl_x = min(0.27, half_x - 0.05)
         bowl = (
-            (0.0, 0.15, 0.0, 3, -0.035),
-            (0.012, 0.14, 0.015, 3, -0.035),
-            (0.05, 0.105, 0.1, 2.6, -0.03),
-            (0.15, 0.04, 0.125, 2.2, -0.03),
+            *((0.0, 0.15, 0.0, 3, -0.035), (0.012, 0.14, 0.015, 3, -0.035)),
+            *((0.05, 0.105, 0.1, 2.6, -0.03), (0.15, 0.04, 0.125, 2.2, -0.03)),
         )
         inner = [
-            superellipse(bowl_x - inset, half, height - deep, power, 64, y=y)
+            g.superellipse(bowl_x - inset, half, height - deep, power, 64, y=y)
             for inset, half, deep, power, y in bowl
         ]
         if self.on_cabinet:
             self._add_cabinet(b, half_x)
-            b.add(CERAMIC, loft([*self._basin(half_x, bowl_x), *inner]), name="basin")
+            b.add(m.CERAMIC, g.loft([*self._basin(half_x, bowl_x), *inner]), name="basin")
         else:
             half_x = min(half_x, 0.31)
             shrunk = [ring * [min(1.0, (half_x - 0.05) / bowl_x), 1, 1] for ring in inner]
-            b.add(CERAMIC, loft([*self._washstand(half_x), *shrunk]), name="basin")
+            b.add(m.CERAMIC, g.loft([*self._washstand(half_x), *shrunk]), name="basin")
             lower = ((0.12, 0.1, 0.0), (0.09, 0.085, 0.06), (0.075, 0.075, 0.4))
             column = (*lower, (0.1, 0.1, height - 0.17))
-            rings = [superellipse(a, c, z, 2.3, 40, y=0.07) for a, c, z in column]
-            b.add(CERAMIC, loft(rings), name="pedestal")
-        b.add(CHROME, cylinder(0.022, -0.1245, -0.1215, 20).moved(0, -0.03, height), name="drain")
+            rings = [g.superellipse(a, c, z, 2.3, 40, y=0.07) for a, c, z in column]
+            b.add(m.CERAMIC, g.loft(rings), name="pedestal")
+        drain = g.cylinder(0.022, -0.1245, -0.1215, 20).moved(0, -0.03, height)
+        b.add(m.CHROME, drain, name="drain")
         with b.holding("tap", "fitting"):
             b.add(self.tap, _tap(0.13, 0.15).moved(0, 0.16, height - 0.001), name="tap")
         for side in (-1, 1) if half_x - bowl_x > 0.105 else ():
@@ -171,23 +146,23 @@ class WashBasin(Spec, piece=("wash basin", "wash basin", "wall"), front_clearanc
         """Rings of the outside of a basin on a cabinet, from below up to its rim."""
         height, half_y = self.height, _BASIN / 2
         return [
-            superellipse(bowl_x - 0.13, 0.06, height - 0.14, 2.4, 64, y=-0.03),
-            superellipse(bowl_x - 0.03, 0.13, height - 0.11, 2.6, 64, y=-0.03),
-            superellipse(bowl_x, 0.16, height - 0.055, 3, 64, y=-0.03),
-            superellipse(half_x, half_y, height - 0.055, 20, 64),
-            superellipse(half_x, half_y, height - 0.004, 20, 64),
-            superellipse(half_x - 0.004, half_y - 0.004, height, 18, 64),
+            g.superellipse(bowl_x - 0.13, 0.06, height - 0.14, 2.4, 64, y=-0.03),
+            g.superellipse(bowl_x - 0.03, 0.13, height - 0.11, 2.6, 64, y=-0.03),
+            g.superellipse(bowl_x, 0.16, height - 0.055, 3, 64, y=-0.03),
+            g.superellipse(half_x, half_y, height - 0.055, 20, 64),
+            g.superellipse(half_x, half_y, height - 0.004, 20, 64),
+            g.superellipse(half_x - 0.004, half_y - 0.004, height, 18, 64),
         ]
 
     def _washstand(self, half_x: float) -> list[Float64Array]:
         """Rings of the outside of a basin on a pedestal, from below up to its rim."""
         height, half_y = self.height, _BASIN / 2
         return [
-            superellipse(0.11, 0.11, height - 0.19, 2.4, 64, y=0.06),
-            superellipse(0.7 * half_x, 0.17, height - 0.14, 2.6, 64, y=0.03),
-            superellipse(0.97 * half_x, half_y - 0.01, height - 0.07, 3.2, 64),
-            superellipse(half_x, half_y, height - 0.03, 3.6, 64),
-            superellipse(half_x - 0.006, half_y - 0.006, height, 3.6, 64),
+            g.superellipse(0.11, 0.11, height - 0.19, 2.4, 64, y=0.06),
+            g.superellipse(0.7 * half_x, 0.17, height - 0.14, 2.6, 64, y=0.03),
+            g.superellipse(0.97 * half_x, half_y - 0.01, height - 0.07, 3.2, 64),
+            g.superellipse(half_x, half_y, height - 0.03, 3.6, 64),
+            g.superellipse(half_x - 0.006, half_y - 0.006, height, 3.6, 64),
         ]
 
     def _add_cabinet(self, b: Builder, half_x: float) -> None:
@@ -200,9 +175,9 @@ class WashBasin(Spec, piece=("wash basin", "wash basin", "wall"), front_clearanc
         else:
             add_door(b, style, finish, -half, 0, low, high, depth, "left", 100 * self.pulled)
             add_door(b, style, finish, 0, half, low, high, depth, "right")
-        for sx, sy in CORNERS:
+        for sx, sy in g.CORNERS:
             foot = (sx * (half_x - 0.06), sy * 0.16)
-            b.add(style.metal, bar((*foot, 0), (*foot, low + 0.002), 0.014, 10), name="feet")
+            b.add(style.metal, g.bar((*foot, 0), (*foot, low + 0.002), 0.014, 10), name="feet")
 
 
 _BASIN = 0.47  # metres, depth of a basin
@@ -226,32 +201,32 @@ class Toilet(Spec, piece=("toilet", "toilet", "wall"), front_clearance=0.6, side
             *((0.12, -0.265, 0.055, seat - 0.02, 2.2), (0.08, -0.2, -0.0, seat - 0.16, 2.0)),
             (0.04, -0.13, -0.06, seat - 0.2, 2.0),
         )
-        b.add(CERAMIC, loft([_oval(*each) for each in outline]), name="bowl")
+        b.add(m.CERAMIC, g.loft([_oval(*each) for each in outline]), name="bowl")
         hole = _oval(0.115, -0.26, 0.045, 0, 2.2)[:, :2]
-        board = prism(_oval(0.183, -0.333, 0.12, 0)[:, :2], seat + 0.002, seat + 0.018, [hole])
-        b.add(WHITE_PLASTIC, board, name="seat")
+        board = g.prism(_oval(0.183, -0.333, 0.12, 0)[:, :2], seat + 0.002, seat + 0.018, [hole])
+        b.add(m.WHITE_PLASTIC, board, name="seat")
         heights = ((0.0, 1.0), (0.012, 1.0), (0.018, 0.95))
-        lid = loft([_oval(0.18, -0.33, 0.125, z) * [shrink, 1, 1] for z, shrink in heights])
+        lid = g.loft([_oval(0.18, -0.33, 0.125, z) * [shrink, 1, 1] for z, shrink in heights])
         if self.closed:
             lid = lid.moved(z=seat + 0.0195)
         else:
             lid = lid.moved(y=-0.125).turned("x", -96).moved(0, 0.125, seat + 0.02)
-        b.add(WHITE_PLASTIC, lid, name="lid")
+        b.add(m.WHITE_PLASTIC, lid, name="lid")
         for side in (-1, 1):
             one, other = ((side * 0.07 + dx, 0.135, seat + 0.012) for dx in (-0.02, 0.02))
-            b.add(CHROME, bar(one, other, 0.009, 10), name="hinge")
+            b.add(m.CHROME, g.bar(one, other, 0.009, 10), name="hinge")
         tank, y = seat + self.cistern, back - 0.084
         size = (0.37, 0.16, tank - seat + 0.008)
-        cover = rounded_box((0.385, 0.168, 0.035), (0, y, tank - 0.005), 0.012)
-        body = rounded_box(size, (0, back - 0.08, seat - 0.008), 0.03)
-        b.add(CERAMIC, body, cover, name="cistern")
-        b.add(CHROME, cylinder(0.022, 0, 0.006, 20).moved(0, y, tank + 0.029), name="button")
+        cover = g.rounded_box((0.385, 0.168, 0.035), (0, y, tank - 0.005), 0.012)
+        body = g.rounded_box(size, (0, back - 0.08, seat - 0.008), 0.03)
+        b.add(m.CERAMIC, body, cover, name="cistern")
+        b.add(m.CHROME, g.cylinder(0.022, 0, 0.006, 20).moved(0, y, tank + 0.029), name="button")
         for side in (-1, 1):  # beside the button
             b.surface(side * 0.096, y, tank + 0.03, 0.065, 0.055)
 
 
 def _oval(half_x: float, front: float, rear: float, z: float, power: float = 2.5) -> Float64Array:
-    return superellipse(half_x, (rear - front) / 2, z, power, 48, y=(front + rear) / 2)
+    return g.superellipse(half_x, (rear - front) / 2, z, power, 48, y=(front + rear) / 2)
 
 
 class Shower(Spec, piece=("shower", "shower", "corner"), front_clearance=0.6):
@@ -259,7 +234,7 @@ class Shower(Spec, piece=("shower", "shower", "corner"), front_clearance=0.6):
 
     width: float = 0.9
     height: float = between(1.9, 2.0)
-    ajar: float = drawn(lambda draw, spec: draw.between(10, 50) if draw.chance(0.5) else 0.0)
+    ajar: float = maybe(0.5, between(10, 50), 0.0)
 
     def assemble(self, b: Builder) -> None:
         half = self.width / 2
@@ -267,58 +242,58 @@ class Shower(Spec, piece=("shower", "shower", "corner"), front_clearance=0.6):
             *((0.0, 0.0, 30), (0.0, 0.045, 30), (0.004, 0.05, 28)),
             *((0.05, 0.05, 16), (0.07, 0.032, 14)),
         )
-        rings = [superellipse(half - dx, half - dx, z, power, 64) for dx, z, power in tray]
-        b.add(CERAMIC, loft(rings), name="tray")
-        b.add(CHROME, cylinder(0.055, 0.0325, 0.036, 28).moved(-0.1, 0.1), name="drain")
+        rings = [g.superellipse(half - dx, half - dx, z, power, 64) for dx, z, power in tray]
+        b.add(m.CERAMIC, g.loft(rings), name="tray")
+        b.add(m.CHROME, g.cylinder(0.055, 0.0325, 0.036, 28).moved(-0.1, 0.1), name="drain")
         self._add_screens(b, half)
         self._add_fittings(b, half, -0.05, half - 0.055)
         if self.width > 0.85:  # a board in the corner of the walls
             low = (0.002 - half, half - 0.182, 1.1)
-            b.add(GLASS, span(low, (0.182 - half, half - 0.002, 1.106)), name="board")
+            b.add(m.GLASS, g.span(low, (0.182 - half, half - 0.002, 1.106)), name="board")
             b.surface(0.092 - half, half - 0.092, 1.106, 0.085, 0.085, 0.4)
 
     def _add_screens(self, b: Builder, half: float) -> None:
         pane, edge, split, height = 0.008, half - 0.025, -0.02, self.height
         low = (edge - pane, -edge + 0.01, 0.052)
-        b.add(GLASS, span(low, (edge, half - 0.012, height)), name="screen")
-        front = span((split, -edge, 0.052), (edge - 0.012, -edge + pane, height))
-        b.add(GLASS, front, name="screen")
+        b.add(m.GLASS, g.span(low, (edge, half - 0.012, height)), name="screen")
+        front = g.span((split, -edge, 0.052), (edge - 0.012, -edge + pane, height))
+        b.add(m.GLASS, front, name="screen")
         length, hinge = half + split - 0.03, (-half + 0.024, -edge + pane / 2)
-        door = span((0.004, -pane / 2, 0.058), (length, pane / 2, height - 0.004))
-        b.add(GLASS, door.turned("z", -self.ajar).moved(*hinge), name="door")
+        door = g.span((0.004, -pane / 2, 0.058), (length, pane / 2, height - 0.004))
+        b.add(m.GLASS, door.turned("z", -self.ajar).moved(*hinge), name="door")
         for side in (-1.0, 1.0):
-            knob = cylinder(0.014, 0.002, 0.03, 16, bevel=0.003).turned("x", 90.0 * side)
+            knob = g.cylinder(0.014, 0.002, 0.03, 16, bevel=0.003).turned("x", 90.0 * side)
             knob = knob.moved(length - 0.06, 0, 1.05).turned("z", -self.ajar).moved(*hinge)
-            b.add(CHROME, knob, name="knob")
-        box = (0.0, -0.04, 0.0), (length, 0.04, height)
-        b.hinge((*hinge, 0.058), (0.0, 0.0, -1.0), self.ajar, box)
+            b.add(m.CHROME, knob, name="knob")
+        swept = (0.0, -0.04, 0.0), (length, 0.04, height)
+        b.hinge((*hinge, 0.058), (0.0, 0.0, -1.0), self.ajar, swept)
         low, high = (edge - 0.02, half - 0.02, 0.05), (edge + 0.012, half, height + 0.002)
-        hung = span((-half, -edge - 0.01, 0.05), (-half + 0.022, -edge + 0.02, height + 0.002))
+        hung = g.span((-half, -edge - 0.01, 0.05), (-half + 0.022, -edge + 0.02, height + 0.002))
         x, z = edge - 0.004, height - 0.02
-        top = bar((x, -edge + 0.004, z), (x, half - 0.005, z), 0.009, 8)
-        for mesh in (span(low, high), hung, top):
+        top = g.bar((x, -edge + 0.004, z), (x, half - 0.005, z), 0.009, 8)
+        for mesh in (g.span(low, high), hung, top):
             b.add(self.style.metal, mesh, name="profile")
 
     def _add_fittings(self, b: Builder, half: float, x: float, y: float) -> None:
         """Add riser, head, mixer and hand shower at (x, y)."""
-        b.add(CHROME, bar((x, y, 0.98), (x, y, 2.06), 0.011, 12), name="riser")
+        b.add(m.CHROME, g.bar((x, y, 0.98), (x, y, 2.06), 0.011, 12), name="riser")
         path = [(x, y, 2.04), (x, y - 0.03, 2.085), (x, y - 0.08, 2.09), (x, y - 0.32, 2.09)]
-        b.add(CHROME, tube(path, 0.01, 10), name="riser")
-        head = lathe([(0.105, 0.0), (0.11, 0.006), (0.03, 0.018), (0.018, 0.05), (0, 0.05)], 36)
-        b.add(CHROME, head.moved(x, y - 0.31, 2.035), name="head")
+        b.add(m.CHROME, g.tube(path, 0.01, 10), name="riser")
+        head = g.lathe([(0.105, 0.0), (0.11, 0.006), (0.03, 0.018), (0.018, 0.05), (0, 0.05)], 36)
+        b.add(m.CHROME, head.moved(x, y - 0.31, 2.035), name="head")
         for z in (1.05, 1.95):
-            b.add(CHROME, bar((x, half - 0.001, z), (x, y, z), 0.01, 10), name="riser")
-        mixer = cylinder(0.022, -0.14, 0.14, 20, bevel=0.004).turned("y", 90)
-        b.add(CHROME, mixer.moved(x, y, 1.0), name="mixer")
+            b.add(m.CHROME, g.bar((x, half - 0.001, z), (x, y, z), 0.01, 10), name="riser")
+        mixer = g.cylinder(0.022, -0.14, 0.14, 20, bevel=0.004).turned("y", 90)
+        b.add(m.CHROME, mixer.moved(x, y, 1.0), name="mixer")
         t = np.linspace(0, 1, 18)
         sag = np.sin(np.pi * t)
         hang = 0.99 + 0.6 * t - 0.6 * sag * (1 - t)
         hose = np.stack([x + 0.12 - 0.03 * t - 0.04 * sag, y - 0.02 - 0.0 * t, hang], 1)
-        b.add(STEEL, tube(hose, 0.006, 8), name="hose")
+        b.add(m.STEEL, g.tube(hose, 0.006, 8), name="hose")
         x += 0.09
         path = [(x, y - 0.02, 1.58), (x, y - 0.05, 1.7), (x, y - 0.09, 1.73)]
-        b.add(CHROME, tube(path, [0.012, 0.013, 0.035], 14), name="hand shower")
-        b.add(CHROME, bar((-0.05, y, 1.6), (x, y - 0.02, 1.6), 0.01, 8), name="riser")
+        b.add(m.CHROME, g.tube(path, [0.012, 0.013, 0.035], 14), name="hand shower")
+        b.add(m.CHROME, g.bar((-0.05, y, 1.6), (x, y - 0.02, 1.6), 0.01, 8), name="riser")
 
 
 _IN_CABINET = (
@@ -331,7 +306,7 @@ class MirrorCabinet(Spec, piece=("mirror cabinet", "mirror", "on_wall"), mount_h
     """A cabinet with mirror doors, sometimes one ajar; the origin is on its lower back edge."""
 
     width: float = between(0.55, 0.8)
-    angle: float = drawn(lambda draw, spec: draw.between(12, 50) if draw.chance(0.35) else 0.0)
+    angle: float = maybe(0.35, between(12, 50), 0.0)
     held: tuple[tuple[str, float], ...] = drawn(  # names and heights of bottles
         lambda draw, spec: tuple(
             (name, draw.between(0.7, 1.2))
@@ -341,15 +316,15 @@ class MirrorCabinet(Spec, piece=("mirror cabinet", "mirror", "on_wall"), mount_h
 
     def assemble(self, b: Builder) -> None:
         width, depth, height = self.width, 0.15, 0.65
-        b.add(WHITE_PAINT, *carcass(width, depth, 0, height))
+        b.add(m.WHITE_PAINT, *carcass(width, depth, 0, height))
         for z in (0.22, 0.44):
             low = (-width / 2 + 0.019, -depth / 2 + 0.03, z)
-            shelf = span(low, (width / 2 - 0.019, depth / 2 - 0.013, z + 0.006))
-            b.add(GLASS, shelf, name="shelf")
+            shelf = g.span(low, (width / 2 - 0.019, depth / 2 - 0.013, z + 0.006))
+            b.add(m.GLASS, shelf, name="shelf")
         each, y = width / 2 - 0.002, -depth / 2 + 0.019
         leaf = [
-            (WHITE_PAINT, span((0, -0.012, 0), (each, 0, height))),
-            (MIRROR, span((0.001, -0.0165, 0.001), (each - 0.001, -0.012, height - 0.001))),
+            (m.WHITE_PAINT, g.span((0, -0.012, 0), (each, 0, height))),
+            (m.MIRROR, g.span((0.001, -0.0165, 0.001), (each - 0.001, -0.012, height - 0.001))),
         ]
         for material, mesh in leaf:
             b.add(material, mesh.turned("z", -self.angle).moved(-width / 2, y), name="door")
@@ -358,7 +333,7 @@ class MirrorCabinet(Spec, piece=("mirror cabinet", "mirror", "on_wall"), mount_h
         places = ((0.07, 0.018), (0.15, 0.2265), (0.23, 0.4465), (0.07, 0.2265), (0.14, 0.018))
         for k, (name, tall) in enumerate(self.held):
             x, z = places[k]
-            bottle = lathe(outline, 16).scaled(z=tall).moved(x - width / 2, 0.0, z)
+            bottle = g.lathe(outline, 16).scaled(z=tall).moved(x - width / 2, 0.0, z)
             with b.holding(name, "fitting"):
                 b.add(self.style.accents[k], bottle, name="bottle")
         b.move(y=-depth / 2)
@@ -369,28 +344,26 @@ class TowelRail(Spec, piece=("towel rail", "towel rail", "on_wall"), mount_heigh
 
     width: float = between(0.45, 0.55)
     height: float = between(0.8, 1.2)
-    metal: Material = drawn(lambda draw, spec: CHROME if draw.chance(0.6) else WHITE_PAINT)
+    metal: Material = either(0.6, m.CHROME, m.WHITE_PAINT)
     wide: float = between(0.28, 0.34)  # of towels
     both: bool = chance(0.5)
     fronts: tuple[float, float] = drawn(
         lambda draw, spec: tuple(draw.uniform((0.36, 0.16), (0.5, 0.22)).tolist())
     )
-    towels: tuple[tuple[Hanging, float], ...] = drawn(  # and their x
-        lambda draw, spec: tuple(
-            (hanging(draw), draw.between(-0.02, 0.02)) for _ in range(1 + spec.both)
-        )
+    towels: tuple[tuple[Hanging, float], ...] = repeated(  # and their x
+        lambda spec: 1 + spec.both, drawn(lambda draw, spec: hanging(draw)), between(-0.02, 0.02)
     )
 
     def assemble(self, b: Builder) -> None:
         width, height, metal, y = self.width, self.height, self.metal, -0.07
         for side in (-1, 1):
             x = side * width / 2
-            b.add(metal, bar((x, y, 0), (x, y, height), 0.015, 12))
+            b.add(metal, g.bar((x, y, 0), (x, y, height), 0.015, 12))
             for z in (0.08, height - 0.08):
-                b.add(metal, bar((x, 0, z), (x, y, z), 0.009, 10))
+                b.add(metal, g.bar((x, 0, z), (x, y, z), 0.009, 10))
         rungs = [0.04 + 0.055 * k for k in range(int(height / 0.055)) if k % 6 != 5]
         for z in rungs:
-            b.add(metal, bar((-width / 2, y - 0.008, z), (width / 2, y - 0.008, z), 0.01, 10))
+            b.add(metal, g.bar((-width / 2, y - 0.008, z), (width / 2, y - 0.008, z), 0.01, 10))
         rows, fronts = [rungs[-2], rungs[len(rungs) // 3]][: len(self.towels)], [*self.fronts]
         if self.both:  # the upper one ends above the lower one
             fronts[0] = min(fronts[0], rows[0] - rows[1] - 0.09)
@@ -408,31 +381,31 @@ class WashingMachine(
 
     depth: float = between(0.54, 0.6)
     height: float = between(0.845, 0.855)
-    ring: Material = either(0.6, STEEL, BLACK_PLASTIC)
+    ring: Material = either(0.6, m.STEEL, m.BLACK_PLASTIC)
 
     def assemble(self, b: Builder) -> None:
         half, depth, height, f = 0.3, self.depth, self.height, -self.depth / 2
-        case = span((-half, f + 0.01, 0.02), (half, depth / 2, height), 0.008)
-        b.add(WHITE_PAINT, case, name="case")
-        foot = span((-half + 0.03, f + 0.04, 0), (half - 0.03, depth / 2 - 0.03, 0.021))
-        b.add(BLACK_PLASTIC, foot, name="foot")
+        case = g.span((-half, f + 0.01, 0.02), (half, depth / 2, height), 0.008)
+        b.add(m.WHITE_PAINT, case, name="case")
+        foot = g.span((-half + 0.03, f + 0.04, 0), (half - 0.03, depth / 2 - 0.03, 0.021))
+        b.add(m.BLACK_PLASTIC, foot, name="foot")
         rim = [(0.185, -0.002), (0.185, 0.02), (0.17, 0.034), (0.145, 0.036), (0.14, 0.02)]
-        door = lathe([*rim, (0.14, 0.004)], 48).turned("x", 90).moved(0.0, f + 0.01, 0.43)
+        door = g.lathe([*rim, (0.14, 0.004)], 48).turned("x", 90).moved(0.0, f + 0.01, 0.43)
         b.add(self.ring, door, name="door")
-        lens = lathe([(0.139, 0.006), (0.125, 0.02), (0.07, 0.008), (0.0, 0.006)], 40)
-        window = Material("plastic", hex_color("#15171a"), 0.06)
+        lens = g.lathe([(0.139, 0.006), (0.125, 0.02), (0.07, 0.008), (0.0, 0.006)], 40)
+        window = Material("plastic", m.hex_color("#15171a"), 0.06)
         b.add(window, lens.turned("x", 90).moved(0.0, f + 0.01, 0.43), name="window")
-        b.add(IRON, box((0.03, 0.03, 0.07), (0.162, f - 0.02, 0.395), 0.006), name="handle")
+        b.add(m.IRON, g.box((0.03, 0.03, 0.07), (0.162, f - 0.02, 0.395), 0.006), name="handle")
         swings = (0.0, -0.05, -0.19), (0.38, 0.02, 0.19)
         b.hinge((-0.19, f + 0.01, 0.43), (0.0, 0.0, -1.0), 0.0, swings)
         low, high = (-half + 0.01, f + 0.002, height - 0.125), (half - 0.01, f + 0.02)
-        b.add(WHITE_PLASTIC, span(low, (*high, height - 0.012), 0.004), name="panel")
-        display = span((0.1, f, height - 0.1), (0.26, f + 0.004, height - 0.045))
-        b.add(BLACK_PLASTIC, display, name="display")
-        dial = lathe([(0.036, 0), (0.034, 0.02), (0.028, 0.024), (0, 0.024)], 28)
-        b.add(STEEL, dial.turned("x", 90).moved(0, f + 0.003, height - 0.07), name="dial")
-        drawer = span((-0.27, f, height - 0.11), (-0.08, f + 0.004, height - 0.03), 0.001)
-        b.add(WHITE_PLASTIC, drawer, name="drawer")
+        b.add(m.WHITE_PLASTIC, g.span(low, (*high, height - 0.012), 0.004), name="panel")
+        display = g.span((0.1, f, height - 0.1), (0.26, f + 0.004, height - 0.045))
+        b.add(m.BLACK_PLASTIC, display, name="display")
+        dial = g.lathe([(0.036, 0), (0.034, 0.02), (0.028, 0.024), (0, 0.024)], 28)
+        b.add(m.STEEL, dial.turned("x", 90).moved(0, f + 0.003, height - 0.07), name="dial")
+        drawer = g.span((-0.27, f, height - 0.11), (-0.08, f + 0.004, height - 0.03), 0.001)
+        b.add(m.WHITE_PLASTIC, drawer, name="drawer")
         b.surface(0, 0, height, half - 0.05, depth / 2 - 0.05)
 
 
@@ -443,17 +416,17 @@ class Toiletries(Spec, piece=("toiletries", "toiletries", "on_top")):
 
     def assemble(self, b: Builder) -> None:
         body = [(0.03, 0), (0.032, 0.005), (0.032, 0.11), (0.012, 0.125), (0, 0.125)]
-        b.add(self.glaze, lathe(body, 24).moved(-0.045), name="dispenser")
-        stem = bar((-0.045, 0, 0.12), (-0.045, 0, 0.158), 0.004, 8)
+        b.add(self.glaze, g.lathe(body, 24).moved(-0.045), name="dispenser")
+        stem = g.bar((-0.045, 0, 0.12), (-0.045, 0, 0.158), 0.004, 8)
         path = [(-0.045, 0.004, 0.156), (-0.045, -0.02, 0.158), (-0.045, -0.036, 0.15)]
-        b.add(CHROME, stem, tube(path, 0.005, 8), name="dispenser")
+        b.add(m.CHROME, stem, g.tube(path, 0.005, 8), name="dispenser")
         cup = [(0.03, 0), (0.034, 0.09), (0.0315, 0.09), (0.0275, 0.006), (0, 0.006)]
         with b.holding("beaker", "fitting"):
-            b.add(CERAMIC, lathe(cup, 24).moved(0.04), name="beaker")
+            b.add(m.CERAMIC, g.lathe(cup, 24).moved(0.04), name="beaker")
             for k in range(2):
                 lean = -0.02 + 0.04 * k
                 brush = Material("plastic", self.style.accents[k].color, 0.4)
                 foot, top = (0.04 - 0.5 * lean, -0.01, 0.008), (0.04 + 1.3 * lean, 0.012, 0.185)
-                b.add(brush, bar(foot, top, 0.003, 8), name="toothbrush")
-                head = box((0.009, 0.012, 0.024), (top[0], 0.005, 0.164))
-                b.add(WHITE_PLASTIC, head, name="toothbrush")
+                b.add(brush, g.bar(foot, top, 0.003, 8), name="toothbrush")
+                head = g.box((0.009, 0.012, 0.024), (top[0], 0.005, 0.164))
+                b.add(m.WHITE_PLASTIC, head, name="toothbrush")

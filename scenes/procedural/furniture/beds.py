@@ -8,6 +8,7 @@ import numpy as np
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.procedural.furniture.cabinets import feet, leg_material
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.parts.cloth import (
     Push,
@@ -21,7 +22,6 @@ from pbrnet.scenes.procedural.furniture.parts.cloth import (
     started,
     stuffed,
 )
-from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, box, rounded_box, span
 from pbrnet.scenes.procedural.furniture.spec import (
     Spec,
     between,
@@ -29,7 +29,9 @@ from pbrnet.scenes.procedural.furniture.spec import (
     drawn,
     optional,
     pick,
+    repeated,
     shape,
+    when,
     whole,
 )
 from pbrnet.scenes.procedural.furniture.style import Style
@@ -48,9 +50,7 @@ class Duvet(Spec):
     """
 
     wide: float  # of the mattress
-    more: float = drawn(
-        lambda draw, spec: draw.between(*((0.3, 0.48) if spec.wide > 1 else (0.4, 0.5)))
-    )
+    more: float = when(lambda duvet: duvet.wide > 1, between(0.3, 0.48), between(0.4, 0.5))
     long: float = between(1.9, 2.05)
     slept: bool = drawn(lambda draw, spec: draw.chance(0.15 + 0.8 * spec.style.disorder))
     heaped: bool = drawn(lambda draw, spec: spec.slept and draw.chance(0.35))
@@ -59,21 +59,17 @@ class Duvet(Spec):
     aside: float = drawn(lambda draw, spec: draw.normal(0, 0.02 + 0.1 * spec.slept))
     back: float = drawn(lambda draw, spec: 0.0 if spec.heaped else draw.between(0.25, 0.5))
     slant: float = drawn(lambda draw, spec: draw.normal(0, 0.15 + 0.35 * spec.slept))
-    waves: tuple[tuple[float, float, float, float], ...] = drawn(
-        lambda draw, spec: tuple(
-            (
-                draw.between(-9, 9),
-                draw.between(-12, 12) * (1 + spec.heaped),
-                draw.between(0, 6.3),
-                draw.between(0.4, 1),
-            )
-            for _ in range(7)
-        )
+    waves: tuple[tuple[float, float, float, float], ...] = repeated(
+        7,
+        between(-9, 9),
+        drawn(lambda draw, spec: draw.between(-12, 12) * (1 + spec.heaped)),
+        between(0, 6.3),
+        between(0.4, 1),
     )
     down: float = between(0.0, 0.06)
     at_foot: bool = chance(0.6)
 
-    def mesh(self, bodies: list[Push], top: float) -> BodyMesh:
+    def mesh(self, bodies: list[Push], top: float) -> g.BodyMesh:
         """The duvet on a mattress whose upper side is at `top`, metres."""
         wide = self.wide + self.more
         n, m = round(wide / _STEP) + 1, round(self.long / _STEP) + 1
@@ -178,50 +174,47 @@ class Bed(Spec):
         top = mattress_z + self.mattress
         sheet = Material("fabric", (0.8, 0.79, 0.76), 0.95)
         size = (self.width, _LONG, top - mattress_z)
-        mattress = rounded_box(size, (0, 0, mattress_z), 0.05, (0, 0, 0.006))
-        b.add(sheet, mattress, name="mattress")
+        b.add(sheet, g.rounded_box(size, (0, 0, mattress_z), 0.05, (0, 0, 0.006)), name="mattress")
         with b.holding("duvet", "bedding"):
             b.add(self.style.bedding, self._duvet(mattress_z, top), name="duvet")
         self._add_pillows(b, sheet, top)
         b.move(y=-middle)
 
     def _add_padded(self, b: Builder, middle: float) -> None:
-        frame, outer, head, low, high = (
-            self.frame, self.outer, self.head, self.rail_low, self.rail_high,
-        )  # fmt: skip
+        frame, outer, head = self.frame, self.outer, self.head
+        low, high = self.rail_low, self.rail_high
         size = (outer, _BED_BACK - _BED_FRONT - 0.06, high - low)
-        b.add(frame, rounded_box(size, (0, middle - 0.03, low), 0.025))
+        b.add(frame, g.rounded_box(size, (0, middle - 0.03, low), 0.025))
         board = (outer + 0.04, 0.1, head - 0.08), (0, _BED_BACK - 0.05, 0.08)
-        b.add(frame, rounded_box(*board, 0.035, (0, 0.006, 0)))
+        b.add(frame, g.rounded_box(*board, 0.035, (0, 0.006, 0)))
         columns = max(3, round(outer / 0.3))
         each = outer / columns
         size = (each - 0.006, 0.05, head - high - 0.12)
         for k in range(columns):
             at = (-outer / 2 + (k + 0.5) * each, _BED_BACK - 0.1, high + 0.08)
-            b.add(frame, rounded_box(size, at, 0.022, (0, 0.012, 0), steps=1))
+            b.add(frame, g.rounded_box(size, at, 0.022, (0, 0.012, 0), steps=1))
 
     def _add_boards(self, b: Builder, middle: float) -> None:
-        frame, outer, head, low, high = (
-            self.frame, self.outer, self.head, self.rail_low, self.rail_high,
-        )  # fmt: skip
+        frame, outer, head = self.frame, self.outer, self.head
+        low, high = self.rail_low, self.rail_high
         for side in (-1, 1):
             at = (side * (outer / 2 - 0.014), -0.0, low)
-            b.add(frame, box((0.028, _LONG + 0.02, high - low), at, 0.003))
-        b.add(frame, box((outer, 0.03, high - low + 0.001), (0, _BED_FRONT + 0.015, low), 0.003))
+            b.add(frame, g.box((0.028, _LONG + 0.02, high - low), at, 0.003))
+        b.add(frame, g.box((outer, 0.03, high - low + 0.001), (0, _BED_FRONT + 0.015, low), 0.003))
         corner = (-outer / 2 + 0.02, _BED_FRONT + 0.034, low + 0.02)
-        b.add(frame, span(corner, (outer / 2 - 0.02, _LONG / 2, low + 0.05)))
+        b.add(frame, g.span(corner, (outer / 2 - 0.02, _LONG / 2, low + 0.05)))
         y = _BED_BACK - 0.035
         if self.form == "panel":
             at = (0, _BED_BACK - 0.03, 0.1)
-            b.add(frame, box((outer + 0.02, 0.032, head - 0.1), at, 0.005))
+            b.add(frame, g.box((outer + 0.02, 0.032, head - 0.1), at, 0.005))
             return
         for side in (-1, 1):  # posts; the legs beside them reach a millimetre lower
-            mesh = box((0.05, 0.045, head - 0.001), (side * (outer / 2 - 0.005), y, 0.001), 0.005)
+            mesh = g.box((0.05, 0.045, head - 0.001), (side * (outer / 2 - 0.005), y, 0.001), 0.005)
             b.add(frame, mesh)
         for z in np.arange(high, head - 0.12, 0.16):
-            b.add(frame, box((outer - 0.06, 0.022, 0.12), (0, y, float(z)), 0.003))
+            b.add(frame, g.box((outer - 0.06, 0.022, 0.12), (0, y, float(z)), 0.003))
 
-    def _duvet(self, mattress_z: float, top: float) -> BodyMesh:
+    def _duvet(self, mattress_z: float, top: float) -> g.BodyMesh:
         half, outer, gap = self.width / 2, self.outer / 2, _DUVET + 0.005
         bodies = [
             block((-half, -_LONG / 2, mattress_z), (half, _LONG / 2, top), 0.05, gap),
@@ -258,7 +251,7 @@ def _frame(draw: Draw, style: Style, form: str) -> Material:
     return style.wood if draw.chance(0.7) else style.lacquer
 
 
-def _add_sunk(b: Builder, name: str, cloth: Material, mesh: BodyMesh, z: float) -> None:
+def _add_sunk(b: Builder, name: str, cloth: Material, mesh: g.BodyMesh, z: float) -> None:
     """Add a cushion, an object of its own, whose lowest point is at `z`: it sinks in."""
     with b.holding(name, "cushion"):
         b.add(cloth, mesh.moved(z=z - float(mesh.vertices[:, 2].min())), name=name)

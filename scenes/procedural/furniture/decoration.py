@@ -7,54 +7,32 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
+from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, Shown
 from pbrnet.scenes.procedural.furniture.parts.drapes import Pleats, hooked, pleats
-from pbrnet.scenes.procedural.furniture.parts.geometry import (
-    CORNERS,
-    BodyMesh,
-    bar,
-    box,
-    cylinder,
-    lathe,
-    merge,
-    rounded_box,
-    span,
-    sphere,
-    tube,
-)
 from pbrnet.scenes.procedural.furniture.spec import (
     Spec,
     any_of,
     between,
+    by,
     chance,
     drawn,
     either,
+    maybe,
     one,
     optional,
-    optional_of,
     pick,
     repeated,
     several,
+    when,
     whole,
 )
 from pbrnet.scenes.procedural.furniture.storage import LyingBook, VaseBody, add_basket, add_stack
-from pbrnet.scenes.procedural.furniture.style import (
-    BLACK_PLASTIC,
-    CERAMIC,
-    CHROME,
-    GLASS,
-    MIRROR,
-    SCREEN,
-    STEEL,
-    WHITE_PAINT,
-    WHITE_PLASTIC,
-    WICKER,
-    hex_color,
-)
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
-LABEL = Material("paper", hex_color("#e9e1cc"), 0.8)
+LABEL = Material("paper", m.hex_color("#e9e1cc"), 0.8)
 
 
 class Twig(Spec):
@@ -87,15 +65,15 @@ class Vase(Spec, piece=("vase", "vase", "on_top")):
             self._add_twigs(b, self.twigs)
 
     def _add_twigs(self, b: Builder, bunch: Twigs) -> None:
-        brown, t = Material("wood", hex_color("#6a4c34"), 0.8), np.linspace(0, 1, 5)
+        brown, t = Material("wood", m.hex_color("#6a4c34"), 0.8), np.linspace(0, 1, 5)
         for k, twig in enumerate(bunch.twigs):
             out, low, top = twig.extent * t**1.5, 0.72 * self.height, self.height + twig.rise
             turn = k * 2.4
             path = np.stack([out * np.cos(turn), out * np.sin(turn), low + (top - low) * t], 1)
-            b.add(brown, tube(path, np.linspace(0.0026, 0.0014, 5), 8), name="twigs")
+            b.add(brown, g.tube(path, np.linspace(0.0026, 0.0014, 5), 8), name="twigs")
             for share, size in zip((0.7, 0.85, 1.0), twig.blossoms, strict=True):
                 at = [float(np.interp(share, t, path[:, c])) for c in range(3)]
-                b.add(bunch.bloom, sphere(size, 10, 6).moved(*at), name="blossoms")
+                b.add(bunch.bloom, g.sphere(size, 10, 6).moved(*at), name="blossoms")
 
 
 class Picture(Spec, piece=("picture", "picture", "on_wall")):
@@ -107,40 +85,36 @@ class Picture(Spec, piece=("picture", "picture", "on_wall")):
     rail: float = between(0.018, 0.04)
     wood: Material = either(0.5, "dark_wood", "wood")
     margin: float = between(0.08, 0.2)
-    shown: Material = drawn(lambda draw, spec: spec.style.picture(draw))
+    shown: Material = any_of("picture")
 
     def assemble(self, b: Builder) -> None:
         width, height = self.width, min(self.height, 1.1)
         _add_frame(b, self.wood, width, height, self.rail, 0.028)
         w, h = width / 2 - self.rail, height / 2 - self.rail
-        mount = span((-w - 0.004, -0.016, -h - 0.004), (w + 0.004, -0.006, h + 0.004))
-        b.add(WHITE_PAINT, mount, name="mount")
+        mount = g.span((-w - 0.004, -0.016, -h - 0.004), (w + 0.004, -0.006, h + 0.004))
+        b.add(m.WHITE_PAINT, mount, name="mount")
         margin = self.margin * min(width, height)
-        b.add(self.shown, _picture_plane(w - margin, h - margin, -0.0175), name="picture")
+        picture = picture_plane(w - margin, h - margin, -0.0175, -0.0175 + 0.0012)
+        b.add(self.shown, picture, name="picture")
 
 
-def _picture_plane(w: float, h: float, y: float) -> BodyMesh:
-    """Thin board whose front has uvs [0, 1] x [0, 1]."""
-    board = span((-w, y, -h), (w, y + 0.0012, h))
+def picture_plane(w: float, h: float, y: float, back: float) -> g.BodyMesh:
+    """Thin board from y to `back` whose front has uvs [0, 1] x [0, 1]."""
+    board = g.span((-w, y, -h), (w, back, h))
     uvs = np.stack([board.vertices[:, 0] / (2 * w) + 0.5, board.vertices[:, 2] / (2 * h) + 0.5], 1)
-    return BodyMesh(board.vertices, board.faces, uvs, smooth=False)
+    return g.BodyMesh(board.vertices, board.faces, uvs, smooth=False)
 
 
-def display(w: float, h: float) -> BodyMesh:
+def display(w: float, h: float) -> g.BodyMesh:
     """Rectangle in the plane y = 0 that faces -Y, with uvs [0, 1] x [0, 1]."""
     points = np.array([[-w, 0, -h], [w, 0, -h], [w, 0, h], [-w, 0, h]])
     uvs = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    return BodyMesh(points, np.array([[0, 1, 2], [0, 2, 3]]), uvs, smooth=False)
+    return g.BodyMesh(points, np.array([[0, 1, 2], [0, 2, 3]]), uvs, smooth=False)
 
 
 def showing(low: float, high: float, is_film: bool = False) -> Any:
     """A field of what a display shows: a scene if it `is_film`, else windows with text."""
-    return drawn(lambda draw, spec: shown_on(draw, low, high, is_film))
-
-
-def shown_on(draw: Draw, low: float, high: float, is_film: bool = False) -> Shown:
-    """Draw what a display of a luminance from low to high shows."""
-    return Shown(draw.between(low, high), 2 * draw.variant() + (not is_film))
+    return drawn(lambda draw, _: Shown(draw.between(low, high), 2 * draw.variant() + (not is_film)))
 
 
 def _add_frame(
@@ -151,9 +125,9 @@ def _add_frame(
     for side in (-1, 1):
         x0, x1 = side * w - rail * (side > 0), side * w + rail * (side < 0)
         z0, z1 = side * h - rail * (side > 0), side * h + rail * (side < 0)
-        post = span((x0, -depth, -h), (x1, 0, h), 0.003, "z")
+        post = g.span((x0, -depth, -h), (x1, 0, h), 0.003, "z")
         low, high = (-w + rail, -depth + 0.0005, z0), (w - rail, -0.0003, z1)
-        b.add(material, post, span(low, high, 0.003, "x"), name="frame")
+        b.add(material, post, g.span(low, high, 0.003, "x"), name="frame")
 
 
 class WallMirror(Spec, piece=("wall mirror", "mirror", "on_wall")):
@@ -168,23 +142,19 @@ class WallMirror(Spec, piece=("wall mirror", "mirror", "on_wall")):
     )
     width: float = between(0.45, 0.75)
     height: float = drawn(lambda draw, spec: spec.width * draw.between(1.1, 1.7))
-    frame: Material | None = drawn(
-        lambda draw, spec: (
-            None if spec.is_round else (spec.style.wood if draw.chance(0.6) else spec.style.metal)
-        )
-    )
+    frame: Material | None = when("is_round", None, either(0.6, "wood", "metal"))
 
     def assemble(self, b: Builder) -> None:
         w, h = self.width / 2, self.height / 2
         if self.frame is None:
             angle, inner = 2 * np.pi * np.arange(48) / 48, w - 0.012
             ring = np.stack([inner * np.cos(angle), inner * np.sin(angle), 0.014 + 0 * angle], 1)
-            rim = tube(ring, 0.0139, 10, closed=True).turned("x", 90)
+            rim = g.tube(ring, 0.0139, 10, closed=True).turned("x", 90)
             b.add(self.style.metal, rim, name="frame")
-            b.add(MIRROR, cylinder(inner, 0.0, 0.012, 48).turned("x", 90))
+            b.add(m.MIRROR, g.cylinder(inner, 0.0, 0.012, 48).turned("x", 90))
             return
         _add_frame(b, self.frame, self.width, self.height, 0.03, 0.026)
-        b.add(MIRROR, span((-w + 0.028, -0.014, -h + 0.028), (w - 0.028, -0.004, h - 0.028)))
+        b.add(m.MIRROR, g.span((-w + 0.028, -0.014, -h + 0.028), (w - 0.028, -0.004, h - 0.028)))
 
 
 class FloorMirror(Spec, piece=("floor mirror", "mirror", "wall"), front_clearance=0.5):
@@ -198,7 +168,7 @@ class FloorMirror(Spec, piece=("floor mirror", "mirror", "wall"), front_clearanc
         w, h = self.width / 2, self.height / 2
         flat = Builder("floor mirror", "mirror", "wall", front_clearance=0.5)
         _add_frame(flat, self.style.wood, self.width, self.height, 0.04, 0.03)
-        flat.add(MIRROR, span((-w + 0.038, -0.018, -h + 0.038), (w - 0.038, -0.004, h - 0.038)))
+        flat.add(m.MIRROR, g.span((-w + 0.038, -0.018, -h + 0.038), (w - 0.038, -0.004, h - 0.038)))
         leaning = flat.turned("x", -self.lean)
         low, high = leaning.piece().bounds
         b.add_from(leaning, y=-float(low[1] + high[1]) / 2, z=-float(low[2]))
@@ -212,20 +182,20 @@ class Television(Spec, piece=("television", "television", "on_top")):
 
     def assemble(self, b: Builder) -> None:
         self._add_panel(b, 0.0, 0.07)
-        for side, sy in CORNERS:
+        for side, sy in g.CORNERS:
             x = side * 0.32 * self.width
-            leg = bar((x, 0, 0.08), (x + side * 0.02, sy * 0.12, 0.0075), 0.007, 8)
-            pad = cylinder(0.008, 0, 0.008, 10).moved(x + side * 0.02, sy * 0.12)
-            b.add(BLACK_PLASTIC, leg, pad, name="feet")
+            leg = g.bar((x, 0, 0.08), (x + side * 0.02, sy * 0.12, 0.0075), 0.007, 8)
+            pad = g.cylinder(0.008, 0, 0.008, 10).moved(x + side * 0.02, sy * 0.12)
+            b.add(m.BLACK_PLASTIC, leg, pad, name="feet")
 
     def _add_panel(self, b: Builder, y: float, z: float) -> None:
         """Add case and screen, their lower edge at z."""
         width, height = self.width, self.width * 0.575
-        panel = span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003)
+        panel = g.span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003)
         size, at = (0.7 * width, 0.05, 0.5 * height), (0, y + 0.03, z + 0.1 * height)
-        b.add(BLACK_PLASTIC, panel, rounded_box(size, at, 0.015, inner=1), name="case")
+        b.add(m.BLACK_PLASTIC, panel, g.rounded_box(size, at, 0.015, inner=1), name="case")
         low, high = (-width / 2 + 0.009, y - 0.0135, z + 0.018), (width / 2 - 0.009, y - 0.0115)
-        b.add(SCREEN, span(low, (*high, z + height - 0.009)), name="screen")
+        b.add(m.SCREEN, g.span(low, (*high, z + height - 0.009)), name="screen")
         w, h, middle = width / 2 - 0.012, height / 2 - 0.0165, z + height / 2 + 0.0045
         b.show(display(w, h).moved(0, y - 0.0138, middle), self.shown)
 
@@ -243,38 +213,39 @@ class Monitor(Spec, piece=("computer monitor", "monitor", "on_top")):
     width: float = between(0.52, 0.64)
     z: float = between(0.09, 0.14)
     pale_keys: bool = chance(0.5)
-    board: Material = either(0.5, STEEL, BLACK_PLASTIC)
+    board: Material = either(0.5, m.STEEL, m.BLACK_PLASTIC)
     shown: Shown = showing(40, 100)
 
     def assemble(self, b: Builder) -> None:
         width, height, y, z = self.width, 0.585 * self.width, 0.13, self.z
-        case = span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003)
-        b.add(BLACK_PLASTIC, case, name="case")
+        case = g.span((-width / 2, y - 0.012, z), (width / 2, y + 0.014, z + height), 0.003)
+        b.add(m.BLACK_PLASTIC, case, name="case")
         w, h, middle = width / 2 - 0.008, height / 2 - 0.011, z + height / 2 + 0.003
-        dark = span((-w, y - 0.0135, middle - h), (w, y - 0.0115, middle + h))
-        b.add(SCREEN, dark, name="screen")
-        b.add(BLACK_PLASTIC, box((0.05, 0.02, z + 0.14), (0, y + 0.025, 0.006)), name="stand")
-        b.add(BLACK_PLASTIC, box((0.24, 0.19, 0.01), (0, y + 0.02, 0), 0.003), name="stand")
+        dark = g.span((-w, y - 0.0135, middle - h), (w, y - 0.0115, middle + h))
+        b.add(m.SCREEN, dark, name="screen")
+        b.add(m.BLACK_PLASTIC, g.box((0.05, 0.02, z + 0.14), (0, y + 0.025, 0.006)), name="stand")
+        b.add(m.BLACK_PLASTIC, g.box((0.24, 0.19, 0.01), (0, y + 0.02, 0), 0.003), name="stand")
         self._add_keyboard(b)
-        mouse = rounded_box((0.06, 0.1, 0.034), (0.25, -0.11, 0.0), 0.0165, (0, 0, 0.003), inner=1)
+        size, at = (0.06, 0.1, 0.034), (0.25, -0.11, 0.0)
+        mouse = g.rounded_box(size, at, 0.0165, (0, 0, 0.003), inner=1)
         with b.holding("computer mouse", "electronics"):
-            b.add(BLACK_PLASTIC, mouse.moved(z=0.003), name="mouse")
-            b.add(BLACK_PLASTIC, box((0.04, 0.07, 0.005), (0.25, -0.11, 0)), name="mouse")
+            b.add(m.BLACK_PLASTIC, mouse.moved(z=0.003), name="mouse")
+            b.add(m.BLACK_PLASTIC, g.box((0.04, 0.07, 0.005), (0.25, -0.11, 0)), name="mouse")
         screen = display(w - 0.002, h - 0.002).moved(0, y - 0.0138, middle)
         b.show(screen, self.shown)
 
     def _add_keyboard(self, b: Builder) -> None:
-        keys = Material("plastic", hex_color("#d9d8d4" if self.pale_keys else "#2a2b2e"), 0.5)
+        keys = Material("plastic", m.hex_color("#d9d8d4" if self.pale_keys else "#2a2b2e"), 0.5)
         with b.holding("keyboard", "electronics"):
-            board = box((0.43, 0.125, 0.01), (-0.03, -0.11, 0.002), 0.003)
+            board = g.box((0.43, 0.125, 0.01), (-0.03, -0.11, 0.002), 0.003)
             b.add(self.board, board, name="keyboard")
-            b.add(BLACK_PLASTIC, box((0.4, 0.1, 0.0035), (-0.03, -0.11, 0)), name="keyboard")
+            b.add(m.BLACK_PLASTIC, g.box((0.4, 0.1, 0.0035), (-0.03, -0.11, 0)), name="keyboard")
             for row in range(5):
                 x = -0.235
                 while x < 0.165:
                     wide = 0.1 if row == 0 and -0.12 < x < -0.05 else 0.0155
                     at = (x + wide / 2, -0.154 + 0.0215 * row, 0.0115)
-                    b.add(keys, box((wide, 0.0165, 0.005), at), name="keys")
+                    b.add(keys, g.box((wide, 0.0165, 0.005), at), name="keys")
                     x += wide + 0.0035
 
 
@@ -282,14 +253,14 @@ class Laptop(Spec, piece=("laptop", "laptop", "on_top")):
     """An open laptop."""
 
     width: float = between(0.3, 0.36)
-    case: Material = either(0.6, STEEL, BLACK_PLASTIC)
+    case: Material = either(0.6, m.STEEL, m.BLACK_PLASTIC)
     lean: float = between(10, 28)
     shown: Shown = showing(40, 100)
 
     def assemble(self, b: Builder) -> None:
         width, depth, case = self.width, 0.68 * self.width, self.case
-        b.add(case, box((width, depth, 0.014), (0, 0, 0.001), 0.003), name="case")
-        b.add(BLACK_PLASTIC, box((width - 0.04, depth - 0.04, 0.002), (0, 0, 0)), name="feet")
+        b.add(case, g.box((width, depth, 0.014), (0, 0, 0.001), 0.003), name="case")
+        b.add(m.BLACK_PLASTIC, g.box((width - 0.04, depth - 0.04, 0.002), (0, 0, 0)), name="feet")
         pitch = (width - 0.05) / 13
         for row in range(5):
             for k in range(13):
@@ -298,13 +269,13 @@ class Laptop(Spec, piece=("laptop", "laptop", "on_top")):
                     continue
                 size = ((5 if in_bar else 1) * pitch - 0.003, pitch - 0.004, 0.002)
                 at = ((k - 6) * pitch, -0.005 + row * pitch * 0.98 - 0.02, 0.0148)
-                b.add(BLACK_PLASTIC, box(size, at), name="keys")
+                b.add(m.BLACK_PLASTIC, g.box(size, at), name="keys")
         at = (0, -depth / 2 + 0.18 * depth, 0.0147)
-        b.add(BLACK_PLASTIC, box((0.34 * width, 0.27 * depth, 0.0008), at), name="touchpad")
+        b.add(m.BLACK_PLASTIC, g.box((0.34 * width, 0.27 * depth, 0.0008), at), name="touchpad")
         lid = Builder("", "", "free")
-        lid.add(case, span((-width / 2, 0, 0), (width / 2, 0.006, depth), 0.002), name="case")
+        lid.add(case, g.span((-width / 2, 0, 0), (width / 2, 0.006, depth), 0.002), name="case")
         w, h, middle = width / 2 - 0.008, depth / 2 - 0.011, depth / 2 + 0.002
-        lid.add(SCREEN, span((-w, -0.0012, middle - h), (w, 0, middle + h)), name="screen")
+        lid.add(m.SCREEN, g.span((-w, -0.0012, middle - h), (w, 0, middle + h)), name="screen")
         lean, y = -self.lean, depth / 2 - 0.006
         b.add_from(lid.turned("x", lean), y=y, z=0.012)
         screen = display(w - 0.002, h - 0.002).moved(0, -0.0015, middle)
@@ -348,35 +319,35 @@ class FruitBowl(Spec, piece=("fruit bowl", "bowl", "on_top")):
             size, ring = fruit.size, 0.0 if k == last else 0.52 * radius
             turn = 2 * np.pi * k / max(last, 1)
             z = 0.45 * height + size + (0.045 if ring == 0 else 0.0)
-            body = lathe([(size * r, size * h) for r, h in apple], 18).turned("x", fruit.tilt)
+            body = g.lathe([(size * r, size * h) for r, h in apple], 18).turned("x", fruit.tilt)
             body = body.moved(ring * float(np.cos(turn)), ring * float(np.sin(turn)), z)
-            b.add(Material("plastic", hex_color(fruit.color), 0.4), body, name="fruit")
+            b.add(Material("plastic", m.hex_color(fruit.color), 0.4), body, name="fruit")
 
 
-def _bowl(radius: float, height: float) -> BodyMesh:
+def _bowl(radius: float, height: float) -> g.BodyMesh:
     t = np.linspace(0, 1, 7)
     outer = [(radius * (0.45 + 0.55 * float(s) ** 0.6), float(s) * height) for s in t]
     inner = [(r - 0.006, max(z, 0.008)) for r, z in outer[::-1]]
-    return lathe([*outer, *inner[:-1], (inner[-1][0] - 0.004, 0.008)], 32)
+    return g.lathe([*outer, *inner[:-1], (inner[-1][0] - 0.004, 0.008)], 32)
 
 
 class Cup(Spec):
     """A cup beside plates, of their glaze or of another."""
 
-    own: Material | None = optional_of(0.4, "accents")
+    own: Material | None = maybe(0.4, any_of("accents"))
     turn: float = between(0, 360)
 
 
 class Crockery(Spec, piece=("crockery", "crockery", "on_top")):
     """A pile of plates and two or three cups."""
 
-    glaze: Material = either(0.6, CERAMIC, "accents")
+    glaze: Material = either(0.6, m.CERAMIC, "accents")
     plates: int = whole(2, 6)
     cups: tuple[Cup, ...] = several(Cup, 2, 4)
 
     def assemble(self, b: Builder) -> None:
         profile = [(0.075, 0.0), (0.085, 0.004), (0.127, 0.018), (0.128, 0.021), (0.084, 0.008)]
-        plate = lathe([*profile, (0.0, 0.007)], 36)
+        plate = g.lathe([*profile, (0.0, 0.007)], 36)
         for k in range(self.plates):
             b.add(self.glaze, plate.moved(x=-0.07, z=0.0075 * k), name="plates")
         for k, each in enumerate(self.cups):
@@ -385,13 +356,13 @@ class Crockery(Spec, piece=("crockery", "crockery", "on_top")):
                 b.add(each.own or self.glaze, cup, name="cups")
 
 
-def _cup() -> BodyMesh:
+def _cup() -> g.BodyMesh:
     profile = [
         (0.03, 0.0), (0.038, 0.012), (0.042, 0.09), (0.0385, 0.09), (0.034, 0.014), (0.0, 0.01),
     ]  # fmt: skip
     t = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)
     ear = np.stack([0.039 + 0.026 * np.cos(t), 0 * t, 0.047 + 0.027 * np.sin(t)], axis=1)
-    return merge([lathe(profile, 24), tube(ear, 0.0045, 8)])
+    return g.merge([g.lathe(profile, 24), g.tube(ear, 0.0045, 8)])
 
 
 class Candle(Spec, piece=("candles", "candle", "on_top")):
@@ -403,17 +374,17 @@ class Candle(Spec, piece=("candles", "candle", "on_top")):
 
     def assemble(self, b: Builder) -> None:
         tray = [(0.1, 0.0), (0.105, 0.012), (0.101, 0.012), (0.097, 0.004), (0.0, 0.004)]
-        b.add(self.style.metal, lathe(tray, 32), name="tray")
-        wax = Material("plastic", hex_color("#efe6d2"), 0.6)
+        b.add(self.style.metal, g.lathe(tray, 32), name="tray")
+        wax = Material("plastic", m.hex_color("#efe6d2"), 0.6)
         for k, (radius, height) in enumerate(self.candles):
             turn = 2 * np.pi * k / 3 + 0.4
             x, y = 0.052 * float(np.cos(turn)), 0.052 * float(np.sin(turn))
             profile = [(radius, 0.0035), (radius, height), (0.8 * radius, height)]
             profile += [(0.6 * radius, height - 0.006), (0, height - 0.007)]
-            wick = bar((x, y, height - 0.009), (x + 0.002, y, height + 0.008), 0.0012, 8)
+            wick = g.bar((x, y, height - 0.009), (x + 0.002, y, height + 0.008), 0.0012, 8)
             with b.holding("candle", "candle"):
-                b.add(wax, lathe(profile, 22).moved(x, y), name="wax")
-                b.add(BLACK_PLASTIC, wick, name="wick")
+                b.add(wax, g.lathe(profile, 22).moved(x, y), name="wax")
+                b.add(m.BLACK_PLASTIC, wick, name="wick")
 
 
 class WallClock(Spec, piece=("wall clock", "clock", "on_wall")):
@@ -428,18 +399,18 @@ class WallClock(Spec, piece=("wall clock", "clock", "on_wall")):
     def assemble(self, b: Builder) -> None:
         radius = self.radius
         rim = [(radius, 0.0), (radius, 0.035), (radius - 0.015, 0.035), (radius - 0.017, 0.02)]
-        b.add(self.rim, lathe(rim, 48).turned("x", 90), name="rim")
-        dial = cylinder(radius - 0.0165, 0.015, 0.022, 48).turned("x", 90)
-        b.add(WHITE_PAINT, dial, name="dial")
+        b.add(self.rim, g.lathe(rim, 48).turned("x", 90), name="rim")
+        dial = g.cylinder(radius - 0.0165, 0.015, 0.022, 48).turned("x", 90)
+        b.add(m.WHITE_PAINT, dial, name="dial")
         for k in range(12):
             wide, long = (0.007, 0.024) if k % 3 == 0 else (0.004, 0.014)
-            mark = box((wide, 0.0016, long), (0, -0.0232, radius - 0.03 - long))
-            b.add(BLACK_PLASTIC, mark.turned("y", 30 * k), name="marks")
+            mark = g.box((wide, 0.0016, long), (0, -0.0232, radius - 0.03 - long))
+            b.add(m.BLACK_PLASTIC, mark.turned("y", 30 * k), name="marks")
         hands = ((0.52, 0.009, self.hour, -0.026), (0.76, 0.006, self.minute, -0.029))
         for length, width, angle, y in hands:
-            hand = box((width, 0.0018, length * radius + 0.02), (0, y, -0.02))
-            b.add(BLACK_PLASTIC, hand.turned("y", angle), name="hands")
-        b.add(BLACK_PLASTIC, cylinder(0.008, 0.021, 0.033, 14).turned("x", 90), name="hands")
+            hand = g.box((width, 0.0018, length * radius + 0.02), (0, y, -0.02))
+            b.add(m.BLACK_PLASTIC, hand.turned("y", angle), name="hands")
+        b.add(m.BLACK_PLASTIC, g.cylinder(0.008, 0.021, 0.033, 14).turned("x", 90), name="hands")
 
 
 class Radiator(Spec, piece=("radiator", "radiator", "on_wall"), mount_height=0.13):
@@ -455,19 +426,19 @@ class Radiator(Spec, piece=("radiator", "radiator", "on_wall"), mount_height=0.1
             x = -width / 2 + (k + 0.5) * pitch
             for y in (-0.115, -0.06):
                 size = (0.8 * pitch, 0.028, height)
-                b.add(WHITE_PAINT, rounded_box(size, (x, y, 0), 0.013, steps=1, inner=1))
+                b.add(m.WHITE_PAINT, g.rounded_box(size, (x, y, 0), 0.013, steps=1, inner=1))
         for z in (0.06, height - 0.06):
             size, at = (width - 0.4 * pitch, 0.075, 0.03), (0, -0.0875, z - 0.015)
-            b.add(WHITE_PAINT, box(size, at, 0.006))
+            b.add(m.WHITE_PAINT, g.box(size, at, 0.006))
             for side in (-1, 1):
-                bracket = box((0.03, 0.052, 0.02), (side * 0.3 * width, -0.026, z - 0.01))
-                b.add(WHITE_PAINT, bracket, name="bracket")
+                bracket = g.box((0.03, 0.052, 0.02), (side * 0.3 * width, -0.026, z - 0.01))
+                b.add(m.WHITE_PAINT, bracket, name="bracket")
         x, y = width / 2, -0.0875
-        pipe = bar((x - 0.3 * pitch, y, 0.06), (x + 0.05, y, 0.06), 0.01, 10)
-        down = bar((x + 0.04, y, 0.06), (x + 0.04, y, -0.12), 0.008, 10)
-        b.add(CHROME, pipe, down, name="valve")
-        knob = cylinder(0.02, 0, 0.06, 16, bevel=0.004).turned("y", 90)
-        b.add(WHITE_PAINT, knob.moved(x + 0.045, y, 0.06), name="knob")
+        pipe = g.bar((x - 0.3 * pitch, y, 0.06), (x + 0.05, y, 0.06), 0.01, 10)
+        down = g.bar((x + 0.04, y, 0.06), (x + 0.04, y, -0.12), 0.008, 10)
+        b.add(m.CHROME, pipe, down, name="valve")
+        knob = g.cylinder(0.02, 0, 0.06, 16, bevel=0.004).turned("y", 90)
+        b.add(m.WHITE_PAINT, knob.moved(x + 0.045, y, 0.06), name="knob")
 
 
 class Coat(NamedTuple):
@@ -478,7 +449,7 @@ class Coat(NamedTuple):
     size: tuple[float, float]
     pleats: Pleats
 
-    def mesh(self) -> BodyMesh:
+    def mesh(self) -> g.BodyMesh:
         """The coat below its hook."""
         return hooked(self.pleats, self.size).moved(self.x, -0.045, -0.012)
 
@@ -497,13 +468,13 @@ class CoatHooks(Spec, piece=("coat hooks", "coat hooks", "on_wall")):
         return [(k - (count - 1) / 2) * 0.15 for k in range(count)]
 
     def assemble(self, b: Builder) -> None:
-        board = span((-self.width / 2, -0.022, -0.05), (self.width / 2, 0, 0.05), 0.003)
+        board = g.span((-self.width / 2, -0.022, -0.05), (self.width / 2, 0, 0.05), 0.003)
         b.add(self.style.wood, board)
         coats = {coat.x: coat for coat in self.coats}
         for x in self.places:
             path = [(x, -0.02, -0.01), (x, -0.05, -0.03), (x, -0.08, -0.02), (x, -0.088, 0.015)]
-            b.add(self.style.metal, tube(path, 0.006, 8), name="hooks")
-            b.add(self.style.metal, sphere(0.009, 10, 6).moved(x, -0.088, 0.018), name="hooks")
+            b.add(self.style.metal, g.tube(path, 0.006, 8), name="hooks")
+            b.add(self.style.metal, g.sphere(0.009, 10, 6).moved(x, -0.088, 0.018), name="hooks")
             if x in coats:
                 with b.holding("coat", "clothing"):
                     b.add(coats[x].cloth, coats[x].mesh(), name="coat")
@@ -529,23 +500,23 @@ class StorageBox(Spec, piece=("storage basket", "box", "free")):
     width: float = between(0.3, 0.42)
     depth: float = between(0.24, 0.34)
     height: float = between(0.2, 0.3)
-    paper: Material | None = optional_of(0.5, "accents")  # None: a basket
+    paper: Material | None = maybe(0.5, any_of("accents"))  # None: a basket
 
     def assemble(self, b: Builder) -> None:
         b.name = "storage box" if self.paper else "storage basket"
         width, depth, height = self.width, self.depth, self.height
         if self.paper:
             paper = Material("paper", self.paper.color, 0.85)
-            b.add(paper, box((width, depth, height - 0.02), (0, 0, 0), 0.002), name="box")
-            lid = box((width + 0.008, depth + 0.008, 0.06), (0, 0, height - 0.06), 0.002)
+            b.add(paper, g.box((width, depth, height - 0.02), (0, 0, 0), 0.002), name="box")
+            lid = g.box((width + 0.008, depth + 0.008, 0.06), (0, 0, height - 0.06), 0.002)
             b.add(paper, lid, name="lid")
-            label = box((0.07, 0.004, 0.03), (0, -depth / 2 - 0.001, 0.5 * height))
+            label = g.box((0.07, 0.004, 0.03), (0, -depth / 2 - 0.001, 0.5 * height))
             b.add(self.style.metal, label, name="label")
             b.surface(0, 0, height, width / 2 - 0.02, depth / 2 - 0.02)
         else:
-            add_basket(b, 0, 0, 0, (width / 2, depth / 2), height)
+            add_basket(b, (0, 0, 0), (width / 2, depth / 2), height)
             size, at = (width - 0.06, depth - 0.06, 0.12), (0, 0, height - 0.13)
-            b.add(self.style.throw, rounded_box(size, at, 0.05, (0, 0, 0.02)), name="linen")
+            b.add(self.style.throw, g.rounded_box(size, at, 0.05, (0, 0, 0.02)), name="linen")
 
 
 class WasteBin(Spec, piece=("bin", "bin", "free")):
@@ -554,27 +525,23 @@ class WasteBin(Spec, piece=("bin", "bin", "free")):
     radius: float = between(0.11, 0.14)
     height: float = between(0.26, 0.33)
     kind: str = pick("waste bin", "paper basket", "pedal bin", "mesh bin")
-    case: Material | None = drawn(
-        lambda draw, spec: (
-            (STEEL if draw.chance(0.6) else WHITE_PLASTIC) if spec.kind == "pedal bin" else None
-        )
-    )
+    case: Material | None = by("kind", {"pedal bin": either(0.6, m.STEEL, m.WHITE_PLASTIC)})
 
     def assemble(self, b: Builder) -> None:
         b.name = self.kind
         radius, height = self.radius, self.height
         if self.case:
-            b.add(self.case, cylinder(radius, 0.012, height, 32, 0.006), name="bin")
-            b.add(BLACK_PLASTIC, cylinder(0.97 * radius, 0.0, 0.0121, 32), name="foot")
+            b.add(self.case, g.cylinder(radius, 0.012, height, 32, 0.006), name="bin")
+            b.add(m.BLACK_PLASTIC, g.cylinder(0.97 * radius, 0.0, 0.0121, 32), name="foot")
             lid = [(1.01 * radius, height + 0.003), (0.9 * radius, height + 0.022)]
-            b.add(self.case, lathe([*lid, (0, height + 0.03)], 32), name="lid")
-            pedal = box((0.06, 0.05, 0.008), (0, -radius - 0.015, 0.008), 0.002)
-            b.add(BLACK_PLASTIC, pedal, name="pedal")
+            b.add(self.case, g.lathe([*lid, (0, height + 0.03)], 32), name="lid")
+            pedal = g.box((0.06, 0.05, 0.008), (0, -radius - 0.015, 0.008), 0.002)
+            b.add(m.BLACK_PLASTIC, pedal, name="pedal")
             return
-        own = {"paper basket": WICKER, "mesh bin": self.style.metal}
+        own = {"paper basket": m.WICKER, "mesh bin": self.style.metal}
         profile = [(0.8 * radius, 0.0), (radius, height), (radius - 0.004, height)]
-        body = lathe([*profile, (0.8 * radius - 0.004, 0.006)], 32)
-        b.add(own.get(self.kind, BLACK_PLASTIC), body, name="bin")
+        body = g.lathe([*profile, (0.8 * radius - 0.004, 0.006)], 32)
+        b.add(own.get(self.kind, m.BLACK_PLASTIC), body, name="bin")
 
 
 class Bottle(Spec, piece=("bottle and glasses", "glass", "on_top")):
@@ -591,11 +558,11 @@ class Bottle(Spec, piece=("bottle and glasses", "glass", "on_top")):
         height, width = self.height, self.width
         body = [(width - 0.002, 0.0), (width, 0.006), (width, 0.62 * height)]
         body += [(0.8 * width, 0.71 * height), (0.015, 0.8 * height), (0.0145, height)]
-        dark = Material("plastic", hex_color(self.tint), 0.1)
-        b.add(dark, lathe([*body, (0.0, height)], 26), name="bottle")
+        dark = Material("plastic", m.hex_color(self.tint), 0.1)
+        b.add(dark, g.lathe([*body, (0.0, height)], 26), name="bottle")
         label = [(width + 0.0004, 0.22 * height), (width + 0.0004, 0.5 * height)]
-        b.add(LABEL, lathe(label, 26), name="label")
+        b.add(LABEL, g.lathe(label, 26), name="label")
         profile = [(0.028, 0.0), (0.034, 0.1), (0.0325, 0.1), (0.0265, 0.006), (0.0, 0.006)]
         for (x, y), (dx, dy) in zip(((0.1, -0.03), (0.085, 0.075)), self.glasses, strict=True):
             with b.holding("glass", "glass"):
-                b.add(GLASS, lathe(profile, 24).moved(x + dx, y + dy), name="glasses")
+                b.add(m.GLASS, g.lathe(profile, 24).moved(x + dx, y + dy), name="glasses")

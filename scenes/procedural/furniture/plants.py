@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
+from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
-from pbrnet.scenes.procedural.furniture.parts.geometry import (
-    BodyMesh,
-    bar,
-    cylinder,
-    grid,
-    lathe,
-    loft,
-    tube,
+from pbrnet.scenes.procedural.furniture.spec import (
+    Spec,
+    between,
+    drawn,
+    pick,
+    repeated,
+    when,
+    whole,
 )
-from pbrnet.scenes.procedural.furniture.spec import Spec, between, drawn, pick, repeated, whole
 from pbrnet.scenes.procedural.furniture.storage import add_basket
-from pbrnet.scenes.procedural.furniture.style import CERAMIC, SOIL, TERRACOTTA, hex_color
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
@@ -34,25 +34,25 @@ class PlantPot(Spec):
     height: float
     kind: float = drawn(lambda draw, spec: draw.random())
     glaze: Material = drawn(lambda draw, spec: _glaze(draw, spec))
-    foot: float = drawn(lambda draw, spec: draw.between(0.65, 0.9) if spec.kind >= 0.25 else 0.0)
+    foot: float = when(lambda pot: pot.kind >= 0.25, between(0.65, 0.9), 0.0)
 
     def add_to(self, b: Builder) -> None:
         """Add the pot, standing at the origin."""
         radius, height, wall = self.radius, self.height, 0.08 * self.radius
         if self.kind < 0.25:
-            add_basket(b, 0, 0, 0, (radius, radius), height, 2.0)
-            b.add(SOIL, cylinder(radius - 0.028, 0.5 * height, 0.82 * height, 28), name="soil")
+            add_basket(b, (0, 0, 0), (radius, radius), height, 2.0)
+            b.add(m.SOIL, g.cylinder(radius - 0.028, 0.5 * height, 0.82 * height, 28), name="soil")
             return
         profile = [(self.foot * radius, 0.0), (radius - 0.06 * radius, 0.86 * height)]
         profile += [(radius, 0.87 * height), (radius, height), (radius - wall, height)]
-        pot = lathe([*profile, (radius - 1.6 * wall, 0.7 * height)], 28)
-        b.add(CERAMIC if self.kind > 0.8 else self.glaze, pot, name="pot")
+        pot = g.lathe([*profile, (radius - 1.6 * wall, 0.7 * height)], 28)
+        b.add(m.CERAMIC if self.kind > 0.8 else self.glaze, pot, name="pot")
         profile = [(0.8 * radius, 0.72 * height), (radius - 1.25 * wall, 0.86 * height)]
-        b.add(SOIL, lathe([*profile, (0, 0.89 * height)], 24), name="soil")
+        b.add(m.SOIL, g.lathe([*profile, (0, 0.89 * height)], 24), name="soil")
 
 
 def _glaze(draw: Draw, pot: PlantPot) -> Material:
-    return TERRACOTTA if pot.kind < 0.5 else draw.pick(pot.style.accents)
+    return m.TERRACOTTA if pot.kind < 0.5 else draw.pick(pot.style.accents)
 
 
 class BroadLeaf(Spec):
@@ -72,7 +72,7 @@ class BroadLeaf(Spec):
         rise, turn = plant.rise, k * 2.4 + self.aside
         extent = 0.33 * rise * self.out * (1.25 - 0.6 * self.share)
         path = plant.branch(turn, extent, plant.base + 0.92 * rise * self.share)
-        b.add(plant.stalk, tube(path, np.linspace(0.013, 0.005, 6) * rise, 8), name="stalks")
+        b.add(plant.stalk, g.tube(path, np.linspace(0.013, 0.005, 6) * rise, 8), name="stalks")
         length = self.length * rise
         leaf = _leaf(length, 0.62 * length, self.droop).turned("x", self.roll)
         leaf = leaf.turned("y", self.tilt).turned("z", np.degrees(turn)).moved(*path[-1])
@@ -92,7 +92,7 @@ class Frond(Spec):
         """Add the `k`-th frond of a plant."""
         rise, turn = plant.rise, k * 2.4 + self.aside
         path = plant.branch(turn, 0.45 * rise * self.out, plant.base + rise * self.top)
-        b.add(plant.stalk, tube(path, np.linspace(0.009, 0.003, 6) * rise, 8), name="stalks")
+        b.add(plant.stalk, g.tube(path, np.linspace(0.009, 0.003, 6) * rise, 8), name="stalks")
         fine, blades = np.linspace(0.35, 1.0, 11), iter(self.blades)
         at = np.stack([np.interp(fine, np.linspace(0, 1, 6), path[:, c]) for c in range(3)], 1)
         for j, point in enumerate(at):
@@ -139,7 +139,7 @@ class Herb(Spec):
         turn, out = k * 2.4, 0.75 * plant.pot.radius * float(np.sqrt(self.out))
         foot = (out * float(np.cos(turn)), out * float(np.sin(turn)), plant.base)
         tip = (1.7 * foot[0], 1.7 * foot[1], plant.base + plant.rise * self.tall)
-        b.add(plant.stalk, bar(foot, tip, 0.0013, 8), name="stalks")
+        b.add(plant.stalk, g.bar(foot, tip, 0.0013, 8), name="stalks")
         for share, (length, around, leaf) in zip((0.45, 0.7, 0.92), self.blades, strict=True):
             at = np.array(foot) + share * (np.array(tip) - np.array(foot))
             blade = _leaf(length, 0.02, 0.8, rows=4).turned("y", -20.0).turned("z", around)
@@ -150,7 +150,7 @@ class CactusColumn(Spec):
     """A ribbed column of a cactus."""
 
     alone: bool
-    size: float = drawn(lambda draw, spec: 1.0 if spec.alone else draw.between(0.45, 0.6))
+    size: float = when("alone", 1.0, between(0.45, 0.6))
     tall: float = between(0.6, 0.95)
 
     def add_to(self, b: Builder, k: int, plant: Foliage) -> None:
@@ -163,7 +163,7 @@ class CactusColumn(Spec):
             ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
             at = (x, y, plant.base - 0.002 + z * tall)
             rings.append(ring * (size * wide * ribs)[:, None] + at)
-        b.add(plant.leaves[0], loft(rings), name="columns")
+        b.add(plant.leaves[0], g.loft(rings), name="columns")
 
 
 _GROWTH: dict[str, tuple[type[Spec], int, int]] = {  # how many there are: at least, below
@@ -198,7 +198,7 @@ class Foliage(Spec):
     @property
     def leaves(self) -> tuple[Material, Material]:
         """Dark and pale leaves."""
-        red, green, blue = hex_color(self.green)
+        red, green, blue = m.hex_color(self.green)
         pale = (min(1.0, red * 1.35), min(1.0, green * 1.3), min(1.0, blue * 1.2))
         one, two = self.variants
         dark = Material("leaf", (red, green, blue), 0.45, accent=pale, variant=one)
@@ -206,7 +206,7 @@ class Foliage(Spec):
 
     @property
     def stalk(self) -> Material:
-        red, green, blue = hex_color(self.green)
+        red, green, blue = m.hex_color(self.green)
         return Material("leaf", (red * 1.1, green * 0.9, blue * 0.8), 0.6)
 
     def branch(self, turn: float, extent: float, top: float) -> Float64Array:
@@ -261,7 +261,7 @@ class SmallPlant(Spec, piece=("plant", "plant", "on_top")):
         self.foliage.add_to(b)
 
 
-def _leaf(length: float, width: float, droop: float, rows: int = 7) -> BodyMesh:
+def _leaf(length: float, width: float, droop: float, rows: int = 7) -> g.BodyMesh:
     """Leaf along +X from the origin, folded along its midrib, with a drooping tip."""
     t = np.linspace(0, 1, rows)
     half = 0.5 * width * np.sin(np.pi * t**0.8) ** 0.8
@@ -275,4 +275,4 @@ def _leaf(length: float, width: float, droop: float, rows: int = 7) -> BodyMesh:
         points[:, column, 0] = x
         points[:, column, 1] = side * half
         points[:, column, 2] = z + 0.35 * abs(side) * half
-    return grid(points)
+    return g.grid(points)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
+from operator import attrgetter
 from typing import Any, ClassVar, NamedTuple, Self, dataclass_transform
 
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, Print
@@ -55,9 +56,7 @@ def shape(feature: str, *variants: str) -> Any:
 
 def either(share: float, one: Material | str, other: Material | str) -> Any:
     """A field that is one material with probability `share`, else another; see `material`."""
-    return drawn(
-        lambda draw, spec: material(draw, spec.style, one if draw.chance(share) else other)
-    )
+    return maybe(share, any_of(one), any_of(other))
 
 
 def any_of(*which: Material | str) -> Any:
@@ -77,31 +76,32 @@ def one(kind: type[Spec]) -> Any:
 
 def optional(share: float, kind: type[Spec]) -> Any:
     """A field that is a specification of a kind with probability `share`, else None."""
-    return drawn(lambda draw, spec: kind.draw(draw, spec.style) if draw.chance(share) else None)
-
-
-def optional_of(share: float, which: Material | str) -> Any:
-    """A field that is a material with a probability, else None; see `material`."""
-    return drawn(
-        lambda draw, spec: material(draw, spec.style, which) if draw.chance(share) else None
-    )
+    return maybe(share, one(kind))
 
 
 def several(kind: type[Spec], low: int, high: int) -> Any:
     """A field of [low, high) specifications of a kind."""
-    return drawn(
-        lambda draw, spec: tuple(kind.draw(draw, spec.style) for _ in range(draw.whole(low, high)))
-    )
+    return repeated(whole(low, high), one(kind))
 
 
-def when(is_so: Callable[[Any], bool], how: Any, otherwise: Any = None) -> Any:
-    """A field drawn as another if the fields before it are so, else `otherwise`."""
-    return drawn(lambda draw, spec: _value(how if is_so(spec) else otherwise, draw, spec))
+def maybe(share: float | Callable[[Any], float], how: Any, otherwise: Any = None) -> Any:
+    """A field drawn as another with probability `share`, else `otherwise`."""
+
+    def chosen(draw: Draw, spec: Any) -> Any:
+        return how if draw.chance(_value(share, draw, spec)) else otherwise
+
+    return drawn(lambda draw, spec: _value(chosen(draw, spec), draw, spec))
 
 
-def by(feature: str, hows: Mapping[str, Any]) -> Any:
-    """A field drawn as the value of a field before it says; None where that is not in `hows`."""
-    return drawn(lambda draw, spec: _value(hows.get(getattr(spec, feature)), draw, spec))
+def when(is_so: str | Callable[[Any], Any], how: Any, otherwise: Any = None) -> Any:
+    """A field drawn as another if a field before it, or a function of those, is true."""
+    so = is_so if callable(is_so) else attrgetter(is_so)
+    return drawn(lambda draw, spec: _value(how if so(spec) else otherwise, draw, spec))
+
+
+def by(feature: str, hows: Mapping[Any, Any], otherwise: Any = None) -> Any:
+    """A field drawn as the value of a field before it says; `otherwise` for other values."""
+    return drawn(lambda draw, spec: _value(hows.get(getattr(spec, feature), otherwise), draw, spec))
 
 
 def ranged() -> Any:
@@ -110,7 +110,7 @@ def ranged() -> Any:
 
 
 def scaled(low: float, high: float, default: Any = MISSING) -> Any:
-    """A field that is given as one or several lengths, each times a factor drawn from [low, high)."""
+    """A field given as one or several lengths, each times a factor drawn from [low, high)."""
     return field(default=default, metadata={"of": lambda draw, of: times(draw, of, low, high)})
 
 
@@ -136,16 +136,14 @@ def repeated(count: Any, *hows: Any) -> Any:
         values = tuple(_value(how, draw, spec) for how in hows)
         return values if len(hows) > 1 else values[0]
 
-    def all_of(draw: Draw, spec: Any) -> tuple[Any, ...]:
-        number = count(spec) if callable(count) else _value(count, draw, spec)
-        return tuple(each(draw, spec) for _ in range(number))
-
-    return drawn(all_of)
+    return drawn(lambda draw, it: tuple(each(draw, it) for _ in range(_value(count, draw, it))))
 
 
 def _value(how: Any, draw: Draw, spec: Any) -> Any:
-    """What a field draws, or the value itself."""
-    return how.metadata["how"](draw, spec) if isinstance(how, Field) else how
+    """Value of a field drawn, of a function of the fields before, or the value itself."""
+    if isinstance(how, Field):
+        return how.metadata["how"](draw, spec)
+    return how(spec) if callable(how) else how
 
 
 def material(draw: Draw, style: Style, which: Material | str) -> Material:
@@ -159,7 +157,7 @@ def material(draw: Draw, style: Style, which: Material | str) -> Material:
 
 
 class Piece(NamedTuple):
-    """What `Builder` knows of a piece before it is built."""
+    """Name, category, place and clearances of a piece, as `Builder` has them."""
 
     name: str
     category: str
@@ -190,7 +188,10 @@ class Spec:
 
     @classmethod
     def draw(cls, draw: Draw, style: Style, **given: Any) -> Self:
-        """Draw a specification; a field that is `given` (and not None) is not drawn."""
+        """Draw a specification; a field that is `given` (and not None) is not drawn.
+
+        What is given for one that is `ranged` or `scaled` is what it is drawn from.
+        """
         spec = object.__new__(cls)
         known = {each.name: each for each in fields(cls)}
         if unknown := given.keys() - known.keys():

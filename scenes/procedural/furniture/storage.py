@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,19 +19,9 @@ from pbrnet.scenes.procedural.furniture.cabinets import (
     pulled_out,
     shelf,
 )
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
+from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
-from pbrnet.scenes.procedural.furniture.parts.geometry import (
-    CORNERS,
-    BodyMesh,
-    bar,
-    box,
-    lathe,
-    loft,
-    merge,
-    rounded_box,
-    span,
-    superellipse,
-)
 from pbrnet.scenes.procedural.furniture.spec import (
     Spec,
     any_of,
@@ -40,15 +30,9 @@ from pbrnet.scenes.procedural.furniture.spec import (
     drawn,
     either,
     several,
+    when,
 )
-from pbrnet.scenes.procedural.furniture.style import (
-    CHROME,
-    PAGES,
-    RUBBER,
-    WHITE_PLASTIC,
-    WICKER,
-    Style,
-)
+from pbrnet.scenes.procedural.furniture.style import Style
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
@@ -88,7 +72,7 @@ class Books(Spec):
             z = self.z + float(book.thickness * sine)
             at = (x + float(book.height * sine), self.front + book.back, z)
             row.add(book.binding, cover.turned("y", -book.lean).moved(*at), name="books")
-            row.add(PAGES, pages.turned("y", -book.lean).moved(*at), name="pages")
+            row.add(m.PAGES, pages.turned("y", -book.lean).moved(*at), name="pages")
             x += _needed(book.thickness, book.height, book.lean) + 0.0008
         with b.holding("books", "books"):
             b.add_from(row)
@@ -122,16 +106,16 @@ def _needed(thickness: float, height: float, lean: float) -> float:
 _BINDINGS = 4  # colours of the books in a row
 
 
-def _book(thickness: float, height: float, depth: float) -> tuple[BodyMesh, BodyMesh]:
+def _book(thickness: float, height: float, depth: float) -> tuple[g.BodyMesh, g.BodyMesh]:
     """Binding and pages of a book: spine at y = 0, bottom at z = 0, left cover at x = 0."""
     board = 0.0022
     cover = [
-        span((0, 0.0, 0), (thickness, board, height)),
-        span((0, board, 0), (board, depth, height)),
-        span((thickness - board, board, 0), (thickness, depth, height)),
+        g.span((0, 0.0, 0), (thickness, board, height)),
+        g.span((0, board, 0), (board, depth, height)),
+        g.span((thickness - board, board, 0), (thickness, depth, height)),
     ]
-    pages = span((board, board, 0.003), (thickness - board, depth - 0.004, height - 0.004))
-    return merge(cover), pages
+    pages = g.span((board, board, 0.003), (thickness - board, depth - 0.004, height - 0.004))
+    return g.merge(cover), pages
 
 
 class LyingBook(Spec):
@@ -150,7 +134,7 @@ def add_stack(
     for book in books:
         thickness, height = book.thickness, book.height
         cover, pages = _book(thickness, height, 0.7 * height)
-        for material, mesh, name in ((book.binding, cover, "books"), (PAGES, pages, "pages")):
+        for material, mesh, name in ((book.binding, cover, "books"), (m.PAGES, pages, "pages")):
             lying = mesh.moved(-thickness / 2, -0.35 * height, -height / 2).turned("y", 90)
             lying = lying.turned("z", 90 + (turn + book.askew)).moved(x, y, z + thickness / 2)
             b.add(material, lying, name=name)
@@ -165,7 +149,7 @@ class VaseBody(Spec):
     mouth: float = between(0.35, 0.75)
     belly: float = between(0.8, 1.5)
 
-    def mesh(self) -> BodyMesh:
+    def mesh(self) -> g.BodyMesh:
         """The vase, standing at the origin."""
         height, width = self.height, self.wide * self.height
         mouth, t = self.mouth * width, np.linspace(0, 1, 17)
@@ -175,22 +159,16 @@ class VaseBody(Spec):
         profile = [(float(r), float(h)) for r, h in zip(outer, t * height, strict=True)]
         wall = 0.005
         profile += [(profile[-1][0] - wall, height), (0.9 * profile[-3][0] - wall, 0.86 * height)]
-        return lathe([*profile, (0.6 * mouth, 0.7 * height)], 24)
+        return g.lathe([*profile, (0.6 * mouth, 0.7 * height)], 24)
 
 
 def add_basket(
-    b: Builder,
-    x: float,
-    y: float,
-    z: float,
-    half: tuple[float, float],
-    tall: float,
-    power: float = 5.0,
+    b: Builder, at: Sequence[float], half: Sequence[float], tall: float, power: float = 5.0
 ) -> None:
     """Add an open basket; `power` 2 is round, higher powers approach a rectangle."""
     walls = ((0.02, 0.0), (0.0, tall), (0.008, tall), (0.026, 0.012))
-    rings = [superellipse(half[0] - dx, half[1] - dx, height, power, 28) for dx, height in walls]
-    b.add(WICKER, loft(rings).moved(x, y, z), name="basket")
+    rings = [g.superellipse(half[0] - dx, half[1] - dx, height, power, 28) for dx, height in walls]
+    b.add(m.WICKER, g.loft(rings).moved(*at), name="basket")
 
 
 class Level(NamedTuple):
@@ -209,9 +187,7 @@ class Bookshelf(Spec, piece=("bookshelf", "bookshelf", "wall"), front_clearance=
     width: float = between(0.7, 1.1)
     height: float = between(1.75, 2.1)
     depth: float = between(0.28, 0.33)
-    levels: tuple[Level, ...] = drawn(
-        lambda draw, spec: tuple(_level(draw, spec, z) for z in spec.zs)
-    )
+    levels: tuple[Level, ...] = drawn(lambda draw, it: tuple(_level(draw, it, z) for z in it.zs))
 
     @property
     def count(self) -> int:
@@ -236,7 +212,7 @@ class Bookshelf(Spec, piece=("bookshelf", "bookshelf", "wall"), front_clearance=
         width, depth, height, wood = self.width, self.depth, self.height, self.style.cabinet
         b.add(wood, *carcass(width, depth + FRONT, 0.06, height))
         low = (-width / 2 + 0.019, -depth / 2 + 0.03, 0)
-        b.add(wood, span(low, (width / 2 - 0.019, depth / 2, 0.06)))
+        b.add(wood, g.span(low, (width / 2 - 0.019, depth / 2, 0.06)))
         for z in self.zs[1:]:
             b.add(wood, shelf(width, depth + FRONT, z))
         left, right = self.ends
@@ -244,8 +220,8 @@ class Bookshelf(Spec, piece=("bookshelf", "bookshelf", "wall"), front_clearance=
             half = (min(0.17, (right - left) / 4 - 0.01), depth / 2 - 0.045)
             for share in (0.25, 0.75) if level.baskets else ():
                 with b.holding(level.baskets, "box"):
-                    x = left + share * (right - left)
-                    add_basket(b, x, 0.0, z, half, min(0.2, 0.7 * self.headroom))
+                    at = (left + share * (right - left), 0.0, z)
+                    add_basket(b, at, half, min(0.2, 0.7 * self.headroom))
             for row in level.rows:
                 row.add_to(b)
             if level.stack:
@@ -306,7 +282,7 @@ def _garments(draw: Draw, style: Style, low: float, high: float) -> Iterator[Gar
 def _add_clothes(b: Builder, width: float, rail: float, garments: Iterable[Garment]) -> None:
     """Add a rail at the height `rail` through a wardrobe, and garments on hangers."""
     ends = (-width / 2 + 0.02, 0, rail), (width / 2 - 0.02, 0, rail)
-    b.add(CHROME, bar(*ends, 0.012, 12), name="rail")
+    b.add(m.CHROME, g.bar(*ends, 0.012, 12), name="rail")
     t, angle = np.linspace(0, 1, 9), 2 * np.pi * np.arange(24) / 24
     half_wide = np.interp(t, [0, 0.08, 0.2, 1], [0.05, 0.19, 0.22, 0.24])
     half_thick = np.interp(t, [0, 0.08, 1], [0.012, 0.02, 0.028])
@@ -317,8 +293,8 @@ def _add_clothes(b: Builder, width: float, rail: float, garments: Iterable[Garme
             rings[k, :, 0] = half_thick[k] * np.cos(angle) * fold
             rings[k, :, 1] = half_wide[k] * np.sin(angle)
             rings[k, :, 2] = -0.07 - length * t[k]
-        b.add(cloth, loft(rings[::-1]).moved(x, 0.0, rail), name="garment")
-        b.add(CHROME, bar((x, 0, rail - 0.08), (x, 0, rail + 0.012), 0.003, 8), name="hanger")
+        b.add(cloth, g.loft(rings[::-1]).moved(x, 0.0, rail), name="garment")
+        b.add(m.CHROME, g.bar((x, 0, rail - 0.08), (x, 0, rail + 0.012), 0.003, 8), name="hanger")
 
 
 class Wardrobe(Spec, piece=("wardrobe", "wardrobe", "wall"), front_clearance=0.7):
@@ -340,8 +316,8 @@ class Wardrobe(Spec, piece=("wardrobe", "wardrobe", "wall"), front_clearance=0.7
         style, width, depth, height = self.style, self.width, self.depth, self.height
         finish, base = style.cabinet, 0.07
         b.add(finish, *carcass(width, depth, base, height))
-        plinth = box((width - 0.01, depth - 0.08, base + 0.001), (0, 0.03, 0))
-        top = box((width + 0.02, depth + 0.012, 0.025), (0, 0.0, height - 0.001), 0.004)
+        plinth = g.box((width - 0.01, depth - 0.08, base + 0.001), (0, 0.03, 0))
+        top = g.box((width + 0.02, depth + 0.012, 0.025), (0, 0.0, height - 0.001), 0.004)
         b.add(finish, plinth, top)
         each, bottom = width / self.doors, base + self.drawers
         for k in range(self.doors):
@@ -386,8 +362,8 @@ class BuiltInWardrobe(Spec, piece=("built-in wardrobe", "wardrobe", "wall"), fro
         b.add(finish, *carcass(width, depth, base, top))
         b.add(
             finish,
-            box((width - 0.01, depth - 0.08, base + 0.001), (0, 0.03, 0)),
-            box((width - 0.002, depth - 0.04, 0.051), (0, 0.012, top - 0.001)),
+            g.box((width - 0.01, depth - 0.08, base + 0.001), (0, 0.03, 0)),
+            g.box((width - 0.002, depth - 0.04, 0.051), (0, 0.012, top - 0.001)),
             shelf(width, depth, split + 0.009),
         )
         each = width / self.doors
@@ -402,12 +378,7 @@ class BuiltInWardrobe(Spec, piece=("built-in wardrobe", "wardrobe", "wall"), fro
 
 
 def _add_body(
-    b: Builder,
-    spec: Any,
-    foot: float,
-    legs: tuple[float, ...],
-    top: float,
-    over: tuple[float, float],
+    b: Builder, spec: Any, foot: float, legs: Sequence[float], top: float, over: Sequence[float]
 ) -> None:
     """Add feet, carcass and top of a low cabinet.
 
@@ -418,7 +389,7 @@ def _add_body(
     add_feet(b, spec.style, spec.style.wood, width, depth, foot + 0.002, *legs)
     b.add(finish, *carcass(width, depth, foot, height - top))
     size = (width + over[0], depth + over[1], top)
-    b.add(finish, box(size, (0, 0, height - top), 0.003))
+    b.add(finish, g.box(size, (0, 0, height - top), 0.003))
 
 
 class ChestOfDrawers(Spec, piece=("chest of drawers", "chest", "wall"), front_clearance=0.6):
@@ -427,9 +398,7 @@ class ChestOfDrawers(Spec, piece=("chest of drawers", "chest", "wall"), front_cl
     width: float = between(0.75, 1.1)
     depth: float = between(0.42, 0.5)
     height: float = between(0.78, 1.05)
-    pulled: tuple[float, ...] = drawn(
-        lambda draw, spec: pulled_out(draw, spec.style, spec.rows, 0.08, 0.22)
-    )
+    pulled: tuple[float, ...] = pulled_out(lambda chest: chest.rows, 0.08, 0.22)
     linen: bool = drawn(lambda draw, spec: any(spec.pulled) and draw.chance(0.8))
 
     @property
@@ -441,7 +410,7 @@ class ChestOfDrawers(Spec, piece=("chest of drawers", "chest", "wall"), front_cl
         finish, foot = style.cabinet, 0.11
         add_feet(b, style, style.wood, width, depth - FRONT, foot + 0.002, 0.045, 0.015)
         b.add(finish, *carcass(width, depth, foot, height - 0.024))
-        b.add(finish, box((width + 0.016, depth + 0.012, 0.025), (0, 0, height - 0.025), 0.003))
+        b.add(finish, g.box((width + 0.016, depth + 0.012, 0.025), (0, 0, height - 0.025), 0.003))
         zs = np.linspace(foot, height - 0.026, self.rows + 1)
         for k, out in enumerate(self.pulled):
             add_drawers(b, style, finish, style.wood, width / 2, zs[k : k + 2], depth, (out,))
@@ -449,7 +418,7 @@ class ChestOfDrawers(Spec, piece=("chest of drawers", "chest", "wall"), front_cl
                 cloth = style.cushions[k % len(style.cushions)]
                 for x in np.arange(-width / 2 + 0.15, width / 2 - 0.13, 0.2):
                     at = (float(x), -depth / 2 - out + 0.22, float(zs[k]) + 0.035)
-                    b.add(cloth, rounded_box((0.18, 0.3, 0.08), at, 0.03), name="linen")
+                    b.add(cloth, g.rounded_box((0.18, 0.3, 0.08), at, 0.03), name="linen")
         b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.05)
 
 
@@ -472,7 +441,7 @@ class Sideboard(Spec, piece=("sideboard", "sideboard", "wall"), front_clearance=
             add_door(b, style, finish, x0, x0 + third, foot, top, depth, hinge, angle)
             x = x0 + third * (k == 0)
             low = (x - 0.009, -depth / 2 + 0.03, foot + BOARD)
-            b.add(finish, span(low, (x + 0.009, depth / 2 - 0.013, top - BOARD)))
+            b.add(finish, g.span(low, (x + 0.009, depth / 2 - 0.013, top - BOARD)))
         add_drawers(b, style, finish, style.wood, third / 2, np.linspace(foot, top, 4), depth)
         b.surface(0, 0, self.height, width / 2 - 0.05, depth / 2 - 0.05)
 
@@ -495,13 +464,13 @@ class TvStand(Spec, piece=("tv stand", "tv stand", "wall"), front_clearance=0.4)
             add_door(b, self.style, finish, x0, x0 + third, foot, top, depth, hinge)
             x = x0 + third * (k == 0)
             low = (x - 0.009, -depth / 2 + 0.03, foot + BOARD)
-            b.add(finish, span(low, (x + 0.009, depth / 2 - 0.013, top)))
+            b.add(finish, g.span(low, (x + 0.009, depth / 2 - 0.013, top)))
         middle = foot + 0.55 * (top - foot)
         low = (-third / 2 + 0.009, -depth / 2 + 0.04, middle - 0.016)
-        b.add(finish, span(low, (third / 2 - 0.009, depth / 2 - 0.013, middle)))
+        b.add(finish, g.span(low, (third / 2 - 0.009, depth / 2 - 0.013, middle)))
         if self.player:
             black = Material("plastic", (0.012, 0.012, 0.014), 0.3)
-            case = box((min(0.3, third - 0.1), 0.22, 0.05), (0.02, -0.02, middle + 0.001), 0.003)
+            case = g.box((min(0.3, third - 0.1), 0.22, 0.05), (0.02, -0.02, middle + 0.001), 0.003)
             with b.holding("player", "electronics"):
                 b.add(black, case, name="player")
         with b.holding("books", "books"):
@@ -515,16 +484,9 @@ class NightTable(Spec, piece=("night table", "night table", "wall"), front_clear
     width: float = between(0.4, 0.5)
     depth: float = between(0.36, 0.42)
     height: float = between(0.46, 0.58)
-    pulled: tuple[float, ...] = drawn(
-        lambda draw, spec: pulled_out(draw, spec.style, 1, 0.05, 0.14)
-    )
+    pulled: tuple[float, ...] = pulled_out(lambda table: 1, 0.05, 0.14)
     has_books: bool = chance(0.7)
-    books: tuple[LyingBook, ...] = drawn(
-        lambda draw, spec: tuple(
-            LyingBook.draw(draw, spec.style)
-            for _ in range(draw.whole(2, 4) if spec.has_books else 0)
-        )
-    )
+    books: tuple[LyingBook, ...] = when("has_books", several(LyingBook, 2, 4), ())
 
     def assemble(self, b: Builder) -> None:
         style, width, depth, height = self.style, self.width, self.depth, self.height
@@ -567,16 +529,15 @@ class WallShelf(Spec, piece=("wall shelf", "shelf", "on_wall")):
 
     def assemble(self, b: Builder) -> None:
         width, depth, thick = self.width, self.depth, 0.025
-        board = span((-width / 2, -depth, -thick), (width / 2, 0, 0), 0.002)
-        b.add(self.style.wood, board)
+        b.add(self.style.wood, g.span((-width / 2, -depth, -thick), (width / 2, 0, 0), 0.002))
         for side in (-1, 1):
             x, under = side * (width / 2 - 0.12), -thick - 0.0005
             low = (x - 0.012, -depth + 0.03, -thick - 0.0045)
             b.add(
                 self.style.metal,
-                span((x - 0.012, -0.004, -0.16), (x + 0.012, 0, under)),
-                span(low, (x + 0.012, -0.004, under)),
-                bar((x, -0.006, -0.13), (x, -depth + 0.06, -thick - 0.003), 0.005, 8),
+                g.span((x - 0.012, -0.004, -0.16), (x + 0.012, 0, under)),
+                g.span(low, (x + 0.012, -0.004, under)),
+                g.bar((x, -0.006, -0.13), (x, -depth + 0.06, -thick - 0.003), 0.005, 8),
             )
         self.books.add_to(b)
         _, middle, high = self.ends
@@ -594,11 +555,11 @@ class WallBoard(Spec, piece=("wall board", "shelf", "on_wall")):
 
     def assemble(self, b: Builder) -> None:
         width, depth, metal = self.width, self.depth, self.style.metal
-        b.add(self.top, span((-width / 2, -depth, -0.02), (width / 2, 0, 0), 0.002))
+        b.add(self.top, g.span((-width / 2, -depth, -0.02), (width / 2, 0, 0), 0.002))
         for side in (-1, 1):
             x = side * (width / 2 - 0.06)
-            b.add(metal, span((x - 0.01, -0.004, -0.1), (x + 0.01, 0, -0.0205)))
-            b.add(metal, bar((x, -0.006, -0.08), (x, -depth + 0.03, -0.0235), 0.004, 8))
+            b.add(metal, g.span((x - 0.01, -0.004, -0.1), (x + 0.01, 0, -0.0205)))
+            b.add(metal, g.bar((x, -0.006, -0.08), (x, -depth + 0.03, -0.0235), 0.004, 8))
         b.surface(0, -depth / 2, 0.0, width / 2 - 0.015, depth / 2 - 0.01)
 
 
@@ -613,13 +574,13 @@ class Rack(Spec, piece=("rack", "shelf", "wall"), front_clearance=0.4):
 
     def assemble(self, b: Builder) -> None:
         width, depth, height = self.width, self.depth, self.height
-        for x, y in CORNERS:
+        for x, y in g.CORNERS:
             at = (x * (width / 2 - 0.011), y * (depth / 2 - 0.011), 0.0)
-            b.add(self.frame, box((0.022, 0.022, height), at, 0.002))
+            b.add(self.frame, g.box((0.022, 0.022, height), at, 0.002))
         levels = np.linspace(0.12, height - 0.03, max(3, round(height / 0.36))).tolist()
         for z, above in zip(levels, [*levels[1:], 9.0], strict=True):
             low = (0.023 - width / 2, 0.002 - depth / 2, z - 0.018)
-            b.add(self.board, span(low, (width / 2 - 0.023, depth / 2 - 0.002, z)))
+            b.add(self.board, g.span(low, (width / 2 - 0.023, depth / 2 - 0.002, z)))
             b.surface(0, 0, z, width / 2 - 0.03, depth / 2 - 0.01, above - z - 0.03)
 
 
@@ -627,21 +588,19 @@ class ShoeRack(Spec, piece=("shoe rack", "shelf", "wall"), front_clearance=0.4):
     """Two slatted boards with pairs of shoes."""
 
     width: float = between(0.6, 0.8)
-    shoes: tuple[tuple[float, float, Material], ...] = drawn(
-        lambda draw, spec: tuple(_pairs(draw, spec.width))
-    )  # x, z of the board, material
+    shoes: tuple[Shoes, ...] = drawn(lambda draw, spec: tuple(_pairs(draw, spec.width)))
 
     def assemble(self, b: Builder) -> None:
         half, deep, metal = self.width / 2, 0.3 / 2 - 0.01, self.style.metal
-        for sx, sy in CORNERS:
+        for sx, sy in g.CORNERS:
             foot = (sx * half, sy * deep)
-            b.add(metal, bar((*foot, 0), (*foot, 0.45), 0.009, 10))
+            b.add(metal, g.bar((*foot, 0), (*foot, 0.45), 0.009, 10))
         for z in _BOARDS:
             for side in (-1, 1):
-                b.add(metal, bar((side * half, -deep, z), (side * half, deep, z), 0.007, 8))
+                b.add(metal, g.bar((side * half, -deep, z), (side * half, deep, z), 0.007, 8))
             for k in range(5):
                 at = (0, (k - 2) * 0.058, z + 0.005)
-                b.add(self.style.wood, box((self.width, 0.04, 0.014), at, 0.003))
+                b.add(self.style.wood, g.box((self.width, 0.04, 0.014), at, 0.003))
             for x, own, material in self.shoes:
                 if own == z:
                     self._add_pair(b, material, x, z + 0.0195)
@@ -651,11 +610,14 @@ class ShoeRack(Spec, piece=("shoe rack", "shelf", "wall"), front_clearance=0.4):
         with b.holding("pair of shoes", "shoe"):
             for step in (0.0, 0.095):
                 b.add(material, upper.moved(x + step, 0.0, z), name="shoe")
-                under = WHITE_PLASTIC if material.kind == "fabric" else RUBBER
+                under = m.WHITE_PLASTIC if material.kind == "fabric" else m.RUBBER
                 b.add(under, sole.moved(x + step, 0.0, z), name="sole")
 
 
-def _pairs(draw: Draw, width: float) -> Iterator[tuple[float, float, Material]]:
+Shoes = tuple[float, float, Material]  # x, z of the board, material
+
+
+def _pairs(draw: Draw, width: float) -> Iterator[Shoes]:
     for z in _BOARDS:
         x = -width / 2 + 0.09
         while x < width / 2 - 0.07:
@@ -672,7 +634,7 @@ _SHOES = (
 )
 
 
-def _shoe() -> tuple[BodyMesh, BodyMesh]:
+def _shoe() -> tuple[g.BodyMesh, g.BodyMesh]:
     """Upper and sole of a shoe with its sole at z = 0 and its tip towards the front (-Y)."""
     upper = (  # height, half extents, y of the middle
         *((0.018, 0.041, 0.132, 0.0), (0.03, 0.042, 0.132, 0.0), (0.045, 0.039, 0.118, 0.01)),
@@ -681,6 +643,6 @@ def _shoe() -> tuple[BodyMesh, BodyMesh]:
     )
     sole = ((0.0, 0.041, 0.133), (0.017, 0.045, 0.137), (0.02, 0.044, 0.136))
     return (
-        loft([superellipse(half_x, half_y, z, 2.3, 20, y=y) for z, half_x, half_y, y in upper]),
-        loft([superellipse(half_x, half_y, z, 2.3, 20) for z, half_x, half_y in sole]),
+        g.loft([g.superellipse(half_x, half_y, z, 2.3, 20, y=y) for z, half_x, half_y, y in upper]),
+        g.loft([g.superellipse(half_x, half_y, z, 2.3, 20) for z, half_x, half_y in sole]),
     )

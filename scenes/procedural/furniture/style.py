@@ -13,9 +13,10 @@ from types import MappingProxyType
 from typing import Literal
 
 from pbrnet.scenes.checked import build
-from pbrnet.scenes.color import Color, decode_srgb_value
+from pbrnet.scenes.color import Color
 from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.looks import STYLES, StyleName
+from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
@@ -98,39 +99,9 @@ def _read() -> Mapping[StyleName, Interior]:
 INTERIORS = _read()
 
 
-def hex_color(code: str) -> Color:
-    """Return linear Rec. 709 RGB of an sRGB colour written as "#rrggbb"."""
-    channels = [int(code[start : start + 2], 16) / 255 for start in (1, 3, 5)]
-    linear = [decode_srgb_value(channel) for channel in channels]
-    return (linear[0], linear[1], linear[2])
-
-
-def scaled_color(color: Color, factor: float) -> Color:
-    """Return a linear RGB colour times `factor`."""
-    return (color[0] * factor, color[1] * factor, color[2] * factor)
-
-
 _BOOKS = ("#e7e1d5", "#2a2d33", "#7a2f2c", "#1f3d4f", "#c9b27c", "#355070")
 _PLAIN = ("#d8d6d0", "#3a3d44", "#41546e", "#7a7d80")
 _CLOTHS = ("cotton", "denim", "knit", "twill", "striped", "checked", "linen")
-
-CHROME = Material("metal", hex_color("#dcdde0"), roughness=0.08)
-STEEL = Material("metal", hex_color("#bcbdbd"), roughness=0.32)
-IRON = Material("metal", hex_color("#4a4a4b"), roughness=0.5)
-GLASS = Material("glass", (0.95, 0.97, 0.96), roughness=0.0)
-MIRROR = Material("mirror", (0.92, 0.92, 0.92), roughness=0.0)
-CERAMIC = Material("ceramic", hex_color("#efeeea"), roughness=0.12)
-WHITE_PLASTIC = Material("plastic", hex_color("#e9e8e4"), roughness=0.35)
-BLACK_PLASTIC = Material("plastic", hex_color("#1d1e20"), roughness=0.4)
-SCREEN = Material("plastic", hex_color("#0b0c0e"), roughness=0.12)
-RUBBER = Material("plastic", hex_color("#26262a"), roughness=0.7)
-WHITE_PAINT = Material("paint", hex_color("#ece9e2"), roughness=0.4)
-PAGES = Material("paper", hex_color("#e8dfc9"), roughness=0.9)
-SOIL = Material("soil", hex_color("#3a2a1e"), roughness=0.95)
-TERRACOTTA = Material("ceramic", hex_color("#b4683f"), roughness=0.8, family="earthenware")
-WICKER = Material(
-    "wood", hex_color("#b08a58"), roughness=0.6, accent=hex_color("#7d5c36"), family="wicker"
-)
 
 
 @dataclass(frozen=True)
@@ -171,12 +142,16 @@ class Style:
 
     def shape(self, draw: Draw, feature: str, variants: Sequence[str]) -> str:
         """Draw a variant of a piece's feature among those that the style has, else among all."""
-        fitting = self.interior.shapes.get(feature, tuple(variants))
-        return draw.pick(fitting)
+        return draw.pick(self.interior.shapes.get(feature, tuple(variants)))
+
+    @property
+    def accent(self) -> Material:
+        """The first accent."""
+        return self.accents[0]
 
     def picture(self, draw: Draw) -> Material:
         """Draw the material of an abstract picture."""
-        return Material("picture", hex_color("#9a938a"), 0.6, variant=draw.variant())
+        return Material("picture", m.hex_color("#9a938a"), 0.6, variant=draw.variant())
 
     def tinted(self, draw: Draw) -> Material:
         """Draw one of the home's small colours, in plastic."""
@@ -184,7 +159,7 @@ class Style:
 
     def glazed(self, draw: Draw) -> Material:
         """Draw the home's white or one of its coloured glazes."""
-        return CERAMIC if draw.chance(0.5) else draw.pick(self.accents)
+        return m.CERAMIC if draw.chance(0.5) else draw.pick(self.accents)
 
     def garment(self, draw: Draw) -> Material:
         """Draw the cloth of a garment, in a small colour of the home or in white, grey or blue."""
@@ -204,7 +179,7 @@ def make_style(draw: Draw, name: StyleName | None = None) -> Style:
     has = INTERIORS[name]
     wood = _wood(draw, _color(draw, has.woods), has)
     dark = _color(draw, has.dark_woods)
-    dark_wood = replace(wood, color=dark, accent=scaled_color(dark, 0.5), variant=draw.variant())
+    dark_wood = replace(wood, color=dark, accent=m.scaled_color(dark, 0.5), variant=draw.variant())
     lacquer = Material("paint", _color(draw, has.lacquers), draw.between(0.3, 0.5))
     kitchen = Material("paint", _color(draw, has.kitchens), draw.between(0.25, 0.5))
     if draw.chance(has.wooden_kitchens):
@@ -215,7 +190,7 @@ def make_style(draw: Draw, name: StyleName | None = None) -> Style:
         upholstery = Material("leather", _color(draw, has.leathers), 0.45)
     else:
         upholstery = _cloth(draw, has.upholstery, has.cloths)
-    accents = [hex_color(code) for code in draw.shuffled(has.accents)]
+    accents = [m.hex_color(code) for code in draw.shuffled(has.accents)]
     books = draw.shuffled((*_BOOKS, *has.accents))[:8]
     rug = _color(draw, has.rugs)
     curtain = Material(
@@ -234,13 +209,13 @@ def make_style(draw: Draw, name: StyleName | None = None) -> Style:
         cabinet=wood if draw.chance(has.wooden_cabinets) else lacquer,
         kitchen=kitchen,
         worktop=worktop,
-        metal=Material("metal", hex_color(metal_code), roughness=metal_roughness),
+        metal=Material("metal", m.hex_color(metal_code), roughness=metal_roughness),
         upholstery=upholstery,
         second_upholstery=_cloth(
             draw, has.upholstery if draw.chance(0.7) else has.accents, has.cloths
         ),
         cushions=tuple(
-            _woven(draw, color, 0.9, has.cushion_cloths, hex_color("#d9d2c4"))
+            _woven(draw, color, 0.9, has.cushion_cloths, m.hex_color("#d9d2c4"))
             for color in accents[:3]
         ),
         bedding=_cloth(draw, has.beddings, has.bedding_cloths),
@@ -254,14 +229,14 @@ def make_style(draw: Draw, name: StyleName | None = None) -> Style:
         towel=Material("fabric", accents[4], 0.95, variant=draw.variant(), family="terry"),
         shade=Material("paper", _color(draw, has.shades), 0.9),
         accents=tuple(Material("ceramic", color, 0.3) for color in accents[:5]),
-        books=tuple(Material("paint", hex_color(code), 0.55) for code in books),
+        books=tuple(Material("paint", m.hex_color(code), 0.55) for code in books),
         front=draw.pick(has.fronts),
         handle=draw.pick(has.handles),
         legs=draw.pick(has.legs),
         worktop_height=draw.between(0.88, 0.94),
         kelvin=draw.pick(has.kelvins),
         prints=tuple(
-            Material("picture", hex_color("#9a938a"), 0.45, variant=draw.variant())
+            Material("picture", m.hex_color("#9a938a"), 0.45, variant=draw.variant())
             for _ in range(5)
         ),
         disorder=draw.between(*has.disorder),
@@ -269,30 +244,29 @@ def make_style(draw: Draw, name: StyleName | None = None) -> Style:
 
 
 def _color(draw: Draw, codes: Sequence[str]) -> Color:
-    return hex_color(draw.pick(codes))
+    return m.hex_color(draw.pick(codes))
 
 
 def _wood(draw: Draw, color: Color, has: Interior) -> Material:
     roughness, variant = draw.between(0.35, 0.55), draw.variant()
     family = draw.pick(has.wood_families)
-    return Material(
-        "wood", color, roughness, scaled_color(color, 0.55), 1.0, variant, family=family
-    )
+    accent = m.scaled_color(color, 0.55)
+    return Material("wood", color, roughness, accent, 1.0, variant, family=family)
 
 
 def _worktop(draw: Draw, wood: Material, has: Interior) -> Material:
     stone = _color(draw, has.stones)
     if draw.chance(has.stone_worktops):
         variant, family = draw.variant(), draw.pick(has.stone_families)
-        accent = scaled_color(stone, 0.6)
+        accent = m.scaled_color(stone, 0.6)
         return Material("stone", stone, 0.3, accent, variant=variant, family=family)
-    color, accent = hex_color("#b98a55"), hex_color("#8a6238")
+    color, accent = m.hex_color("#b98a55"), m.hex_color("#8a6238")
     return replace(wood, color=color, accent=accent, variant=draw.variant())
 
 
 def _cloth(draw: Draw, codes: Sequence[str], families: Sequence[str]) -> Material:
     color, family = _color(draw, codes), draw.pick(families)
-    accent = scaled_color(color, 0.7)
+    accent = m.scaled_color(color, 0.7)
     return Material("fabric", color, 0.9, accent, variant=draw.variant(), family=family)
 
 

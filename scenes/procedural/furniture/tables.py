@@ -12,22 +12,15 @@ from pbrnet.scenes.procedural.furniture.cabinets import (
     leg_material,
     pulled_out,
 )
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
+from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.parts.cloth import block, plane
 from pbrnet.scenes.procedural.furniture.parts.drapes import Ripples, dropped, ripples
-from pbrnet.scenes.procedural.furniture.parts.geometry import (
-    BodyMesh,
-    box,
-    cylinder,
-    lathe,
-    loft,
-    post,
-    span,
-    superellipse,
-)
 from pbrnet.scenes.procedural.furniture.spec import (
     Spec,
     between,
+    by,
     chance,
     drawn,
     either,
@@ -35,7 +28,7 @@ from pbrnet.scenes.procedural.furniture.spec import (
     pick,
     shape,
 )
-from pbrnet.scenes.procedural.furniture.style import GLASS, Style
+from pbrnet.scenes.procedural.furniture.style import Style
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 
@@ -48,7 +41,7 @@ class TableCloth(Spec):
     ripples: Ripples = drawn(lambda draw, spec: ripples(draw))
     linen: Material = drawn(lambda draw, spec: _table_linen(draw, spec.style))
 
-    def mesh(self, width: float, depth: float, height: float) -> BodyMesh:
+    def mesh(self, width: float, depth: float, height: float) -> g.BodyMesh:
         """The cloth on a table top of this size and height."""
         thin = 0.003
         # Down to below the hem, so that the cloth does not swing in under the top.
@@ -82,20 +75,19 @@ class DiningTable(
     cloth: TableCloth | None = optional(0.2, TableCloth)
 
     def assemble(self, b: Builder) -> None:
-        width, depth, height, top, wood = (
-            self.width, self.depth, self.height, self.top, self.style.wood,
-        )  # fmt: skip
+        width, depth, height = self.width, self.depth, self.height
+        top, wood = self.top, self.style.wood
         each = depth / 5
         for k in range(5):  # separate planks show fine joints
-            plank = box((width, each, top), (0, (k - 2.0) * each, height - top), 0.0015, "x")
+            plank = g.box((width, each, top), (0, (k - 2.0) * each, height - top), 0.0015, "x")
             b.add(wood, plank, name="top")
         under, apron = height - top, 0.08
         add_feet(b, self.style, wood, width, depth, under + 0.002, self.leg, 0.03, splay=0.015)
         x, y = width / 2 - 0.03 - self.leg / 2, depth / 2 - 0.03 - self.leg / 2
         for side in (-1, 1):
-            long = box((2 * x, 0.02, apron), (0, side * y, under - apron + 0.001))
+            long = g.box((2 * x, 0.02, apron), (0, side * y, under - apron + 0.001))
             at = (side * x, 0, under - apron + 0.002)
-            b.add(wood, long, box((0.02, 2 * y - 0.02, apron - 0.002), at))
+            b.add(wood, long, g.box((0.02, 2 * y - 0.02, apron - 0.002), at))
         if self.cloth:
             b.add(self.cloth.linen, self.cloth.mesh(width, depth, height), name="cloth")
             height = height + 0.003 + 0.002
@@ -111,24 +103,22 @@ class RoundTable(
     height: float = between(0.73, 0.77)
     wood: Material = either(0.7, "wood", "dark_wood")
     foot: str = shape("round_table", "tulip", "column")
-    tulip: Material | None = drawn(
-        lambda draw, spec: _tulip(draw, spec) if spec.foot == "tulip" else None
-    )
+    tulip: Material | None = by("foot", {"tulip": drawn(lambda *of: _tulip(*of))})
 
     def assemble(self, b: Builder) -> None:
         radius, height, wood = self.width / 2, self.height, self.wood
-        b.add(wood, cylinder(radius, height - 0.03, height, 48, bevel=0.006), name="top")
-        b.add(wood, cylinder(0.35 * radius, height - 0.05, height - 0.028, 32))
+        b.add(wood, g.cylinder(radius, height - 0.03, height, 48, bevel=0.006), name="top")
+        b.add(wood, g.cylinder(0.35 * radius, height - 0.05, height - 0.028, 32))
         if self.tulip:
             profile = [(0.5 * radius, 0.0), (0.5 * radius, 0.01), (0.3 * radius, 0.03)]
             profile += [(0.08, 0.12), (0.045, 0.3), (0.045, 0.5), (0.08, height - 0.08)]
-            b.add(self.tulip, lathe([*profile, (0.14, height - 0.049)], 36))
+            b.add(self.tulip, g.lathe([*profile, (0.14, height - 0.049)], 36))
         else:
             profile = [(0.06, 0.1), (0.07, 0.2), (0.045, 0.28), (0.06, 0.4), (0.06, 0.5)]
-            b.add(wood, lathe([*profile, (0.045, 0.55), (0.075, height - 0.05)], 24))
+            b.add(wood, g.lathe([*profile, (0.045, 0.55), (0.075, height - 0.05)], 24))
             extent = 0.62 * radius
             foot = [(extent, 0, 0.0), (extent - 0.02, 0, 0.045), (0.06, 0, 0.2)]
-            arm = post(foot, [(0.06, 0.045), (0.05, 0.04), (0.03, 0.04)])
+            arm = g.post(foot, [(0.06, 0.045), (0.05, 0.04), (0.03, 0.04)])
             for k in range(4):
                 b.add(wood, arm.turned("z", 45 + 90 * k))
         b.surface(0, 0, height, 0.62 * radius, 0.62 * radius)
@@ -159,9 +149,9 @@ class CoffeeTable(Spec, piece=("coffee table", "table", "centre"), front_clearan
     def _add_drum(self, b: Builder) -> None:
         height, radius = self.height, min(0.5 * self.width, 0.5 * self.depth + 0.08)
         body = self.style.lacquer if self.painted else self.wood
-        b.add(body, cylinder(0.92 * radius, 0, 0.03, 48))
-        b.add(body, cylinder(radius, 0.03, height - 0.022, 48, bevel=0.006), name="drum")
-        top = cylinder(radius + 0.006, height - 0.022, height, 48, bevel=0.004)
+        b.add(body, g.cylinder(0.92 * radius, 0, 0.03, 48))
+        b.add(body, g.cylinder(radius, 0.03, height - 0.022, 48, bevel=0.006), name="drum")
+        top = g.cylinder(radius + 0.006, height - 0.022, height, 48, bevel=0.004)
         b.add(self.wood, top, name="top")
         b.surface(0, 0, height, 0.66 * radius, 0.66 * radius)
 
@@ -169,10 +159,10 @@ class CoffeeTable(Spec, piece=("coffee table", "table", "centre"), front_clearan
         width, depth, height = self.width, self.depth, self.height
         edge = ((0.03, 0.008), (0.022, 0.0), (0.006, 0.0), (0.0, 0.006))
         rings = [
-            superellipse(width / 2 - inset, depth / 2 - inset, height - below, 2.4, 48)
+            g.superellipse(width / 2 - inset, depth / 2 - inset, height - below, 2.4, 48)
             for below, inset in edge
         ]
-        b.add(self.wood, loft(rings), name="top")
+        b.add(self.wood, g.loft(rings), name="top")
         sizes = (0.78 * width, 0.78 * depth, height - 0.028, 0.045, 0)
         add_feet(b, self.style, self.wood, *sizes, splay=0.04)
         b.surface(0, 0, height, 0.36 * width, 0.34 * depth)
@@ -181,17 +171,18 @@ class CoffeeTable(Spec, piece=("coffee table", "table", "centre"), front_clearan
         width, depth, height, wood = self.width, self.depth, self.height, self.wood
         add_feet(b, self.style, wood, width, depth, height - 0.01, 0.045, 0.0)
         if self.form == "glass":
-            b.add(GLASS, box((width - 0.01, depth - 0.01, 0.01), (0, 0, height - 0.01)), name="top")
+            pane = g.box((width - 0.01, depth - 0.01, 0.01), (0, 0, height - 0.01))
+            b.add(m.GLASS, pane, name="top")
             for side in (-1, 1):
                 y, x = side * (depth / 2 - 0.0225), side * (width / 2 - 0.0225)
-                long = box((width - 0.09, 0.03, 0.045), (0, y, height - 0.056))
-                b.add(wood, long, box((0.03, depth - 0.09, 0.045), (x, 0, height - 0.0565)))
+                long = g.box((width - 0.09, 0.03, 0.045), (0, y, height - 0.056))
+                b.add(wood, long, g.box((0.03, depth - 0.09, 0.045), (x, 0, height - 0.0565)))
         else:
-            top = box((width + 0.02, depth + 0.02, 0.028), (0, 0, height - 0.02), 0.003)
+            top = g.box((width + 0.02, depth + 0.02, 0.028), (0, 0, height - 0.02), 0.003)
             b.add(wood, top, name="top")
             height += 0.008
         shelf_z = 0.14
-        b.add(wood, box((width - 0.05, depth - 0.05, 0.018), (0, 0, shelf_z - 0.018)))
+        b.add(wood, g.box((width - 0.05, depth - 0.05, 0.018), (0, 0, shelf_z - 0.018)))
         b.surface(0, 0, height, width / 2 - 0.04, depth / 2 - 0.04)
         b.surface(0, 0, shelf_z, width / 2 - 0.08, depth / 2 - 0.08, height - shelf_z - 0.08)
 
@@ -206,7 +197,7 @@ class SideTable(Spec, piece=("side table", "table", "free")):
     def assemble(self, b: Builder) -> None:
         radius, height, wood, metal = self.radius, self.height, self.style.wood, self.style.metal
         if self.on_legs:
-            b.add(wood, cylinder(radius, height - 0.02, height, 36, bevel=0.004), name="top")
+            b.add(wood, g.cylinder(radius, height - 0.02, height, 36, bevel=0.004), name="top")
             frame = leg_material(self.style, wood)
             size = 0.018 if frame.kind == "metal" else 0.03
             for k in range(3):
@@ -214,13 +205,13 @@ class SideTable(Spec, piece=("side table", "table", "free")):
                 c, s = float(np.cos(a)), float(np.sin(a))
                 foot = (0.95 * radius * c, 0.95 * radius * s, 0)
                 top = (0.55 * radius * c, 0.55 * radius * s, height - 0.018)
-                b.add(frame, post([foot, top], [(0.7 * size, 0.7 * size), (size, size)]))
+                b.add(frame, g.post([foot, top], [(0.7 * size, 0.7 * size), (size, size)]))
         else:
             tray = [(radius - 0.002, height - 0.012), (radius, height + 0.017)]
             tray += [(radius - 0.003, height + 0.017), (radius - 0.006, height)]
-            b.add(metal, lathe(tray, 36), name="top")
-            b.add(metal, cylinder(0.014, 0.008, height - 0.011, 16))
-            b.add(metal, cylinder(0.75 * radius, 0, 0.012, 36, bevel=0.003))
+            b.add(metal, g.lathe(tray, 36), name="top")
+            b.add(metal, g.cylinder(0.014, 0.008, height - 0.011, 16))
+            b.add(metal, g.cylinder(0.75 * radius, 0, 0.012, 36, bevel=0.003))
         b.surface(0, 0, height, 0.6 * radius, 0.6 * radius)
 
 
@@ -231,20 +222,18 @@ class Desk(Spec, piece=("desk", "desk", "wall"), front_clearance=0.75):
     depth: float = between(0.6, 0.72)
     height: float = between(0.72, 0.76)
     side: float = pick(-1.0, 1.0)
-    pulled: tuple[float, ...] = drawn(
-        lambda draw, spec: pulled_out(draw, spec.style, 3, 0.06, 0.18, closed=1)
-    )
+    pulled: tuple[float, ...] = pulled_out(lambda desk: 3, 0.06, 0.18, closed=1)
 
     def assemble(self, b: Builder) -> None:
         width, depth, height, side = self.width, self.depth, self.height, self.side
         wood, top, pedestal, inner = self.style.wood, 0.028, 0.4, depth - 0.06
-        b.add(wood, box((width, depth, top), (0, 0, height - top), 0.002), name="top")
+        b.add(wood, g.box((width, depth, top), (0, 0, height - top), 0.002), name="top")
         under = height - top
         x = side * (width / 2 - pedestal / 2 - 0.02)
         parts = Builder("", "", "free")
         cabinet = self.style.cabinet
         parts.add(cabinet, *carcass(pedestal, inner, 0.04, under - 0.001))
-        plinth = box((pedestal - 0.04, inner - 0.08, 0.041), (0, 0.01, 0))
+        plinth = g.box((pedestal - 0.04, inner - 0.08, 0.041), (0, 0.01, 0))
         parts.add(self.style.dark_wood, plinth)
         zs = np.linspace(0.04, under - 0.004, 4)
         add_drawers(parts, self.style, cabinet, wood, pedestal / 2, zs, inner, self.pulled)
@@ -252,11 +241,11 @@ class Desk(Spec, piece=("desk", "desk", "wall"), front_clearance=0.75):
         frame, size = leg_material(self.style, wood), 0.05
         for sy in (-1, 1):
             at = (-side * (width / 2 - 0.05), sy * (depth / 2 - 0.06))
-            b.add(frame, post([(*at, 0), (*at, under + 0.001)], [(size, size)] * 2))
+            b.add(frame, g.post([(*at, 0), (*at, under + 0.001)], [(size, size)] * 2))
         # Modesty panel between the pedestal and the legs.
         low, high = sorted((-side * (width / 2 - 0.07), x - side * pedestal / 2))
         y = depth / 2 - 0.09
-        b.add(wood, span((low, y, under - 0.3), (high, y + BOARD, under + 0.0005)))
+        b.add(wood, g.span((low, y, under - 0.3), (high, y + BOARD, under + 0.0005)))
         b.surface(0, 0.02, height, width / 2 - 0.06, depth / 2 - 0.08)
 
 
@@ -269,11 +258,11 @@ class ConsoleTable(Spec, piece=("console table", "table", "wall"), front_clearan
 
     def assemble(self, b: Builder) -> None:
         width, depth, height, wood = self.width, self.depth, self.height, self.style.wood
-        b.add(wood, box((width, depth, 0.026), (0, 0, height - 0.026), 0.002), name="top")
+        b.add(wood, g.box((width, depth, 0.026), (0, 0, height - 0.026), 0.002), name="top")
         add_feet(b, self.style, wood, width, depth, height - 0.024, 0.035, 0.015)
-        b.add(wood, box((width - 0.06, depth - 0.05, 0.018), (0, 0, 0.16)))
+        b.add(wood, g.box((width - 0.06, depth - 0.05, 0.018), (0, 0, 0.16)))
         for side in (-1, 1):
             at = (0, side * (depth / 2 - 0.033), height - 0.085)
-            b.add(wood, box((width - 0.1, 0.016, 0.06), at))
+            b.add(wood, g.box((width - 0.1, 0.016, 0.06), at))
         b.surface(0, 0, height, width / 2 - 0.05, depth / 2 - 0.04)
         b.surface(0, 0, 0.178, width / 2 - 0.08, depth / 2 - 0.06, height - 0.28)

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
+from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.parts.cloth import (
     Weave,
@@ -17,29 +19,17 @@ from pbrnet.scenes.procedural.furniture.parts.cloth import (
     started,
     stuffed,
 )
-from pbrnet.scenes.procedural.furniture.parts.geometry import (
-    BodyMesh,
-    bar,
-    box,
-    cylinder,
-    grid,
-    loft,
-    rounded_box,
-    sphere,
-    superellipse,
-    thick_sheet,
-    tube,
-)
 from pbrnet.scenes.procedural.furniture.spec import (
     Spec,
     any_of,
     between,
     chance,
     drawn,
+    repeated,
     several,
+    when,
     whole,
 )
-from pbrnet.scenes.procedural.furniture.style import WHITE_PAINT
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw, generator
 
@@ -96,24 +86,19 @@ class Curtains(Spec, piece=("curtains", "curtain", "on_wall")):
         stretch = min(max(wide / _BUNCHES[size], 0.87), 1.15)
         made = panels(int(self.shape), size, self.style.curtain.translucent, self.ties)
         for place, hooks, side in zip(made.places, made.hooks, (-1.0, 1.0), strict=True):
-            self._add_panel(b, place, made.rest[0], half_span, stretch, side)
+            self._add_panel(b, place, made.rest[0], (half_span, stretch), side)
             for at in [] if self.railed else hooks:
                 turn = 2 * np.pi * np.arange(14) / 14
                 ring = [0 * turn, 0.017 * np.cos(turn), 0.017 * np.sin(turn) - 0.006]
-                loop = tube(np.stack(ring, axis=1), 0.0022, 8, closed=True)
+                loop = g.tube(np.stack(ring, axis=1), 0.0022, 8, closed=True)
                 along = side * (half_span - stretch * at)
                 b.add(self.style.metal, loop.moved(along, -_OFF, self.height), name="ring")
         (self._add_rail if self.railed else self._add_rod)(b, half_span)
 
     def _add_panel(
-        self,
-        b: Builder,
-        place: Float64Array,
-        rest: float,
-        half_span: float,
-        stretch: float,
-        side: float,
+        self, b: Builder, place: Float64Array, rest: float, spans: tuple[float, float], side: float
     ) -> None:
+        half_span, stretch = spans
         cloth, top = _cut(refined(place), self.height - self.gap - self.hem), self.height - self.gap
         x = side * (half_span - stretch * cloth[0])
         points = np.stack([x, cloth[1] - _OFF, cloth[2] + self.height - self.gap], axis=-1)
@@ -122,27 +107,27 @@ class Curtains(Spec, piece=("curtains", "curtain", "on_wall")):
         if side > 0:
             points, uvs = points[::-1], uvs[::-1]
         with b.holding("curtain", "curtain"):
-            b.add(self.style.curtain, grid(points, uvs), name="curtain")
+            b.add(self.style.curtain, g.grid(points, uvs), name="curtain")
             if self.ties:
                 cord = _cord(side * (half_span - stretch * _TIED_X), top - _TIE, side)
                 b.add(self.style.curtain, *cord, name="tie")
 
     def _add_rail(self, b: Builder, half_span: float) -> None:
         half, height = half_span + 0.05, self.height
-        rail = box((2 * half, 0.024, _RAIL), (0, -_OFF, height - _RAIL), 0.003)
-        b.add(WHITE_PAINT, rail, name="rail")
+        rail = g.box((2 * half, 0.024, _RAIL), (0, -_OFF, height - _RAIL), 0.003)
+        b.add(m.WHITE_PAINT, rail, name="rail")
         for x in np.linspace(-half + 0.08, half - 0.08, 2 + int(self.width > 1.6)):
-            arm = box((0.03, _OFF, 0.006), (float(x), -_OFF / 2, height + 0.001))
-            b.add(WHITE_PAINT, arm, name="bracket")
+            arm = g.box((0.03, _OFF, 0.006), (float(x), -_OFF / 2, height + 0.001))
+            b.add(m.WHITE_PAINT, arm, name="bracket")
 
     def _add_rod(self, b: Builder, half_span: float) -> None:
         end, height, metal = half_span + 0.07, self.height, self.style.metal
-        b.add(metal, bar((-end, -_OFF, height), (end, -_OFF, height), 0.0105, 12), name="rod")
+        b.add(metal, g.bar((-end, -_OFF, height), (end, -_OFF, height), 0.0105, 12), name="rod")
         for side in (-1, 1):
-            b.add(metal, sphere(0.022, 14, 8).moved(side * end, -_OFF, height), name="rod")
+            b.add(metal, g.sphere(0.022, 14, 8).moved(side * end, -_OFF, height), name="rod")
             x = side * (half_span + 0.025)
-            arm = bar((x, -0.003, height), (x, -_OFF, height), 0.007, 8)
-            plate = cylinder(0.02, 0, 0.006, 16).turned("x", 90).moved(x, 0, height)
+            arm = g.bar((x, -0.003, height), (x, -_OFF, height), 0.007, 8)
+            plate = g.cylinder(0.02, 0, 0.006, 16).turned("x", 90).moved(x, 0, height)
             b.add(metal, arm, plate, name="bracket")
 
 
@@ -250,7 +235,7 @@ def _tie(place: Float64Array) -> BoolArray:
     return hit
 
 
-def _cord(x: float, z: float, side: float) -> list[BodyMesh]:
+def _cord(x: float, z: float, side: float) -> list[g.BodyMesh]:
     """Two turns of cord around a tied curtain, and the hook in the wall that holds them."""
     turn = 2 * np.pi * np.arange(28) / 28
     away, deep = _TIED[0] + 0.012, 0.5 * (_OFF + _TIED[1]) + 0.004
@@ -260,8 +245,7 @@ def _cord(x: float, z: float, side: float) -> list[BodyMesh]:
             x + away * np.cos(turn), deep * np.sin(turn) - deep - 0.012,
             z + down + 0.25 * side * away * np.cos(turn),
         ]  # fmt: skip
-        ring = np.stack(rings, axis=1)
-        loops.append(tube(ring, 0.008, 8, closed=True))
+        loops.append(g.tube(np.stack(rings, axis=1), 0.008, 8, closed=True))
     return loops
 
 
@@ -285,18 +269,10 @@ class Rug(Spec, piece=("rug", "rug", "centre")):
     is_round: bool = drawn(
         lambda draw, spec: abs(spec.width - spec.depth) < 0.05 * spec.width and draw.chance(0.6)
     )
-    phases: tuple[float, ...] = drawn(  # of its lie
-        lambda draw, spec: () if spec.is_round else (draw.between(0, 6), draw.between(0, 6))
-    )
-    fringes: tuple[tuple[float, float], ...] = drawn(  # length, place beside its own
-        lambda draw, spec: (
-            ()
-            if spec.is_round or not draw.chance(0.6)
-            else tuple(
-                (draw.between(0.04, 0.055), draw.between(-0.004, 0.004))
-                for _ in range(2 * len(spec.places))
-            )
-        )
+    phases: tuple[float, ...] = when("is_round", (), repeated(2, between(0, 6)))  # of its lie
+    fringed: bool = drawn(lambda draw, spec: not spec.is_round and draw.chance(0.6))
+    fringes: tuple[tuple[float, float], ...] = repeated(  # length, place beside its own
+        lambda rug: 2 * len(rug.places) * rug.fringed, between(0.04, 0.055), between(-0.004, 0.004)
     )
 
     @property
@@ -310,19 +286,20 @@ class Rug(Spec, piece=("rug", "rug", "centre")):
         if self.is_round:
             edge = ((0.0, 0.0), (0.7 * thickness, 0.0), (thickness, 0.006))
             half = width / 2
-            b.add(cloth, loft([superellipse(half - dx, half - dx, z, 2.0, 64) for z, dx in edge]))
+            rings = [g.superellipse(half - dx, half - dx, z, 2.0, 64) for z, dx in edge]
+            b.add(cloth, g.loft(rings))
             return
         x, y = np.meshgrid(np.linspace(-1, 1, 25), np.linspace(-1, 1, 17), indexing="ij")
         one, other = self.phases
         lie = 0.0015 * np.sin(4 * x + one) * np.sin(3 * y + other)
         points = np.stack([x * width / 2, y * depth / 2, thickness + lie], axis=-1)
-        mesh = thick_sheet(points, thickness - 0.002)
+        mesh = g.thick_sheet(points, thickness - 0.002)
         mesh.vertices[:, 2] -= mesh.vertices[:, 2].min()
         b.add(cloth, mesh)
         places = [(side, v) for side in (-1, 1) for v in self.places]
         for (side, v), (length, off) in zip(places, self.fringes, strict=False):
             at = (side * (width / 2 - 0.003) + side * length / 2, v + off, 0.0015)
-            b.add(cloth, box((length, 0.009, 0.003), at), name="fringe")
+            b.add(cloth, g.box((length, 0.009, 0.003), at), name="fringe")
 
 
 class Cushion(Spec, piece=("cushion", "cushion", "on_top")):
@@ -357,6 +334,6 @@ class FoldedBlanket(Spec, piece=("folded blanket", "textile", "on_top")):
         z = 0.0
         for fold in self.folds:
             size = (self.width * fold.wide, self.depth * fold.deep, 0.032)
-            b.add(self.style.throw, rounded_box(size, (fold.x, fold.y, z), 0.0155, (0, 0, 0.001)))
+            b.add(self.style.throw, g.rounded_box(size, (fold.x, fold.y, z), 0.0155, (0, 0, 0.001)))
             z += 0.031
         b.ground()

@@ -18,7 +18,7 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
     superellipse,
     tube,
 )
-from pbrnet.scenes.procedural.furniture.style import hex_color
+from pbrnet.scenes.procedural.furniture.parts.materials import hex_color
 from pbrnet.scenes.procedural.piece import Material, PiecePart
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.seeds import Draw

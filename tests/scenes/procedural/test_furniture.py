@@ -23,6 +23,7 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
     thick_sheet,
     tube,
 )
+from pbrnet.scenes.procedural.furniture.things.kinds import THINGS
 from pbrnet.scenes.procedural.piece import FurniturePiece, PiecePart
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.seeds import generator
@@ -162,15 +163,19 @@ def test_sizes_are_stated_for_all_kinds() -> None:
     assert set(SIZES) == set(FURNITURE_KINDS)
 
 
-@pytest.mark.parametrize("kind", ["dining_chair", "sofa", "double_bed", "bookshelf"])
+@pytest.mark.parametrize(
+    "kind",
+    ["dining_chair", "sofa", "double_bed", "bookshelf", "key_board", "papers", "tray_of_bottles"],
+)
 def test_a_specification_is_frozen_and_printable_and_alone_decides_the_piece(kind: str) -> None:
     style = make_style(generator(1, "style"))
-    spec = FURNITURE_KINDS[kind].draw(generator(2, kind), style)
+    of = {**FURNITURE_KINDS, **THINGS}[kind]
+    spec = of.draw(generator(2, kind), style)
     assert repr(spec).startswith(type(spec).__name__) and "style=" not in repr(spec)
     with pytest.raises(FrozenInstanceError):
         spec.style = style  # type: ignore[misc]
-    first, second, made = spec.build(), spec.build(), FURNITURE_KINDS[kind].make
-    for other in (second, made(generator(2, kind), style)):
+    first, second = spec.build(), spec.build()
+    for other in (second, of.make(generator(2, kind), style)):
         for one, two in zip(first.parts, other.parts, strict=True):
             assert np.array_equal(one.vertices, two.vertices)
 

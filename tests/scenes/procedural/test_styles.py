@@ -12,7 +12,8 @@ from pbrnet.scenes.looks import STYLES, StyleName
 from pbrnet.scenes.procedural.finishes import make_finishes
 from pbrnet.scenes.procedural.furnishing.placement import furnish
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
-from pbrnet.scenes.procedural.furniture.style import INTERIORS, Style, draw_style_name, hex_color
+from pbrnet.scenes.procedural.furniture.parts.materials import hex_color
+from pbrnet.scenes.procedural.furniture.style import INTERIORS, Style, draw_style_name
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.procedural.planning import make_plan
 from pbrnet.scenes.procedural.textures.families import FAMILIES, family_of

@@ -34,7 +34,8 @@ def test_there_are_150_kinds_of_things_with_known_categories() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "options"), [("vessels.amphora", {}), ("vessels.bottle", {"colour": 1})]
+    ("make", "options"),
+    [("vessels.amphora", {}), ("vessels.bottle", {}), ("vessels.teapot", {"colour": 1})],
 )
 def test_a_row_of_the_table_that_no_generator_takes_is_refused(
     make: str, options: dict[str, int]

@@ -1,7 +1,7 @@
 """Mesh primitives for furniture and buildings: positions and uvs in metres, closed, outward faces.
 
-Round bodies have duplicate vertices at creases and at uv seams; `PiecePart.normals` averages their
-normals where the surface is smooth.
+Imported as `g`. Round bodies have duplicate vertices at creases and at uv seams;
+`PiecePart.normals` averages their normals where the surface is smooth.
 """
 
 from __future__ import annotations

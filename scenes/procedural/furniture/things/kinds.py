@@ -12,22 +12,28 @@ from typing import Any
 
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.files import data_beside
+from pbrnet.scenes.procedural.furniture.style import Style
 from pbrnet.scenes.procedural.furniture.things import ornaments, packages, soft, vessels
 from pbrnet.scenes.procedural.furniture.things.thing import Thing
 from pbrnet.scenes.procedural.piece import Anchor, FurniturePiece
+from pbrnet.scenes.seeds import Draw
 
 _MODULES = {"ornaments": ornaments, "packages": packages, "soft": soft, "vessels": vessels}
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of thing: `make(draw, style)` builds one; `places` are names of places for it."""
+    """A kind of thing: `draw(draw, style)` specifies one; `places` are names of places for it."""
 
     name: str
     places: tuple[str, ...]
-    make: Callable[..., FurniturePiece]
+    draw: Callable[..., Thing]
     category: str
     anchor: Anchor
+
+    def make(self, draw: Draw, style: Style, **given: Any) -> FurniturePiece:
+        """Draw a specification and build it."""
+        return self.draw(draw, style, **given).build()
 
 
 def _kind(title: str, places: str, make: str, **row: Any) -> Kind:
@@ -36,20 +42,15 @@ def _kind(title: str, places: str, make: str, **row: Any) -> Kind:
     spec = getattr(_MODULES.get(module), name.title().replace("_", ""), None)
     if not (isinstance(spec, type) and issubclass(spec, Thing)):
         raise ParameterError(f"{title}: there is no specification {make!r}")
-    given = {"name": title} | row
-    options = {key: tuple(each) if isinstance(each, list) else each for key, each in given.items()}
-    known = {each.name: each for each in fields(spec)}
-    needed = {key for key, each in known.items() if each.default is MISSING and not each.metadata}
-    if wrong := (options.keys() - known) | (needed - {"style"} - options.keys()):
+    options: dict[str, Any] = {"name": title}
+    options |= {key: tuple(each) if isinstance(each, list) else each for key, each in row.items()}
+    known = {each.name: each.metadata.get("how", each.default) for each in fields(spec)}
+    needed = {key for key, how in known.items() if how is MISSING} - {"style"}
+    if wrong := (options.keys() - known) | (needed - options.keys()):
         raise ParameterError(f"{title}: {make}: unknown or missing: {', '.join(sorted(wrong))}")
     category, anchor = (row.get(key, getattr(spec.piece, key)) for key in ("category", "anchor"))
-    return Kind(
-        title.replace(" ", "_"),
-        tuple(places.split()),
-        partial(spec.make, **options),
-        category,
-        anchor,
-    )
+    draw = partial(spec.draw, **options)
+    return Kind(title.replace(" ", "_"), tuple(places.split()), draw, category, anchor)
 
 
 _KINDS = [_kind(title, **entry) for title, entry in data_beside(__file__).items()]

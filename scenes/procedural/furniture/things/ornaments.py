@@ -6,23 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from pbrnet.scenes.procedural.furniture.decoration import picture_plane
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
+from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, Print
 from pbrnet.scenes.procedural.furniture.parts.drapes import Pleats, hooked, pleats
-from pbrnet.scenes.procedural.furniture.parts.geometry import (
-    CORNERS,
-    BodyMesh,
-    arc,
-    bar,
-    box,
-    cylinder,
-    disc,
-    lathe,
-    loft,
-    span,
-    sphere,
-    superellipse,
-    tube,
-)
 from pbrnet.scenes.procedural.furniture.spec import (
     Spec,
     any_of,
@@ -30,28 +18,18 @@ from pbrnet.scenes.procedural.furniture.spec import (
     by,
     drawn,
     either,
-    optional_of,
+    maybe,
+    one,
     printed,
     repeated,
     scaled,
-    when,
     whole,
-)
-from pbrnet.scenes.procedural.furniture.style import (
-    BLACK_PLASTIC,
-    CERAMIC,
-    CHROME,
-    MIRROR,
-    PAGES,
-    STEEL,
-    WHITE_PLASTIC,
-    hex_color,
 )
 from pbrnet.scenes.procedural.furniture.things.thing import OUTLINES, RoundThing, Thing, turned
 from pbrnet.scenes.procedural.piece import Material
 
-_CORK = Material("paper", hex_color("#b08a5e"), 0.95, family="corrugated")
-_WAX = Material("plastic", hex_color("#efe6d2"), 0.6)
+_CORK = Material("paper", m.hex_color("#b08a5e"), 0.95, family="corrugated")
+_WAX = Material("plastic", m.hex_color("#efe6d2"), 0.6)
 # Board -> what is pinned to it; on others flyers
 _PINNED = {"magnetic board": "memo", "cork board": "ticket"}
 _KEYS = ("front door key", "bicycle key", "cellar key", "letter box key", "car key", "shed key")
@@ -62,17 +40,17 @@ class Turned(RoundThing, category="clutter"):
 
     shape: str
     body: Material = any_of("glazed", "wood", "dark_wood", "metal")
-    candle: float = when(lambda it: it.shape == "candlestick", between(0.06, 0.2), 0.0)
+    candle: float = by("shape", {"candlestick": between(0.06, 0.2)}, 0.0)
 
     def assemble(self, b: Builder) -> None:
         outline = np.array(OUTLINES[self.shape])
         t, fine = np.linspace(0, 1, len(outline)), np.linspace(0, 1, 3 * len(outline))
         radii, heights = (np.interp(fine, t, outline[:, k]) for k in (0, 1))
         profile = np.stack([self.radius * radii, self.height * heights], axis=1).tolist()
-        b.add(self.body, lathe(profile, 24), name="body")
+        b.add(self.body, g.lathe(profile, 24), name="body")
         if self.candle:
             top = self.height + self.candle
-            b.add(_WAX, cylinder(0.011, self.height, top, 14), name="candle")
+            b.add(_WAX, g.cylinder(0.011, self.height, top, 14), name="candle")
 
 
 class Globe(Thing, category="clutter"):
@@ -84,9 +62,9 @@ class Globe(Thing, category="clutter"):
     def assemble(self, b: Builder) -> None:
         r, z = self.r, 0.058 + self.r
         b.add(self.style.dark_wood, turned("globe foot", r, 1, 22), name="foot")
-        b.add(self.map, sphere(r, 24, 14).moved(z=z), name="globe")
-        meridian = arc(0, z, r + 0.008, r + 0.008, count=14)
-        b.add(self.style.metal, tube(meridian, 0.0035, 8), name="arc")
+        b.add(self.map, g.sphere(r, 24, 14).moved(z=z), name="globe")
+        meridian = g.arc(0, z, r + 0.008, r + 0.008, count=14)
+        b.add(self.style.metal, g.tube(meridian, 0.0035, 8), name="arc")
 
 
 class Lantern(Thing, category="candle"):
@@ -98,15 +76,20 @@ class Lantern(Thing, category="candle"):
 
     def assemble(self, b: Builder) -> None:
         half, h = self.half, self.h
-        floor = box((2 * half, 2 * half, 0.015), (0, 0, 0), 0.002)
-        hood = box((2.1 * half, 2.1 * half, 0.012), (0, 0, h), 0.002)
+        floor = g.box((2 * half, 2 * half, 0.015), (0, 0, 0), 0.002)
+        hood = g.box((2.1 * half, 2.1 * half, 0.012), (0, 0, h), 0.002)
         b.add(self.frame, floor, hood, name="frame")
-        for x, y in CORNERS:
+        for x, y in g.CORNERS:
             at = (0.88 * x * half, 0.88 * y * half, 0.0148)
-            b.add(self.frame, box((0.011, 0.011, h - 0.0145), at), name="frame")
-        ring = arc(0, h + 0.011, 0.03, 0.03, 0.0, 12)
-        b.add(self.frame, tube(ring, 0.003, 8), name="handle")
-        b.add(_WAX, cylinder(0.45 * half, 0.0152, 0.5 * h, 20, 0.002), name="candle")
+            b.add(self.frame, g.box((0.011, 0.011, h - 0.0145), at), name="frame")
+        b.add(self.frame, g.tube(g.arc(0, h + 0.011, 0.03, 0.03, 0.0, 12), 0.003, 8), name="handle")
+        b.add(_WAX, g.cylinder(0.45 * half, 0.0152, 0.5 * h, 20, 0.002), name="candle")
+
+
+_FACES = {"plate": any_of("glazed"), "woven": any_of("cushions"), "calendar": printed()}
+_FACES |= {"board": either(0.6, _CORK, m.WHITE_PLASTIC), "poster": any_of("picture")}
+_CATEGORIES = {"mirror": "mirror", "board": "clutter", "plate": "crockery", "woven": "textile"}
+_CATEGORIES["poster"] = "picture"
 
 
 class Sheet(Thing, category="clutter", anchor="on_wall"):
@@ -118,18 +101,9 @@ class Sheet(Thing, category="clutter", anchor="on_wall"):
     size: tuple[float, float] = scaled(0.85, 1.15)
     look: str
     height: float = 1.5
-    face: Any = by(
-        "look",
-        {
-            "plate": any_of("glazed"),
-            "woven": any_of("cushions"),
-            "board": either(0.6, _CORK, WHITE_PLASTIC),
-            "poster": any_of("picture"),
-            "calendar": printed(),
-        },
-    )
+    face: Any = by("look", _FACES)
     notes: tuple[tuple[float, float, Print, Material], ...] = repeated(  # half width, height
-        when(lambda sheet: sheet.look == "board", whole(2, 5), 0),
+        by("look", {"board": whole(2, 5)}, 0),
         between(0.035, 0.055),
         between(-0.5, 0.5),
         printed(),
@@ -143,23 +117,23 @@ class Sheet(Thing, category="clutter", anchor="on_wall"):
         if self.look == "plate":
             b.add(self.face, turned("wall plate", x, 1, 32).turned("x", 90), name="plate")
         elif self.look == "woven":
-            b.add(wood, bar((-x / 2, -0.01, z / 2), (x / 2, -0.01, z / 2), 0.01, 10))
-            cloth = span((-0.46 * x, -0.0135, -z / 2), (0.46 * x, -0.0075, z / 2 - 0.004))
+            b.add(wood, g.bar((-x / 2, -0.01, z / 2), (x / 2, -0.01, z / 2), 0.01, 10))
+            cloth = g.span((-0.46 * x, -0.0135, -z / 2), (0.46 * x, -0.0075, z / 2 - 0.004))
             b.add(self.face, cloth)
         elif self.look == "mirror":
-            b.add(self.style.metal, disc(x / 2, 0.0, 0.014, 40, 0.004), name="rim")
-            b.add(MIRROR, disc(x / 2 - 0.012, 0.0141, 0.0155, 40), name="mirror")
+            b.add(self.style.metal, g.disc(x / 2, 0.0, 0.014, 40, 0.004), name="rim")
+            b.add(m.MIRROR, g.disc(x / 2 - 0.012, 0.0141, 0.0155, 40), name="mirror")
         elif self.look == "board":
-            b.add(wood, span((-x / 2, -0.015, -z / 2), (x / 2, 0.0, z / 2), 0.003), name="frame")
+            b.add(wood, g.span((-x / 2, -0.015, -z / 2), (x / 2, 0.0, z / 2), 0.003), name="frame")
             low, high = (0.03 - x / 2, -0.0165, 0.03 - z / 2), (x / 2 - 0.03, -0.0151, z / 2 - 0.03)
-            b.add(self.face, span(low, high), name="face")
+            b.add(self.face, g.span(low, high), name="face")
             self._add_notes(b)
         else:
-            face = span((-x / 2, -0.0022, -z / 2), (x / 2, -0.0006, z / 2))
             if self.look == "poster":
-                b.add(self.face, _whole(face, x, z), name="sheet")
+                b.add(self.face, picture_plane(x / 2, z / 2, -0.0022, -0.0006), name="sheet")
             else:
-                b.add(PAGES, face, name="sheet")
+                face = g.span((-x / 2, -0.0022, -z / 2), (x / 2, -0.0006, z / 2))
+                b.add(m.PAGES, face, name="sheet")
                 self._add_days(b)
 
     def _add_notes(self, b: Builder) -> None:
@@ -167,29 +141,19 @@ class Sheet(Thing, category="clutter", anchor="on_wall"):
         for k, (half, high, skin, pin) in enumerate(self.notes):
             left, up = -x / 2 + 0.1 + (x - 0.2) * k / 4, high * (z - 0.2)
             with b.holding(_PINNED.get(self.name, "flyer"), "paper"):
-                note = span((left - half, -0.0178, up - half), (left + half, -0.0168, up + half))
+                note = g.span((left - half, -0.0178, up - half), (left + half, -0.0168, up + half))
                 b.add(skin, note, name="note")
-                head = disc(0.006, 0.0, 0.008, 10).moved(left, -0.0176, up + 0.8 * half)
+                head = g.disc(0.006, 0.0, 0.008, 10).moved(left, -0.0176, up + 0.8 * half)
                 b.add(pin, head, name="pin")
 
     def _add_days(self, b: Builder) -> None:
         x, z = self.size
-        upper = span((0.01 - x / 2, -0.003, 0.02), (x / 2 - 0.01, -0.0023, z / 2 - 0.01))
+        upper = g.span((0.01 - x / 2, -0.003, 0.02), (x / 2 - 0.01, -0.0023, z / 2 - 0.01))
         b.add(self.face, upper, name="print")
         for row in range(5):
             for column in range(7):
                 at = ((column - 3) * 0.12 * x, -0.0026, -0.06 * z - 0.085 * z * row)
-                b.add(BLACK_PLASTIC, box((0.03 * x, 0.0006, 0.02 * z), at), name="days")
-
-
-_CATEGORIES = {"mirror": "mirror", "board": "clutter", "plate": "crockery", "woven": "textile"}
-_CATEGORIES["poster"] = "picture"
-
-
-def _whole(face: BodyMesh, x: float, z: float) -> BodyMesh:
-    """The mesh of a sheet with uvs from 0 to 1 over its front."""
-    uvs = np.stack([face.vertices[:, 0] / x + 0.5, face.vertices[:, 2] / z + 0.5], 1)
-    return BodyMesh(face.vertices, face.faces, uvs, smooth=False)
+                b.add(m.BLACK_PLASTIC, g.box((0.03 * x, 0.0006, 0.02 * z), at), name="days")
 
 
 class OnHook(Thing, category="fitting", anchor="on_wall"):
@@ -203,9 +167,9 @@ class OnHook(Thing, category="fitting", anchor="on_wall"):
 
     def assemble(self, b: Builder) -> None:
         b.name = f"hook of the {self.name}"
-        b.add(self.style.metal, disc(0.022, 0.0, 0.006, 18, 0.001), name="plate")
+        b.add(self.style.metal, g.disc(0.022, 0.0, 0.006, 18, 0.001), name="plate")
         path = [(0, -0.004, 0.0), (0, -0.05, -0.022), (0, -0.08, -0.016), (0, -0.088, 0.016)]
-        b.add(self.style.metal, tube(path, 0.006, 8), name="hook")
+        b.add(self.style.metal, g.tube(path, 0.006, 8), name="hook")
         cloth = self.style.towel if self.held == "towel" else self.cloth
         with b.holding(self.name, self.held):
             b.add(cloth, hooked(self.pleats, self.size).moved(0, -0.035, -0.012), name="cloth")
@@ -215,12 +179,12 @@ class Rail(Thing, category="fitting", anchor="on_wall"):
     """A rail with ladles, sieves and spatulas on hooks, each an object of its own."""
 
     mount_height: float = between(1.5, 1.65)
-    metal: Material = either(0.6, STEEL, "metal")
+    metal: Material = either(0.6, m.STEEL, "metal")
     half: float = between(0.2, 0.32)
     tools: tuple[tuple[float, Material], ...] = repeated(  # length, material
         lambda rail: len(rail.places),
         between(0.22, 0.3),
-        drawn(lambda draw, rail: draw.pick([rail.metal, rail.style.wood, BLACK_PLASTIC])),
+        drawn(lambda draw, rail: draw.pick([rail.metal, rail.style.wood, m.BLACK_PLASTIC])),
     )
 
     @property
@@ -230,12 +194,12 @@ class Rail(Thing, category="fitting", anchor="on_wall"):
 
     def assemble(self, b: Builder) -> None:
         metal, half = self.metal, self.half
-        b.add(metal, bar((-half, -0.04, 0), (half, -0.04, 0), 0.006, 10), name="rail")
+        b.add(metal, g.bar((-half, -0.04, 0), (half, -0.04, 0), 0.006, 10), name="rail")
         for at in (0.03 - half, half - 0.03):
-            b.add(metal, bar((at, 0.0, 0), (at, -0.04, 0), 0.005, 8), name="bracket")
+            b.add(metal, g.bar((at, 0.0, 0), (at, -0.04, 0), 0.005, 8), name="bracket")
         names = ("ladle", "spatula", "whisk", "sieve", "wooden spoon")
         turn = np.linspace(0, np.pi, 8)
-        blade = superellipse(0.03, 0.008, 0.0, 2.0, 20)
+        blade = g.superellipse(0.03, 0.008, 0.0, 2.0, 20)
         sizes = ((0.3, 0.0), (1.0, 0.03), (1.0, 0.07), (0.3, 0.095))
         blade = np.stack([blade * (size, size, 1) + (0, 0, z) for size, z in sizes])
         for k, (x, (long, body)) in enumerate(zip(self.places, self.tools, strict=True)):
@@ -243,9 +207,9 @@ class Rail(Thing, category="fitting", anchor="on_wall"):
             with b.holding(names[k % 5], "fitting"):
                 hook = [0 * turn + x, -0.04 - 0.011 * np.cos(turn), 0.011 * np.sin(turn)]
                 path = [*np.stack(hook, 1).tolist(), [x, -0.029, -0.03]]
-                b.add(metal, tube(path, 0.0022, 7), name="hook")
-                b.add(body, bar((x, -0.029, -0.026), (x, -0.032, end), 0.005, 8), name="shaft")
-                b.add(body, loft(blade).moved(x, -0.032, end - 0.085), name="blade")
+                b.add(metal, g.tube(path, 0.0022, 7), name="hook")
+                b.add(body, g.bar((x, -0.029, -0.026), (x, -0.032, end), 0.005, 8), name="shaft")
+                b.add(body, g.loft(blade).moved(x, -0.032, end - 0.085), name="blade")
 
 
 class PaperHolder(Thing, category="paper", anchor="on_wall"):
@@ -255,12 +219,11 @@ class PaperHolder(Thing, category="paper", anchor="on_wall"):
     r: float = between(0.04, 0.056)
 
     def assemble(self, b: Builder) -> None:
-        b.add(CHROME, disc(0.022, 0.0, 0.008, 18, 0.001), name="plate")
-        out, across = (0, -0.004, 0), (-0.004, -0.07, 0)
-        b.add(CHROME, bar(out, (0, -0.07, 0), 0.006, 10), name="arm")
-        b.add(CHROME, bar(across, (0.13, -0.07, 0), 0.006, 10), name="arm")
-        roll = cylinder(self.r, 0.016, 0.116, 26, 0.002).turned("y", 90)
-        b.add(PAGES, roll.moved(0, -0.07, -0.012), name="roll")
+        b.add(m.CHROME, g.disc(0.022, 0.0, 0.008, 18, 0.001), name="plate")
+        b.add(m.CHROME, g.bar((0, -0.004, 0), (0, -0.07, 0), 0.006, 10), name="arm")
+        b.add(m.CHROME, g.bar((-0.004, -0.07, 0), (0.13, -0.07, 0), 0.006, 10), name="arm")
+        roll = g.cylinder(self.r, 0.016, 0.116, 26, 0.002).turned("y", 90)
+        b.add(m.PAGES, roll.moved(0, -0.07, -0.012), name="roll")
 
 
 class RollTower(Thing, category="fitting", anchor="free"):
@@ -270,24 +233,24 @@ class RollTower(Thing, category="fitting", anchor="free"):
     r: float = between(0.05, 0.058)
 
     def assemble(self, b: Builder) -> None:
-        b.add(CHROME, cylinder(0.08, 0.0, 0.012, 28, 0.002), name="foot")
+        b.add(m.CHROME, g.cylinder(0.08, 0.0, 0.012, 28, 0.002), name="foot")
         for k in range(self.count):
             low = 0.0125 + 0.1005 * k
             with b.holding("roll on a pole", "paper"):
-                b.add(PAGES, cylinder(self.r, low, low + 0.1, 26, 0.002), name="roll")
+                b.add(m.PAGES, g.cylinder(self.r, low, low + 0.1, 26, 0.002), name="roll")
         top = 0.0127 + 0.1005 * self.count
-        b.add(CHROME, cylinder(0.02, top, top + 0.004, 20, 0.001), name="pole")
-        b.add(CHROME, cylinder(0.008, top + 0.0038, 0.48, 12, 0.002), name="pole")
+        b.add(m.CHROME, g.cylinder(0.02, top, top + 0.004, 20, 0.001), name="pole")
+        b.add(m.CHROME, g.cylinder(0.008, top + 0.0038, 0.48, 12, 0.002), name="pole")
 
 
 class Brush(Thing, category="fitting", anchor="free"):
     """A toilet brush in its holder, on the floor."""
 
-    body: Material = either(0.5, CERAMIC, STEEL)
+    body: Material = either(0.5, m.CERAMIC, m.STEEL)
 
     def assemble(self, b: Builder) -> None:
         b.add(self.body, turned("brush holder", 1, 1, 22), name="holder")
-        b.add(WHITE_PLASTIC, bar((0, 0, 0.0085), (0.008, 0, 0.38), 0.008, 10), name="handle")
+        b.add(m.WHITE_PLASTIC, g.bar((0, 0, 0.0085), (0.008, 0, 0.38), 0.008, 10), name="handle")
 
 
 class Leaning(Thing, category="clutter", anchor="free"):
@@ -299,34 +262,35 @@ class Leaning(Thing, category="clutter", anchor="free"):
     def assemble(self, b: Builder) -> None:
         tall = self.tall
         if self.name == "broom":
-            b.add(self.style.wood, bar((0, -0.06, 0.07), (0, 0.05, tall), 0.012, 10), name="stick")
-            b.add(self.paint, box((0.3, 0.05, 0.05), (0, -0.065, 0.03), 0.006), name="head")
-            b.add(BLACK_PLASTIC, box((0.28, 0.04, 0.031), (0, -0.065, 0)), name="bristles")
+            stick = g.bar((0, -0.06, 0.07), (0, 0.05, tall), 0.012, 10)
+            b.add(self.style.wood, stick, name="stick")
+            b.add(self.paint, g.box((0.3, 0.05, 0.05), (0, -0.065, 0.03), 0.006), name="head")
+            b.add(m.BLACK_PLASTIC, g.box((0.28, 0.04, 0.031), (0, -0.065, 0)), name="bristles")
             return
-        b.add(WHITE_PLASTIC, box((0.32, 0.03, tall), (0, 0.02, 0), 0.004), name="board")
-        cover = box((0.325, 0.012, tall - 0.1), (0, -0.0012, 0.06), 0.003)
+        b.add(m.WHITE_PLASTIC, g.box((0.32, 0.03, tall), (0, 0.02, 0), 0.004), name="board")
+        cover = g.box((0.325, 0.012, tall - 0.1), (0, -0.0012, 0.06), 0.003)
         b.add(self.paint, cover, name="cover")
         for side in (-1, 1):
-            leg = bar((side * 0.1, 0.041, 0.01), (-side * 0.1, 0.041, tall - 0.15), 0.01, 8)
-            b.add(STEEL, leg.moved(y=0.006 * side + 0.006), name="legs")
+            leg = g.bar((side * 0.1, 0.041, 0.01), (-side * 0.1, 0.041, tall - 0.15), 0.01, 8)
+            b.add(m.STEEL, leg.moved(y=0.006 * side + 0.006), name="legs")
 
 
 class Key(Spec):
     """A key on its ring, some with a fob."""
 
     long: float = between(0.035, 0.055)
-    metal: Material = either(0.7, STEEL, "metal")
-    fob: Material | None = optional_of(0.5, "tinted")
+    metal: Material = either(0.7, m.STEEL, "metal")
+    fob: Material | None = maybe(0.5, any_of("tinted"))
 
     def add(self, b: Builder, x: float) -> None:
         """Add the key below its hook at x."""
         turn = np.linspace(0, 2 * np.pi, 14)[:-1]
         ring = [x + 0.011 * np.sin(turn), 0 * turn - 0.027, -0.0184 - 0.011 * np.cos(turn)]
-        b.add(STEEL, tube(np.stack(ring, 1), 0.0012, 6, closed=True), name="ring")
+        b.add(m.STEEL, g.tube(np.stack(ring, 1), 0.0012, 6, closed=True), name="ring")
         low, high = (x - 0.004, -0.0285, -0.029 - self.long), (x + 0.004, -0.0265, -0.0275)
-        b.add(self.metal, span(low, high), name="key")
+        b.add(self.metal, g.span(low, high), name="key")
         if self.fob:
-            fob = box((0.022, 0.004, 0.034), (x + 0.006, -0.0301, -0.07), 0.001)
+            fob = g.box((0.022, 0.004, 0.034), (x + 0.006, -0.0301, -0.07), 0.001)
             b.add(self.fob, fob, name="fob")
 
 
@@ -338,15 +302,15 @@ class KeyBoard(Thing, category="fitting", anchor="on_wall"):
     names: tuple[str, ...] = drawn(lambda draw, it: tuple(draw.shuffled(_KEYS)[: it.count]))
     keys: tuple[Key | None, ...] = repeated(
         lambda it: it.count,
-        drawn(lambda draw, it: None if draw.chance(0.25) else Key.draw(draw, it.style)),
+        maybe(0.25, None, one(Key)),
     )
 
     def assemble(self, b: Builder) -> None:
         half = (0.055 * self.count + 0.03) / 2
-        b.add(self.style.wood, span((-half, -0.015, -0.035), (half, 0, 0.035), 0.003))
+        b.add(self.style.wood, g.span((-half, -0.015, -0.035), (half, 0, 0.035), 0.003))
         for k, (name, key) in enumerate(zip(self.names, self.keys, strict=True)):
             x = (k - 0.5 * (self.count - 1)) * 0.055
-            hook = bar((x, -0.0145, -0.012), (x, -0.035, -0.008), 0.002, 6)
+            hook = g.bar((x, -0.0145, -0.012), (x, -0.035, -0.008), 0.002, 6)
             b.add(self.style.metal, hook, name="hooks")
             if key:
                 with b.holding(name, "fitting"):

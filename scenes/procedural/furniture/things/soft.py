@@ -8,36 +8,20 @@ from functools import lru_cache
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
+from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
-from pbrnet.scenes.procedural.furniture.parts.geometry import (
-    CORNERS,
-    bar,
-    box,
-    cylinder,
-    lathe,
-    loft,
-    rounded_box,
-    superellipse,
-    thick_sheet,
-    tube,
-)
 from pbrnet.scenes.procedural.furniture.spec import (
     any_of,
     between,
     by,
-    chance,
     drawn,
+    either,
     pick,
     repeated,
     scaled,
     times,
     whole,
-)
-from pbrnet.scenes.procedural.furniture.style import (
-    BLACK_PLASTIC,
-    RUBBER,
-    STEEL,
-    hex_color,
 )
 from pbrnet.scenes.procedural.furniture.things.thing import Size, Thing, turned
 from pbrnet.scenes.procedural.piece import Material
@@ -66,9 +50,7 @@ def fallen(fall: int, width: int, depth: int, gather: int) -> Float64Array:
         * np.sin(2 * np.pi * (draw.between(-4, 4) * u + draw.between(-4, 4) * v + draw.random()))
         for _ in range(6)
     )
-    place = np.stack(
-        [u * width / 100 * shrink, v * depth / 100 * shrink, 0.08 + 0.03 * bumps], axis=-1
-    )
+    place = np.stack([u * width / 100 * shrink, v * depth / 100 * shrink, 0.08 + 0.03 * bumps], -1)
     place = np.round(place, 6)
     before = place.copy()
     diagonal = np.sqrt(rest_x**2 + rest_y**2)
@@ -106,7 +88,7 @@ class Sheet(Thing, category="clutter", anchor="free"):
 
     def assemble(self, b: Builder) -> None:
         points = fallen(self.fall, *self.size, self.gather)
-        b.add(self.cloth, thick_sheet(points, 0.003), name="cloth")
+        b.add(self.cloth, g.thick_sheet(points, 0.003), name="cloth")
         b.ground()
 
 
@@ -126,7 +108,7 @@ class Folded(Thing, category="textile"):
     def assemble(self, b: Builder) -> None:
         z = 0.0
         for size, thick, cloth, at in self.pile:
-            b.add(cloth, rounded_box((*size, thick), (*at, z), 0.45 * thick), name="cloth")
+            b.add(cloth, g.rounded_box((*size, thick), (*at, z), 0.45 * thick), name="cloth")
             z += thick + 0.0004
 
 
@@ -148,19 +130,19 @@ class Shoes(Thing, category="shoe", anchor="free"):
         return np.column_stack([x * scale, y * scale * short + back, np.full(len(t), z)])
 
     def assemble(self, b: Builder) -> None:
-        upper = Material("leather", hex_color(self.leather), 0.45, family="nappa")
-        pale = Material("plastic", hex_color("#dedbd2"), 0.6)
+        upper = Material("leather", m.hex_color(self.leather), 0.45, family="nappa")
+        pale = Material("plastic", m.hex_color("#dedbd2"), 0.6)
         thick = 0.02 if self.name != "slippers" else 0.012
         tall, back, ring = _TALL.get(self.name, 0.075), 0.2 * self.long, self._ring
-        bottom = loft(np.stack([ring(0.0, 0.96, 0), ring(thick, 1.0, 0)]))
+        bottom = g.loft(np.stack([ring(0.0, 0.96, 0), ring(thick, 1.0, 0)]))
         rings = [
             ring(thick + 0.0004, 0.97, 0), ring(thick + 0.25 * tall, 0.93, 0.005),
             ring(thick + 0.6 * tall, 0.72, 0.6 * back, 0.8), ring(thick + tall, 0.6, back, 0.62),
             ring(thick + tall, 0.5, back, 0.56), ring(thick + 0.3 * tall, 0.48, back, 0.55),
         ]  # fmt: skip
-        body = loft(np.stack(rings))
+        body = g.loft(np.stack(rings))
         for x, (turn, y) in zip((-0.075, 0.075), self.places, strict=True):
-            sole = pale if self.name == "sneakers" else RUBBER
+            sole = pale if self.name == "sneakers" else m.RUBBER
             b.add(sole, bottom.turned("z", turn).moved(x, y), name="soles")
             b.add(self.cloth or upper, body.turned("z", turn).moved(x, y), name="uppers")
 
@@ -178,23 +160,24 @@ class Bag(Thing, category="bag", anchor="free"):
         levels = ((0.0, 0.9), (0.02, 1.0), (0.3, 1.05), (0.6, 0.99), (0.85, 0.85), (1.0, 0.7))
         rings = []
         for (t, scale), phase in zip(levels, self.sags, strict=True):
-            ring = superellipse(0.5 * x * scale, 0.5 * y * scale, t * z, 4.0, 40)
+            ring = g.superellipse(0.5 * x * scale, 0.5 * y * scale, t * z, 4.0, 40)
             ring[:, :2] *= (1 + 0.05 * t * np.sin(3 * turn + phase) * (t < 0.99))[:, None]
             rings.append(ring)
-        b.add(self.cloth, loft(np.stack(rings)), name="bag")
+        b.add(self.cloth, g.loft(np.stack(rings)), name="bag")
         arch = np.linspace(0, np.pi, 13)
+        strap = m.BLACK_PLASTIC if self.name == "backpack" else self.cloth
         for side in (-1, 1):
             across = side * 0.12 * y + 0.02 * side * np.sin(arch)
             high = z - 0.01 + 0.3 * z * np.sin(arch)
-            handle = tube(np.stack([0.2 * x * np.cos(arch), across, high], axis=1), 0.006, 8)
-            b.add(self.cloth if self.name != "backpack" else BLACK_PLASTIC, handle, name="handles")
+            handle = g.tube(np.stack([0.2 * x * np.cos(arch), across, high], axis=1), 0.006, 8)
+            b.add(strap, handle, name="handles")
 
 
 def _of_bag(draw: Draw, bag: Bag) -> Material:
     if bag.name == "paper bag":
-        return Material("paper", hex_color("#b0916a"), 0.9, family="creased")
+        return Material("paper", m.hex_color("#b0916a"), 0.9, family="creased")
     if bag.name == "handbag":
-        color = hex_color(draw.pick(("#3a2a22", "#7a4a30", "#20222a")))
+        color = m.hex_color(draw.pick(("#3a2a22", "#7a4a30", "#20222a")))
         return Material("leather", color, 0.4, family="full")
     return bag.style.garment(draw)
 
@@ -207,28 +190,28 @@ class Suitcase(Thing, category="bag", anchor="free"):
 
     def assemble(self, b: Builder) -> None:
         x, y, z = 0.42, 0.25, self.z
-        shell = rounded_box((x, y, z), (0, 0, 0.045), 0.04, steps=3, inner=2)
+        shell = g.rounded_box((x, y, z), (0, 0, 0.045), 0.04, steps=3, inner=2)
         b.add(self.shell, shell, name="shell")
-        wheel = cylinder(0.022, -0.012, 0.012, 16, 0.003).turned("y", 90)
-        for side, front in CORNERS:
+        wheel = g.cylinder(0.022, -0.012, 0.012, 16, 0.003).turned("y", 90)
+        for side, front in g.CORNERS:
             at = (0.38 * side * x, 0.32 * front * y)
-            b.add(RUBBER, wheel.moved(*at, 0.022), name="wheels")
-            b.add(BLACK_PLASTIC, box((0.03, 0.03, 0.03), (*at, 0.0442)), name="forks")
-        b.add(BLACK_PLASTIC, box((0.16, 0.025, 0.02), (0, 0.06, z + 0.0455), 0.006), name="grip")
+            b.add(m.RUBBER, wheel.moved(*at, 0.022), name="wheels")
+            b.add(m.BLACK_PLASTIC, g.box((0.03, 0.03, 0.03), (*at, 0.0442)), name="forks")
+        grip = g.box((0.16, 0.025, 0.02), (0, 0.06, z + 0.0455), 0.006)
+        b.add(m.BLACK_PLASTIC, grip, name="grip")
 
 
-_STRAW = Material("wood", hex_color("#c9a86a"), 0.8, family="wicker", scale=0.5)
-_FELT = Material("fabric", hex_color("#4a4038"), 0.95, family="felt")
+_STRAW = Material("wood", m.hex_color("#c9a86a"), 0.8, family="wicker", scale=0.5)
+_FELT = Material("fabric", m.hex_color("#4a4038"), 0.95, family="felt")
 
 
 class Hat(Thing, category="clothing"):
     """A felt or straw hat."""
 
-    straw: bool = chance(0.4)
+    cloth: Material = either(0.4, _STRAW, _FELT)
 
     def assemble(self, b: Builder) -> None:
-        hat = turned("hat", 1, 1, 36).scaled(y=1.15)
-        b.add(_STRAW if self.straw else _FELT, hat, name="hat")
+        b.add(self.cloth, turned("hat", 1, 1, 36).scaled(y=1.15), name="hat")
 
 
 class Mat(Thing, category="toy", anchor="free"):
@@ -238,7 +221,7 @@ class Mat(Thing, category="toy", anchor="free"):
     tint: Material = any_of("tinted")
 
     def assemble(self, b: Builder) -> None:
-        body = cylinder(self.r, -0.3, 0.3, 26, 0.004).turned("y", 90)
+        body = g.cylinder(self.r, -0.3, 0.3, 26, 0.004).turned("y", 90)
         rubber = Material("leather", self.tint.color, 0.8, family="pebbled")
         b.add(rubber, body.moved(0, 0, self.r), name="mat")
 
@@ -252,7 +235,7 @@ class Umbrella(Thing, category="bag", anchor="free"):
         cloth = Material("fabric", self.tint.color, 0.8, family="satin")
         body = turned("umbrella", 1, 1, 18).turned("y", 90).moved(-0.3, 0, 0.034)
         b.add(cloth, body, name="cloth")
-        b.add(self.style.wood, bar((-0.3, 0, 0.034), (-0.42, 0, 0.034), 0.009, 10), name="grip")
+        b.add(self.style.wood, g.bar((-0.3, 0, 0.034), (-0.42, 0, 0.034), 0.009, 10), name="grip")
 
 
 def _held(draw: Draw, stand: UmbrellaStand) -> Iterator[tuple[int, float, float, Material]]:
@@ -273,17 +256,17 @@ class UmbrellaStand(Thing, category="fitting", anchor="free"):
     def assemble(self, b: Builder) -> None:
         r, h = self.r, self.h
         wall = [(0.0, 0.0), (r, 0.0), (r, h), (r - 0.006, h), (r - 0.006, 0.012), (0.0, 0.012)]
-        b.add(self.body, lathe(wall, 28), name="stand")
-        b.add(STEEL, cylinder(r - 0.008, 0.0122, 0.0128, 28), name="dish")
+        b.add(self.body, g.lathe(wall, 28), name="stand")
+        b.add(m.STEEL, g.cylinder(r - 0.008, 0.0122, 0.0128, 28), name="dish")
         names = ("long umbrella", "walking stick", "short umbrella")
         for k, aside, over, stuff in self.held:
             turn = 2 * np.pi * (k + aside) / 3
-            along = np.array([np.cos(turn), np.sin(turn)])
-            foot, head = np.array([*0.03 * along, 0.0142]), np.array([*0.065 * along, h + over])
+            x, y = float(np.cos(turn)), float(np.sin(turn))
+            foot, head = (0.03 * x, 0.03 * y, 0.0142), (0.065 * x, 0.065 * y, h + over)
             with b.holding(names[k], "bag" if k != 1 else "clutter"):
                 if k == 1:
-                    b.add(stuff, bar(foot, head, 0.01, 10), name="stick")
+                    b.add(stuff, g.bar(foot, head, 0.01, 10), name="stick")
                     continue
-                at = foot + 0.8 * (head - foot)
-                b.add(stuff, bar(foot, at, 0.017, 12), name="cloth")
-                b.add(self.style.dark_wood, bar(at, head, 0.008, 8), name="grip")
+                at = [low + 0.8 * (high - low) for low, high in zip(foot, head, strict=True)]
+                b.add(stuff, g.bar(foot, at, 0.017, 12), name="cloth")
+                b.add(self.style.dark_wood, g.bar(at, head, 0.008, 8), name="grip")

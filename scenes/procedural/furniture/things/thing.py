@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from pbrnet.scenes.files import data_beside
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, Print
-from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, lathe
 from pbrnet.scenes.procedural.furniture.spec import Spec, drawn, ranged
 from pbrnet.scenes.procedural.piece import Anchor
 
@@ -12,9 +12,9 @@ OUTLINES: dict[str, list[list[float]]] = data_beside(__file__)
 Size = tuple[float, float, float]
 
 
-def turned(outline: str, radius: float, height: float, segments: int) -> BodyMesh:
+def turned(outline: str, radius: float, height: float, segments: int) -> g.BodyMesh:
     """A turned body of one of the outlines."""
-    return lathe([(radius * r, height * z) for r, z in OUTLINES[outline]], segments)
+    return g.lathe([(radius * r, height * z) for r, z in OUTLINES[outline]], segments)
 
 
 class Thing(Spec):
@@ -36,5 +36,5 @@ class RoundThing(Thing):
 
     def add_label(self, b: Builder, label: Print, low: float, high: float, segments: int) -> None:
         """Add a printed label round the body between two heights."""
-        paper = lathe([(self.radius + 0.0006, low), (self.radius + 0.0006, high)], segments)
+        paper = g.lathe([(self.radius + 0.0006, low), (self.radius + 0.0006, high)], segments)
         b.add(label, paper, name="label")

@@ -7,23 +7,15 @@ from typing import Any
 import numpy as np
 
 from pbrnet.scenes.files import data_beside
+from pbrnet.scenes.procedural.furniture.parts import geometry as g
+from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, Print
-from pbrnet.scenes.procedural.furniture.parts.geometry import (
-    BodyMesh,
-    arc,
-    bar,
-    box,
-    cylinder,
-    lathe,
-    span,
-    tube,
-)
 from pbrnet.scenes.procedural.furniture.spec import (
     any_of,
     between,
+    by,
     drawn,
     either,
-    material,
     pick,
     printed,
     ranged,
@@ -32,25 +24,14 @@ from pbrnet.scenes.procedural.furniture.spec import (
     when,
     whole,
 )
-from pbrnet.scenes.procedural.furniture.style import (
-    BLACK_PLASTIC,
-    CERAMIC,
-    CHROME,
-    GLASS,
-    IRON,
-    PAGES,
-    STEEL,
-    WHITE_PLASTIC,
-    Style,
-    hex_color,
-)
+from pbrnet.scenes.procedural.furniture.style import Style
 from pbrnet.scenes.procedural.furniture.things.thing import RoundThing, Thing, turned
 from pbrnet.scenes.procedural.piece import Material, MaterialKind
 from pbrnet.scenes.seeds import Draw
 
-_GREEN = Material("plastic", hex_color("#24402a"), 0.08)
-_BROWN = Material("plastic", hex_color("#3a2312"), 0.08)
-_ALUMINIUM = Material("metal", hex_color("#c4c5c6"), 0.35, family="brushed")
+_GREEN = Material("plastic", m.hex_color("#24402a"), 0.08)
+_BROWN = Material("plastic", m.hex_color("#3a2312"), 0.08)
+_ALUMINIUM = Material("metal", m.hex_color("#c4c5c6"), 0.35, family="brushed")
 
 
 class Bottle(RoundThing, category="bottle"):
@@ -61,7 +42,7 @@ class Bottle(RoundThing, category="bottle"):
     body: str = "any"
     label: bool = True
     shell: Material = drawn(lambda draw, bottle: _of_bottle(draw, bottle))
-    cap: Material = pick(BLACK_PLASTIC, WHITE_PLASTIC, _ALUMINIUM)
+    cap: Material = pick(m.BLACK_PLASTIC, m.WHITE_PLASTIC, _ALUMINIUM)
     paper: Print | None = when(lambda it: it.label and it.shoulder * it.height > 0.05, printed())
 
     def assemble(self, b: Builder) -> None:
@@ -71,8 +52,8 @@ class Bottle(RoundThing, category="bottle"):
             (0.9 * r, 0.0), (r, 0.05 * h), (r, s), (0.85 * r, s + 0.25 * (top - s)),
             (1.15 * n, s + 0.6 * (top - s)), (n, top),
         ]  # fmt: skip
-        b.add(self.shell, lathe(profile, 20), name="body")
-        b.add(self.cap, cylinder(1.2 * n, top, h, 16, 0.001), name="cap")
+        b.add(self.shell, g.lathe(profile, 20), name="body")
+        b.add(self.cap, g.cylinder(1.2 * n, top, h, 16, 0.001), name="cap")
         if self.paper:
             self.add_label(b, self.paper, 0.22 * s, 0.85 * s, 20)
 
@@ -80,9 +61,9 @@ class Bottle(RoundThing, category="bottle"):
 def _of_bottle(draw: Draw, bottle: Bottle) -> Material:
     style = bottle.style
     choices = {
-        "glass": [_GREEN, _BROWN, CERAMIC],
-        "plastic": [WHITE_PLASTIC, style.tinted(draw), style.tinted(draw)],
-        "any": [_GREEN, _BROWN, WHITE_PLASTIC, style.tinted(draw)],
+        "glass": [_GREEN, _BROWN, m.CERAMIC],
+        "plastic": [m.WHITE_PLASTIC, style.tinted(draw), style.tinted(draw)],
+        "any": [_GREEN, _BROWN, m.WHITE_PLASTIC, style.tinted(draw)],
         "metal": [_ALUMINIUM, style.metal, style.tinted(draw)],
     }
     return draw.pick(choices[bottle.body])
@@ -95,19 +76,16 @@ class Jar(RoundThing, category="box"):
     lid: bool = True
     label: bool = True
     shell: Material = drawn(lambda draw, jar: _of_jar(draw, jar))
-    cover: Material | None = drawn(
-        lambda draw, jar: (
-            draw.pick([jar.style.wood, BLACK_PLASTIC, _ALUMINIUM, jar.shell]) if jar.lid else None
-        )
-    )
-    paper: Print | None = when(lambda jar: jar.label, printed())
+    cover: int = when("lid", whole(0, 4), 0)
+    paper: Print | None = when("label", printed())
 
     def assemble(self, b: Builder) -> None:
         r, h = self.radius, self.height
         top = 0.88 * h if self.lid else h
-        b.add(self.shell, cylinder(r, 0.0, top, 22, min(0.003, 0.1 * r)), name="body")
-        if self.cover:
-            b.add(self.cover, cylinder(1.03 * r, top, h, 22, 0.0015), name="lid")
+        b.add(self.shell, g.cylinder(r, 0.0, top, 22, min(0.003, 0.1 * r)), name="body")
+        if self.lid:
+            cover = (self.style.wood, m.BLACK_PLASTIC, _ALUMINIUM, self.shell)[self.cover]
+            b.add(cover, g.cylinder(1.03 * r, top, h, 22, 0.0015), name="lid")
         if self.paper:
             self.add_label(b, self.paper, 0.15 * top, 0.8 * top, 22)
 
@@ -120,16 +98,16 @@ def _of_jar(draw: Draw, jar: Jar) -> Material:
         "metal": _ALUMINIUM,
         "tin": draw.pick(style.books),
         "wood": style.wood,
-        "white": WHITE_PLASTIC,
+        "white": m.WHITE_PLASTIC,
     }[jar.body]
 
 
-def _hollow(r: float, h: float, foot: float, segments: int, wall: float = 0.003) -> BodyMesh:
+def _hollow(r: float, h: float, foot: float, segments: int, wall: float = 0.003) -> g.BodyMesh:
     """An open vessel: from its foot outwards, over the rim, down inside."""
     t = np.linspace(0, 1, 6)
     outer = [(r * (foot + (1 - foot) * float(x) ** 0.5), float(x) * h) for x in t]
     inner = [(max(a - wall, 0.001), max(z, wall * 1.6)) for a, z in outer[::-1]]
-    return lathe([*outer, *inner[:-1], (inner[-1][0] - 0.001, wall * 1.6)], segments)
+    return g.lathe([*outer, *inner[:-1], (inner[-1][0] - 0.001, wall * 1.6)], segments)
 
 
 class Cup(RoundThing, category="crockery"):
@@ -138,14 +116,14 @@ class Cup(RoundThing, category="crockery"):
     handle: bool = True
     glass: bool = False
     foot: float = 0.75
-    body: Material = when(lambda cup: not cup.glass, any_of("glazed"), GLASS)
+    body: Material = when("glass", m.GLASS, any_of("glazed"))
 
     def assemble(self, b: Builder) -> None:
         r, h = self.radius, self.height
         b.add(self.body, _hollow(r, h, self.foot, 24), name="body")
         if self.handle:
-            ear = arc(0.92 * r, 0.52 * h, 0.3 * h, 0.3 * h)
-            b.add(self.body, tube(ear, 0.0045, 8), name="handle")
+            ear = g.arc(0.92 * r, 0.52 * h, 0.3 * h, 0.3 * h)
+            b.add(self.body, g.tube(ear, 0.0045, 8), name="handle")
 
 
 class Stemmed(RoundThing, category="glass"):
@@ -161,7 +139,7 @@ class Stemmed(RoundThing, category="glass"):
             (r - 0.0014, bowl + 0.35 * (h - bowl)), (0.55 * r, bowl + 0.0145),
             (0.001, bowl + 0.006),
         ]  # fmt: skip
-        b.add(GLASS, lathe(profile, 24), name="glass")
+        b.add(m.GLASS, g.lathe(profile, 24), name="glass")
 
 
 # What a beaker holds -> its category, length and radius of each.
@@ -179,7 +157,7 @@ class FilledCup(RoundThing, category="clutter"):
     what: str
     body: Material = any_of("glazed")
     sticks: tuple[tuple[float, float, Material], ...] = repeated(  # direction, length, material
-        whole(2, 7), between(0, 0.1), between(0.85, 1.1), any_of("wood", "tinted", BLACK_PLASTIC)
+        whole(2, 7), between(0, 0.1), between(0.85, 1.1), any_of("wood", "tinted", m.BLACK_PLASTIC)
     )
 
     def assemble(self, b: Builder) -> None:
@@ -192,7 +170,7 @@ class FilledCup(RoundThing, category="clutter"):
             foot, lean = 0.3 * r * along, 0.72 * r * along
             reach = long * length / h
             end = foot + (lean - foot) * reach
-            stick = bar((*foot.tolist(), 0.006), (*end.tolist(), reach * h), thick, 8)
+            stick = g.bar((*foot.tolist(), 0.006), (*end.tolist(), reach * h), thick, 8)
             b.add(stuff, stick, name="sticks")
 
 
@@ -201,12 +179,12 @@ class Pan(Thing, category="pot"):
 
     radius: float = ranged()
     deep: float
-    metal: Material = pick(IRON, STEEL, BLACK_PLASTIC)
-    grip: Material = either(0.6, BLACK_PLASTIC, "wood")
+    metal: Material = pick(m.IRON, m.STEEL, m.BLACK_PLASTIC)
+    grip: Material = either(0.6, m.BLACK_PLASTIC, "wood")
 
     def assemble(self, b: Builder) -> None:
         b.add(self.metal, _hollow(self.radius, self.deep, 0.82, 32), name="pan")
-        handle = box((0.17, 0.022, 0.016), (self.radius + 0.075, 0, 0.75 * self.deep), 0.005)
+        handle = g.box((0.17, 0.022, 0.016), (self.radius + 0.075, 0, 0.75 * self.deep), 0.005)
         b.add(self.grip, handle, name="handle")
 
 
@@ -217,21 +195,19 @@ class Plate(Thing, category="crockery"):
     radius: float = between(0.095, 0.135)
     glaze: Material = any_of("glazed")
     bits: tuple[tuple[tuple[float, ...], tuple[float, ...]], ...] = repeated(  # place, size
-        when(lambda plate: plate.crumbs, whole(4, 9), 0),
-        repeated(
-            2, drawn(lambda draw, plate: draw.between(-0.4 * plate.radius, 0.4 * plate.radius))
-        ),
+        when("crumbs", whole(4, 9), 0),
+        repeated(2, drawn(lambda draw, it: draw.between(-0.4 * it.radius, 0.4 * it.radius))),
         repeated(3, between(0.003, 0.009)),
     )
 
     def assemble(self, b: Builder) -> None:
         b.add(self.glaze, turned("plate", self.radius, 1, 36), name="plate")
         for at, size in self.bits:
-            crumb = box(size, (*at, 0.0066), 0.0008)
-            b.add(Material("paper", hex_color("#8a5a30"), 0.9), crumb, name="crumbs")
+            crumb = g.box(size, (*at, 0.0066), 0.0008)
+            b.add(Material("paper", m.hex_color("#8a5a30"), 0.9), crumb, name="crumbs")
         for y in () if self.crumbs else (-0.012, 0.012):
-            fork = box((1.35 * self.radius, 0.009, 0.002), (0.0, y, 0.0202), 0.0006)
-            b.add(STEEL, fork, name="cutlery")
+            fork = g.box((1.35 * self.radius, 0.009, 0.002), (0.0, y, 0.0202), 0.0006)
+            b.add(m.STEEL, fork, name="cutlery")
 
 
 class Teapot(Thing, category="crockery"):
@@ -244,9 +220,9 @@ class Teapot(Thing, category="crockery"):
         r = self.radius
         b.add(self.glaze, turned("teapot", r, r, 28), name="body")
         spout = np.array([[0.9 * r, 0, 0.55 * r], [1.3 * r, 0, 0.8 * r], [1.65 * r, 0, 1.35 * r]])
-        b.add(self.glaze, tube(spout, [0.18 * r, 0.13 * r, 0.1 * r], 12), name="spout")
-        ear = arc(-0.85 * r, 0.8 * r, -0.5 * r, 0.45 * r)
-        b.add(self.glaze, tube(ear, 0.007, 8), name="handle")
+        b.add(self.glaze, g.tube(spout, [0.18 * r, 0.13 * r, 0.1 * r], 12), name="spout")
+        ear = g.arc(-0.85 * r, 0.8 * r, -0.5 * r, 0.45 * r)
+        b.add(self.glaze, g.tube(ear, 0.007, 8), name="handle")
 
 
 class Mill(Thing, category="clutter"):
@@ -269,21 +245,21 @@ class Roll(Thing, category="paper"):
     def assemble(self, b: Builder) -> None:
         core, z = 0.021, 0.012 if self.spike else 0.0
         outline = [(core, z), (self.radius, z), (self.radius, z + self.height)]
-        paper = Material("paper", hex_color("#efece6"), 0.95, family="creased")
-        b.add(paper, lathe([*outline, (core, z + self.height)], 28), name="paper")
+        paper = Material("paper", m.hex_color("#efece6"), 0.95, family="creased")
+        b.add(paper, g.lathe([*outline, (core, z + self.height)], 28), name="paper")
         if self.spike:
-            b.add(self.style.wood, cylinder(0.075, 0.0, 0.0115, 28, 0.002), name="stand")
-            pole = cylinder(0.01, 0.0118, self.height + 0.05, 14, 0.002)
+            b.add(self.style.wood, g.cylinder(0.075, 0.0, 0.0115, 28, 0.002), name="stand")
+            pole = g.cylinder(0.01, 0.0118, self.height + 0.05, 14, 0.002)
             b.add(self.style.wood, pole, name="stand")
         else:
-            b.add(PAGES, cylinder(core - 0.0015, 0.0006, self.height - 0.0006, 18), name="core")
+            b.add(m.PAGES, g.cylinder(core - 0.0015, 0.0006, self.height - 0.0006, 18), name="core")
 
 
 class Bucket(Thing, category="bin", anchor="free"):
     """A bucket, basket or planter on the floor."""
 
     size: float = scaled(0.9, 1.1)
-    body: Material = any_of("tinted", "metal", WHITE_PLASTIC)
+    body: Material = any_of("tinted", "metal", m.WHITE_PLASTIC)
 
     def assemble(self, b: Builder) -> None:
         b.add(self.body, _hollow(self.size, 1.7 * self.size, 0.75, 28, 0.004), name="bucket")
@@ -301,20 +277,18 @@ class WrappedFood(Thing, category="food"):
 
     def assemble(self, b: Builder) -> None:
         r, turn = self.radius, np.linspace(-0.5 * np.pi, 0.5 * np.pi, 12)
-        profile = [
-            (max(r * float(np.cos(t)), 0.0), r * self.flat * (1 + float(np.sin(t)))) for t in turn
-        ]
+        profile = [(max(r * np.cos(t), 0.0), r * self.flat * (1 + np.sin(t))) for t in turn]
         profile[0], profile[-1] = (0.0, 0.0), (0.0, profile[-1][1])
-        body = lathe(profile, 24)
+        body = g.lathe(profile, 24)
         if self.long > 1:
             stretched = body.scaled(x=self.long).vertices
-            body = BodyMesh(stretched, body.faces, body.uvs * self.long**0.5)
+            body = g.BodyMesh(stretched, body.faces, body.uvs * self.long**0.5)
         family = "nappa" if self.peel else "creased"
         kind: MaterialKind = "leather" if self.peel else "paper"
-        b.add(Material(kind, hex_color(self.color), 0.6, family=family), body, name="food")
+        b.add(Material(kind, m.hex_color(self.color), 0.6, family=family), body, name="food")
         if self.stalk:
             high = profile[-1][1]
-            stem = bar((0, 0, 0.9 * high), (0.004, 0, 1.12 * high), 0.04 * r + 0.001, 6)
+            stem = g.bar((0, 0, 0.9 * high), (0.004, 0, 1.12 * high), 0.04 * r + 0.001, 6)
             b.add(self.style.dark_wood, stem, name="stalk")
 
 
@@ -325,7 +299,7 @@ class Candle(RoundThing, category="candle"):
 
     def assemble(self, b: Builder) -> None:
         wax = Material("plastic", self.accent.color, 0.6)
-        b.add(wax, cylinder(self.radius, 0.0, self.height, 20, 0.002), name="wax")
+        b.add(wax, g.cylinder(self.radius, 0.0, self.height, 20, 0.002), name="wax")
 
 
 # What a set holds: names of its things, their kind and its options; each at most 8 cm wide.
@@ -367,12 +341,15 @@ class Tray(Thing, category="clutter"):
     depths: tuple[float, ...] = repeated(lambda it: len(it.row), between(-0.02, 0.02))
 
     def assemble(self, b: Builder) -> None:
-        b.add(self.body, box((self.width, 0.13, 0.012), bevel=0.003), name="tray")
+        b.add(self.body, g.box((self.width, 0.13, 0.012), bevel=0.003), name="tray")
         for side in (-1, 1):
             at = (side * (0.5 * self.width - 0.004), 0.0, 0.0118)
-            b.add(self.body, box((0.008, 0.126, 0.014), at, 0.002), name="rim")
+            b.add(self.body, g.box((0.008, 0.126, 0.014), at, 0.002), name="rim")
         for (thing, x), y in zip(self.row, self.depths, strict=True):
             _add_thing(b, thing, x, y, 0.0122)
+
+
+_BOARD = any_of("wood", "lacquer", "dark_wood")
 
 
 class Ledge(Thing, category="shelf", anchor="on_wall"):
@@ -381,21 +358,16 @@ class Ledge(Thing, category="shelf", anchor="on_wall"):
     what: str
     mount_height: float = between(1.3, 1.5)
     width: float = scaled(0.9, 1.15, 0.42)
-    board: Material = drawn(
-        lambda draw, it: material(draw, it.style, draw.pick(_BOARDS[it.what == "care"]))
-    )
-    rail: Material = either(0.6, "metal", CHROME)
+    board: Material = by("what", {"care": any_of("wood", "lacquer", m.GLASS)}, _BOARD)
+    rail: Material = either(0.6, "metal", m.CHROME)
     row: Row = drawn(lambda draw, it: _row(draw, it.style, it.what, it.width - 0.05, 0.97))
 
     def assemble(self, b: Builder) -> None:
         half, y = self.width / 2, -0.096
-        b.add(self.board, span((-half, -0.1, -0.012), (half, 0, 0)))
+        b.add(self.board, g.span((-half, -0.1, -0.012), (half, 0, 0)))
         ends = ((-half + 0.012, y, 0.03), (half - 0.012, y, 0.03))
-        b.add(self.rail, bar(*ends, 0.003, 8), name="rail")
+        b.add(self.rail, g.bar(*ends, 0.003, 8), name="rail")
         for x, _, z in ends:
-            b.add(self.rail, bar((x, y, 0.0002), (x, y, z), 0.003, 8), name="rail")
+            b.add(self.rail, g.bar((x, y, 0.0002), (x, y, z), 0.003, 8), name="rail")
         for thing, x in self.row:
             _add_thing(b, thing, x, -0.048, 0.0004)
-
-
-_BOARDS = (("wood", "lacquer", "dark_wood"), ("wood", "lacquer", GLASS))  # usual ones; of care
