@@ -17,11 +17,13 @@ import pytest
 import yaml
 
 from tests.fixtures.paths import ROOT
+from tests.fixtures.rooms import shell, write_obj
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 NETWORK = {"epochs": 1, "steps_per_epoch": 2, "width": 4, "levels": 2}
 CAN = {**NETWORK, "levels": 3}
+ALWAYS = ["assets", "scenes", "cameras"]  # they read files that only the parameters name
 CHANGES: dict[str, dict[str, Any]] = {
     "image": {"width": 64, "height": 48},
     "scenes": {"homes": 3, "rooms_max": 1, "texture_size": 64},
@@ -116,7 +118,7 @@ def test_one_cpu_makes_everything(finished: Path) -> None:
     figures = json.loads((finished / "metrics" / "evaluation.json").read_text())
     assert {"pbrnet", "product", "unet", "ceiling"} <= figures["methods"].keys()
     assert "data:image/" in (finished / "report" / "index.html").read_text()
-    assert _runs(finished, "--dry") == []
+    assert _runs(finished, "--dry") == ALWAYS
 
 
 @pytest.mark.parametrize(
@@ -146,17 +148,32 @@ def test_only_stages_that_depend_on_a_change_run_again(
     changeable: Path, changes: dict[str, dict[str, Any]], stages: list[str]
 ) -> None:
     _change(changeable, changes)
-    assert _runs(changeable, "--dry") == stages
+    assert _runs(changeable, "--dry") == [*ALWAYS, *stages]
 
 
 @pytest.mark.check
 def test_a_longer_list_of_baselines_trains_only_the_new_one(changeable: Path) -> None:
     _change(changeable, {"train": {"baselines": ["unet", "can"]}})
-    assert _runs(changeable, "train_baselines") == ["train_baselines@can"]
-    assert _runs(changeable, "evaluate") == ["evaluate"]
+    assert _runs(changeable, "train_baselines") == [*ALWAYS, "train_baselines@can"]
+    assert _runs(changeable, "evaluate") == [*ALWAYS, "evaluate"]
     figures = json.loads((changeable / "metrics" / "evaluation.json").read_text())
     assert {"pbrnet", "product", "product_linear", "unet", "can"} < figures["methods"].keys()
-    assert _runs(changeable, "--dry") == ["report"]
+    assert _runs(changeable, "--dry") == [*ALWAYS, "report"]
+
+
+@pytest.mark.check
+def test_an_edited_file_of_an_import_is_noticed(tmp_path: Path) -> None:
+    folder = _project(tmp_path / "imported")
+    (folder / "data" / "assets").mkdir(parents=True)
+    write_obj(folder / "room.obj", shell())
+    _change(folder, {"scenes": {"homes": 0, "imports": ["room.obj"]}, "farm": {"workers": 1}})
+    made = folder / "data" / "scenes" / "room" / "scene.xml"
+    texts = []
+    for paint in ("0.7 0.7 0.7", "0.2 0.7 0.7"):
+        (folder / "room.mtl").write_text(f"newmtl matt\nKd {paint}\n")
+        assert _runs(folder, "--single-item", "scenes") == ["scenes"]
+        texts.append(made.read_text())
+    assert texts[0] != texts[1]
 
 
 @pytest.mark.check

@@ -170,8 +170,8 @@ class SearchedSpace(RoomSpace):
                 rect = np.array([[x + low[0], y + low[1]], [x + high[0], y + high[1]]])
                 if any(_overlap(rect, other) for other in occupied):
                     continue
-                at = map(float, carrier.pose.apply(np.array([[x, y, place.z]]))[0])
-                pose = Pose(*at, (carrier.pose.yaw + yaw) % 360)
+                at = carrier.pose.apply(np.array([[x, y, place.z]]))[0].tolist()
+                pose = Pose(at[0], at[1], at[2], (carrier.pose.yaw + yaw) % 360)
                 item = self.try_place(
                     kind, piece, pose, zone=False, touching=(carrier.id,), on_floor=False
                 )
