@@ -1,16 +1,23 @@
 """The wheel alone is enough: in an empty folder, beside packages of the same names as its parts."""
 
+import json
 import os
+import re
 import shutil
 import site
 import subprocess
 import sys
+import tempfile
 import venv
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
+from tests.fixtures.chain import ALWAYS, SMALLEST, change_params
 from tests.fixtures.paths import ROOT
 
 PARTS = ("model", "params", "pbrnet", "pipeline", "reader", "recipes", "scenes", "weights")
@@ -69,6 +76,7 @@ def test_the_wheel_holds_one_import_name(wheel: Path) -> None:
         "weights/plus.json",
     ):
         assert f"pbrnet/{name}" in names
+    assert f"pip install '{wheel.name}[all]'" in (ROOT / "README.md").read_text()
 
 
 def test_an_empty_folder_becomes_a_project(python: Path, tmp_path: Path) -> None:
@@ -109,3 +117,53 @@ def test_an_empty_folder_becomes_a_project(python: Path, tmp_path: Path) -> None
     (place / "params.yaml").write_text(TINY)
     said = pbrnet("run")
     assert list((place / "data" / "dataset").glob("*.parquet")), said
+
+
+@pytest.fixture
+def programs(wheel: Path) -> Iterator[Path]:
+    """The programs of an environment with the wheel, and with what it declares alone."""
+    with tempfile.TemporaryDirectory() as folder:
+        venv.create(folder, with_pip=True)
+        found = Path(folder) / "bin"
+        command = [found / "python", "-m", "pip", "install", "--quiet", "--no-compile"]
+        command += [f"{wheel.name}[all]", "--constraint", ROOT / "torch.lock"]
+        subprocess.run(command, cwd=wheel.parent, check=True)
+        yield found
+
+
+@pytest.mark.check
+@pytest.mark.timeout(3600)
+def test_a_fresh_environment_makes_a_report_a_picture_and_a_release(
+    programs: Path, tmp_path: Path
+) -> None:
+    def run(*words: str, allowed: str = "") -> str:
+        path = os.pathsep.join([str(programs), os.defpath])
+        known = {name: os.environ[name] for name in ("HOME", "LANG") if name in os.environ}
+        done = subprocess.run(
+            words,
+            cwd=tmp_path,
+            env={**known, "PATH": path, "DVC_NO_ANALYTICS": "1"},
+            capture_output=True,
+            text=True,
+        )
+        said = done.stdout + done.stderr
+        assert done.returncode == 0 or (allowed and allowed in said), said
+        return said
+
+    assert str(programs.parent) in run("python", "-c", "import pbrnet; print(pbrnet.__file__)")
+    run("pbrnet", "init")
+    change_params(tmp_path, SMALLEST)
+    run("dvc", "repro")
+    assert "data:image/" in (tmp_path / "report" / "index.html").read_text()
+    assert re.findall(r"Running stage '([\w@]+)'", run("dvc", "repro")) == ALWAYS
+    files = sorted((tmp_path / "data" / "cameras").glob("*.json"))
+    cameras = max(
+        (json.loads(path.read_text()) for path in files), key=lambda one: len(one["views"])
+    )
+    scene, view = cameras["scene_id"], cameras["views"][0]["view_id"]
+    said = run("pbrnet", "predict", f"data/scenes/{scene}", "--view", view, "--method", "hybrid")
+    assert "pretrained" in said
+    picture = Image.open(tmp_path / "predictions" / f"{scene}--{view}.png")
+    assert picture.size == (64, 48) and np.asarray(picture).std() > 5
+    # Bytes may depend on the processor, and on the version of pyarrow, which is not pinned here.
+    assert "2 rows" in run("pbrnet", "release", "tiny", allowed="differs from the record")
