@@ -10,28 +10,14 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-import yaml
 
+from tests.fixtures.chain import SMALLEST, Changes, change_params
 from tests.fixtures.paths import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
-
-NETWORK = {"epochs": 1, "steps_per_epoch": 2, "width": 4, "levels": 2}
-CAN = {**NETWORK, "levels": 3}
-CHANGES: dict[str, dict[str, Any]] = {
-    "image": {"width": 64, "height": 48},
-    "scenes": {"homes": 3, "rooms_max": 1, "texture_size": 64},
-    "cameras": {"views_per_room": 2, "views_per_scene": 2, "candidates": 12, "grid": 0.5},
-    "illumination": {"width": 64, "supersampling": 2, "light_samples": 16, "shadow_rays": 2},
-    "groundtruth": {"spp": 4, "block_spp": 2, "max_depth": 4},
-    "dataset": {"splits": {"validation": 0.34, "test": 0.34}, "checks": {"max_noise": 5.0}},
-    "train": {"shading": NETWORK, "composition": NETWORK, "unet": NETWORK, "can": CAN},
-    "evaluate": {"timing_views": 1},
-}
 
 
 def _dvc(folder: Path, *words: str, before: tuple[str, ...] = ()) -> subprocess.Popen[str]:
@@ -55,16 +41,6 @@ def _output(process: subprocess.Popen[str]) -> str:
     return words
 
 
-def _change(folder: Path, changes: dict[str, dict[str, Any]]) -> None:
-    file = folder / "params.yaml"
-    params = yaml.safe_load(file.read_text())
-    for section, values in changes.items():
-        for key, value in values.items():
-            old = params[section][key]
-            params[section][key] = {**old, **value} if isinstance(old, dict) else value
-    file.write_text(yaml.safe_dump(params))
-
-
 def _project(folder: Path) -> Path:
     """A copy of this project with parameters of its own, nothing made yet."""
     for package in ("scenes", "pipeline", "model"):
@@ -73,7 +49,7 @@ def _project(folder: Path) -> Path:
     for name in ("dvc.yaml", "keys.yaml"):
         shutil.copy(ROOT / name, folder)
     shutil.copy(ROOT / "params.yaml", folder / "params.yaml")
-    _change(folder, CHANGES)
+    change_params(folder, SMALLEST)
     _output(_dvc(folder, "init", "--no-scm", "--quiet"))
     _output(_dvc(folder, "config", "core.analytics", "false"))
     return folder
@@ -143,15 +119,15 @@ def test_one_cpu_makes_everything(finished: Path) -> None:
     ],
 )
 def test_only_stages_that_depend_on_a_change_run_again(
-    changeable: Path, changes: dict[str, dict[str, Any]], stages: list[str]
+    changeable: Path, changes: Changes, stages: list[str]
 ) -> None:
-    _change(changeable, changes)
+    change_params(changeable, changes)
     assert _runs(changeable, "--dry") == stages
 
 
 @pytest.mark.check
 def test_a_longer_list_of_baselines_trains_only_the_new_one(changeable: Path) -> None:
-    _change(changeable, {"train": {"baselines": ["unet", "can"]}})
+    change_params(changeable, {"train": {"baselines": ["unet", "can"]}})
     assert _runs(changeable, "train_baselines") == ["train_baselines@can"]
     assert _runs(changeable, "evaluate") == ["evaluate"]
     figures = json.loads((changeable / "metrics" / "evaluation.json").read_text())

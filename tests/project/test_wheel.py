@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.fixtures.chain import ALWAYS, SMALLEST, change_params
+from tests.fixtures.chain import SMALLEST, change_params
 from tests.fixtures.paths import ROOT
 
 PARTS = ("model", "params", "pbrnet", "pipeline", "reader", "recipes", "scenes", "weights")
@@ -155,7 +155,7 @@ def test_a_fresh_environment_makes_a_report_a_picture_and_a_release(
     change_params(tmp_path, SMALLEST)
     run("dvc", "repro")
     assert "data:image/" in (tmp_path / "report" / "index.html").read_text()
-    assert re.findall(r"Running stage '([\w@]+)'", run("dvc", "repro")) == ALWAYS
+    assert re.findall(r"Running stage '([\w@]+)'", run("dvc", "repro")) == []
     files = sorted((tmp_path / "data" / "cameras").glob("*.json"))
     cameras = max(
         (json.loads(path.read_text()) for path in files), key=lambda one: len(one["views"])
