@@ -62,7 +62,7 @@ def _triple(ctx: Any, param: Any, value: str | None) -> tuple[float, ...] | None
 
 @dataclass(frozen=True)
 class Way:
-    """How pictures are made: by which method, or the best one in so many seconds."""
+    """The method that makes pictures, or the seconds in which the best one does."""
 
     method: str | None
     spp: int | None
@@ -101,7 +101,7 @@ Pictures = list[tuple[View, Callable[[], Drawn]]]
 
 @dataclass(frozen=True)
 class Output:
-    """Where pictures are written, and what else."""
+    """The place of the pictures, and what is written beside them."""
 
     out: Path | None
     exr: bool

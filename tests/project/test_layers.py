@@ -32,7 +32,7 @@ def test_a_folder_can_be_taken_in_at_a_glance(package: str) -> None:
 
 
 def is_whole(annotation: ast.expr | None) -> bool:
-    """Whether an annotation names all parameters."""
+    """True if an annotation names all parameters."""
     names = ast.walk(annotation) if annotation else ()
     return any(isinstance(one, ast.Name) and one.id == "Params" for one in names)
 
