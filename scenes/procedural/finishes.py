@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from pbrnet.scenes.color import Color
-from pbrnet.scenes.procedural.furniture.parts.materials import hex_color, scaled_color
+from pbrnet.scenes.procedural.furniture.materials import hex_color, scaled_color
 from pbrnet.scenes.procedural.furniture.style import Interior, Style
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw

@@ -12,6 +12,7 @@ from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.geometry.regions import buffered
+from pbrnet.scenes.procedural.furniture.materials import hex_color
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     box,
@@ -20,7 +21,6 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
     prism,
     span,
 )
-from pbrnet.scenes.procedural.furniture.parts.materials import hex_color
 from pbrnet.scenes.procedural.piece import Material, MaterialKind
 from pbrnet.scenes.procedural.plan import Plan, WallEdge
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item

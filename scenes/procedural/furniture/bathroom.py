@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.cabinets import add_door, add_drawers, carcass
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
-from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.parts.cloth import plane, surface
 from pbrnet.scenes.procedural.furniture.parts.drapes import (

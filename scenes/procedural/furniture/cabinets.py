@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from pbrnet.scenes.contract import Joint
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
-from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.spec import drawn
 from pbrnet.scenes.procedural.furniture.style import Style

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
-from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, Shown
 from pbrnet.scenes.procedural.furniture.parts.drapes import Pleats, hooked, pleats
 from pbrnet.scenes.procedural.furniture.spec import (

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.cabinets import add_feet, leg_material
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
-from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.parts.cloth import stuffed
 from pbrnet.scenes.procedural.furniture.spec import (

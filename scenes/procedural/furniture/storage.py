@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.cabinets import (
     BOARD,
     FRONT,
@@ -20,7 +21,6 @@ from pbrnet.scenes.procedural.furniture.cabinets import (
     shelf,
 )
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
-from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.spec import (
     Spec,

@@ -16,7 +16,7 @@ from pbrnet.scenes.checked import build
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.files import data_beside
 from pbrnet.scenes.looks import STYLES, StyleName
-from pbrnet.scenes.procedural.furniture.parts import materials as m
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.seeds import Draw
 

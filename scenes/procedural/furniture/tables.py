@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.cabinets import (
     BOARD,
     add_drawers,
@@ -13,7 +14,6 @@ from pbrnet.scenes.procedural.furniture.cabinets import (
     pulled_out,
 )
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
-from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.parts.cloth import block, plane
 from pbrnet.scenes.procedural.furniture.parts.drapes import Ripples, dropped, ripples

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
-from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.parts.cloth import (
     Weave,

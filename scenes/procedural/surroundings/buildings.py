@@ -10,8 +10,8 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.procedural.furniture.materials import hex_color
 from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, box, grid, prism, span
-from pbrnet.scenes.procedural.furniture.parts.materials import hex_color
 from pbrnet.scenes.procedural.piece import Material, MaterialKind, PiecePart
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.seeds import Draw

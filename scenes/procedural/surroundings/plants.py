@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture.materials import hex_color, scaled_color
 from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, box, grid, merge, tube
-from pbrnet.scenes.procedural.furniture.parts.materials import hex_color, scaled_color
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.procedural.textures.fields import Spectrum, noise

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture.materials import hex_color
 from pbrnet.scenes.procedural.furniture.parts.geometry import (
     BodyMesh,
     bar,
@@ -18,7 +19,6 @@ from pbrnet.scenes.procedural.furniture.parts.geometry import (
     superellipse,
     tube,
 )
-from pbrnet.scenes.procedural.furniture.parts.materials import hex_color
 from pbrnet.scenes.procedural.piece import Material, PiecePart
 from pbrnet.scenes.procedural.scene_item import SceneItem, make_part, outdoor_item
 from pbrnet.scenes.seeds import Draw

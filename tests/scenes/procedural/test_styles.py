@@ -12,7 +12,7 @@ from pbrnet.scenes.looks import STYLES, StyleName
 from pbrnet.scenes.procedural.finishes import make_finishes
 from pbrnet.scenes.procedural.furnishing.placement import furnish
 from pbrnet.scenes.procedural.furniture import FURNITURE_KINDS, make_style
-from pbrnet.scenes.procedural.furniture.parts.materials import hex_color
+from pbrnet.scenes.procedural.furniture.materials import hex_color
 from pbrnet.scenes.procedural.furniture.style import INTERIORS, Style, draw_style_name
 from pbrnet.scenes.procedural.piece import Material
 from pbrnet.scenes.procedural.planning import make_plan

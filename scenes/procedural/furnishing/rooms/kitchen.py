@@ -10,8 +10,8 @@ from pbrnet.scenes.procedural.furnishing.furnisher import Furnisher, has_opening
 from pbrnet.scenes.procedural.furnishing.rooms.dining import place_dining_group
 from pbrnet.scenes.procedural.furnishing.rooms.windows import hang_radiators
 from pbrnet.scenes.procedural.furnishing.space import GAP, PlacedPiece
+from pbrnet.scenes.procedural.furniture.materials import hex_color
 from pbrnet.scenes.procedural.furniture.parts.geometry import BodyMesh, span
-from pbrnet.scenes.procedural.furniture.parts.materials import hex_color
 from pbrnet.scenes.procedural.piece import FurniturePiece, Material
 from pbrnet.scenes.procedural.plan import WallEdge
 from pbrnet.scenes.procedural.scene_item import make_part

@@ -13,8 +13,8 @@ import numpy as np
 from pbrnet.scenes.assets.free_space import SupportSurface
 from pbrnet.scenes.contract import Box, Joint, Point3
 from pbrnet.scenes.geometry.mesh import face_areas
+from pbrnet.scenes.procedural.furniture.materials import SCREEN
 from pbrnet.scenes.procedural.furniture.parts.geometry import Axis, BodyMesh, merge
-from pbrnet.scenes.procedural.furniture.parts.materials import SCREEN
 from pbrnet.scenes.procedural.furniture.style import Style
 from pbrnet.scenes.procedural.piece import (
     Anchor,

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.decoration import picture_plane
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
-from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, Print
 from pbrnet.scenes.procedural.furniture.parts.drapes import Pleats, hooked, pleats
 from pbrnet.scenes.procedural.furniture.spec import (

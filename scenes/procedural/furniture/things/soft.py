@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
-from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
 from pbrnet.scenes.procedural.furniture.spec import (
     any_of,

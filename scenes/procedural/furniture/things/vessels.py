@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from pbrnet.scenes.files import data_beside
+from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
-from pbrnet.scenes.procedural.furniture.parts import materials as m
 from pbrnet.scenes.procedural.furniture.parts.build import Builder, Print
 from pbrnet.scenes.procedural.furniture.spec import (
     any_of,
