@@ -454,7 +454,7 @@ def test_a_walk_with_a_rejected_frame_is_named_or_rejected_whole(
         require_whole_walks(summary)
     else:
         assert reasons == [("002", "missing")]
-        with pytest.raises(StageError, match=r"home-0000/walk-00 \(1 frames\)"):
+        with pytest.raises(StageError, match=r"home-0000/walk-00 \(1 frame\)"):
             require_whole_walks(summary)
     assert summary.total == 6 - len(reasons)
 

@@ -263,7 +263,7 @@ def test_a_category_without_kinds_takes_its_own_pieces() -> None:
     pieces = own("upright", "piano", (0.8, 0.5, 1.1)), own("glass", "mirror", (0.6, 0.04, 1.0))
     library = LibraryEntry("mine", OWN_TABLE, "", "", "", "", "", "", 2, 2)
     index = build_kind_index(AssetIndex((library,), pieces))
-    drawn = AssetSampler(generator(0), index, SceneParams(catalogue_share=1.0))
+    drawn = AssetSampler(generator(0), index, SceneParams(catalogue_share=1.0).home(0, "day"))
     assert drawn.own_pieces("piano", ()) == [(pieces[0], "piano")]
     assert drawn.own_pieces("mirror", ("wall_mirror",)) == [(pieces[1], "mirror")]
     assert drawn.own_pieces("lamp", ("floor_lamp",)) == []
