@@ -19,6 +19,7 @@ WIDE = pytest.mark.skipif(not has_avx512(), reason="this processor has no wider 
 
 
 @WIDE
+@pytest.mark.slow
 @pytest.mark.usefixtures("wavefront")
 def test_numpy_blas_and_dr_jit_give_the_same_bits_with_avx2(tmp_path: Path) -> None:
     home = tmp_path / "home"

@@ -35,6 +35,8 @@ from pbrnet.scenes.registry import import_scene
 from tests.fixtures.command import exit_code
 from tests.fixtures.round_trips import equal
 
+pytestmark = pytest.mark.slow  # round trips
+
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Scene:
