@@ -4,7 +4,7 @@
 
     part of                      from                              which this writes
     results.md, README.md        metrics/reference.json, docs/data  pbrnet study all --docs docs
-      the paper's light          metrics/pbrs*.json                pbrnet reference --out FILE
+      the paper's light          metrics/pbrs.json                 pbrnet reference --out FILE
       time budgets               docs/data/budgets.json            make bench ONLY=budgets
       time of the quick start    docs/data/quick-start.json        this, with --quick-start
     photographs.md, README.md    metrics/photographs.json          pbrnet study photographs
@@ -61,13 +61,12 @@ def reference_methods(found: dict[str, Any]) -> str:
 
 
 def pbrs_tables() -> dict[str, str]:
-    """Tables of the runs in PBRS' light: one for each file `metrics/pbrs*.json`, by its name."""
-    tables = {}
-    for path in sorted((ROOT / "metrics").glob("pbrs*.json")):
-        found = json.loads(path.read_text())
-        tables[f"{path.stem}-methods"] = reference_methods(found)
-        tables[f"{path.stem}-differences"] = reference_differences(found)
-    return tables
+    """Tables of the run in PBRS' light, `metrics/pbrs.json`."""
+    found = json.loads((ROOT / "metrics" / "pbrs.json").read_text())
+    return {
+        "pbrs-methods": reference_methods(found),
+        "pbrs-differences": reference_differences(found),
+    }
 
 
 def reference_short(found: dict[str, Any]) -> str:
