@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import re
 import sys
 from pathlib import Path
@@ -45,14 +46,11 @@ SHORT = ("pbrnet", "unet", "denoised", "radiosity", "plus", "hybrid")  # rows of
 
 def quick_start_time(found: dict[str, Any]) -> str:
     """Sentence on the time that the first command takes."""
+    minutes = math.ceil(found["repro_seconds"] / 60)
     return (
-        f"On two cores `make repro` takes up to {_duration(found['repro_seconds'])}, the "
-        "installation of the environment included."
+        f"On two cores `make repro` takes up to {minutes} minutes, the installation of the "
+        "environment included."
     )
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds / 60:.0f} minutes"
 
 
 def reference_methods(found: dict[str, Any]) -> str:
