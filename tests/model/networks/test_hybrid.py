@@ -339,5 +339,5 @@ def test_it_predicts_from_a_scene_whose_samples_it_traces(
     linear = read_frame(tmp_path / "p.exr", verify=False)
     assert linear.rgb.max() > 0 and linear.meta["unit"] == "the scene's"
     assert linear.meta["clipped_share"] == 0
-    assert predict(*given[:4], "--out", "p.png") == 3, "without the samples that it takes"
+    assert predict(*given[:4], "--out", "p.png") == 2, "without the samples that it takes"
     assert "hybrid" not in load_networks(trained.models).baselines
