@@ -23,7 +23,7 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.guiding import plan_guiding
 from pbrnet.pipeline.pathtrace.integrator import JointPath
-from pbrnet.pipeline.pathtrace.launches import FrozenTracer, RayTracer, make_sensor, trace_scalar
+from pbrnet.pipeline.pathtrace.launches import PathTracer, make_sensor, trace_scalar
 from pbrnet.pipeline.pathtrace.light_parts import LightGroups, LightParts, NoParts
 from pbrnet.pipeline.pathtrace.light_plan import EVERYWHERE, plan_lights
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
@@ -124,7 +124,7 @@ def render_both(
     parts = LightParts(render_scene.materials.lobes(), groups) if light else NoParts()
     lights = _view_lights(render_scene, view, params, seed)
     path = _joint_path(render_scene, table, params, lights, parts=parts)
-    launch = _joint_launch(render_scene, view, path)
+    launch = _joint_launch(render_scene.neutral(None), view, path)
     if not light:
         blocks = trace_blocks(launch, view, params, seed, 2)
         color, shading = (truth_of(each, params) for each in blocks)
@@ -172,7 +172,7 @@ def color_blocks(
     table = _own(render_scene.materials)
     lights = _view_lights(render_scene, view, params, seed, planned)
     path = _joint_path(render_scene, table, params, lights, alone=True)
-    launch = _joint_launch(render_scene, view, path, optics)
+    launch = _joint_launch(render_scene.neutral(None), view, path, optics=optics)
 
     def launch_color(copies: int, spp: int, seed: int) -> Float32Array:
         images = np.asarray(launch(copies, spp, seed)).reshape(view.height, copies * view.width, -1)
@@ -183,21 +183,17 @@ def color_blocks(
 
 
 def _joint_launch(
-    render_scene: RenderScene, view: View, path: JointPath, optics: Optics | None = None
+    render_scene: RenderScene,
+    view: View,
+    path: JointPath,
+    lens: Lens | None = None,
+    optics: Optics | None = None,
 ) -> Launch:
-    """Return launches of the joint path tracer for a view; with `optics`, of colour alone."""
-    scene, version = render_scene.neutral(None).mitsuba, render_scene.materials.version
-    count = len(path.image_names) + len(path.parts.names)
-
-    def launch(copies: int, spp: int, seed: int) -> mi.TensorXf:
-        if optics or not view.lens.is_pinhole:
-            rays = render_scene.materials.kept(RayTracer)
-            camera = (view.pose, view.lens, optics)
-            return rays.launch(scene, version, camera, copies, path, spp, seed, count)
-        tracer = tracer_of(render_scene)
-        return tracer.launch(scene, version, view, copies, path, spp, seed)
-
-    return launch
+    """Return launches of the joint path tracer for a view, through its own or another lens."""
+    scene, version = render_scene.mitsuba, render_scene.materials.version
+    tracer = render_scene.materials.kept(PathTracer)
+    camera = (view.pose, lens or view.lens, optics)
+    return lambda copies, spp, seed: tracer.launch(scene, version, camera, copies, path, spp, seed)
 
 
 def _joint_path(
@@ -244,9 +240,7 @@ def lens_launch(
     lights = _lights(render_scene, scene, view, params, seed, lens)
     materials = render_scene.materials
     joint = _joint_path(render_scene, _own(materials), params, lights, alone=True)
-    tracer, version = materials.kept(RayTracer), materials.version
-    camera = (view.pose, lens, None)
-    return lambda copies, spp, seed: tracer.launch(scene, version, camera, copies, joint, spp, seed)
+    return _joint_launch(render_scene, view, joint, lens)
 
 
 def planned_lights(
@@ -297,11 +291,6 @@ def with_remainders(images: Float32Array) -> Float32Array:
     """
     color, direct, diffuse = images[..., :3], images[..., 6:9], images[..., 9:12]
     return np.concatenate([images, color - direct, color - diffuse], axis=-1)
-
-
-def tracer_of(render_scene: RenderScene) -> FrozenTracer:
-    """Return the recorded launches of an open scene; its forms share them, and they end with it."""
-    return render_scene.materials.kept(FrozenTracer)
 
 
 def rooms_box(rooms: tuple[Room, ...]) -> Float64Array:

@@ -33,7 +33,8 @@ from __future__ import annotations
 
 import operator
 from dataclasses import dataclass, field
-from functools import cache, reduce
+from functools import reduce
+from typing import Any, Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -58,6 +59,34 @@ def available() -> bool:
     return not (mi.variant() or best_variant()).startswith("scalar")
 
 
+class Sampler(Protocol):
+    """Random numbers of the samples that lanes trace."""
+
+    def begin(self, samples: mi.UInt32, where: mi.Bool) -> None:
+        """Go to the first draw of other samples, in some lanes."""
+
+    def next_1d(self) -> mi.Float:
+        """Return a number in [0, 1) for each lane."""
+
+    def next_2d(self) -> mi.Point2f:
+        """Return a point in [0, 1)^2 for each lane."""
+
+
+@dataclass
+class Starts:
+    """Beginnings of paths, one per sample: camera rays, world."""
+
+    origin: mi.Point3f
+    direction: mi.Vector3f
+    weight: mi.Float  # of the path; 0 where the sample has no ray
+    mirrored: mi.Bool  # which rays are mirror images in a window pane
+
+    def ray(self, sample: mi.UInt32, active: mi.Bool) -> mi.Ray3f:
+        """Return the rays of samples."""
+        origin = dr.gather(mi.Point3f, self.origin, sample, active)
+        return mi.Ray3f(origin, dr.gather(mi.Vector3f, self.direction, sample, active))
+
+
 @dataclass(eq=False)
 class JointPath:
     """Joint path tracer; `max_depth` and `rr_depth` are those of Mitsuba's `path`.
@@ -78,39 +107,37 @@ class JointPath:
     environment: mi.EmitterPtr | None = None  # from `environment_pointer`; compiled in if None
     alone: bool = False  # colour without neutral image; `twins` tells a recording which BSDFs exist
 
-    def integrator(self) -> mi.SamplingIntegrator:
-        """Return a Mitsuba integrator: colour in `R`, `G`, `B`, the others in three AOVs each.
-
-        They are the neutral image, unless colour is alone, and those of `parts`. A band of zeros
-        may follow.
-        """
-        return _integrator_class()(self)
-
     @dr.syntax
     def trace(
-        self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
+        self, scene: mi.Scene, sampler: Sampler, starts: Starts, lanes: int
     ) -> list[mi.Color3f]:
-        """Return the radiance along `ray` in each image, `mi.Color3f`.
+        """Return the radiance of the paths that begin in `starts`, for each image, `mi.Color3f`.
 
         The images are colour, the neutral twin (unless colour is alone), and those of `parts`.
+        Each of the `lanes` traces samples one after the other: where a path has ended, that of the
+        next sample begins at once, since all lanes of a vector wait for the last of them.
         """
+        count = dr.width(starts.weight)
+        per_lane = -(-count // lanes)
+        images = [dr.zeros(mi.Color3f, count) for _ in (*self.image_names, *self.parts.names)]
         # Loop state
-        ray = mi.Ray3f(ray)  # current segment of the path
+        sample = dr.arange(mi.UInt32, lanes) * per_lane  # number of the sample
+        last = dr.minimum(sample + per_lane, count)  # before it the lane ends
+        active = sample < last
+        ray = starts.ray(sample, active)  # current segment of the path
         depth = mi.UInt32(0)  # number of vertices passed
         eta = mi.Float(1)  # product of the relative indices of refraction along the path
         previous = dr.zeros(mi.Interaction3f)  # previous vertex, for densities of emitter sampling
-        ray, weight, mirrored = self.first_pane(scene, sampler, ray, active)
         # Radiance, throughput, density: in the scene's own colours, and in the neutral twin
         states = [
-            PathState(mi.Color3f(0), mi.Color3f(weight), mi.Float(1), mi.Bool(True))
+            PathState(mi.Color3f(0), mi.Color3f(0), mi.Float(1), mi.Bool(True))
             for _ in self.image_names
         ]
         parts = self.parts.start()  # of the light in colour
-        parts.start_in_mirror(mirrored)
-        active = mi.Bool(active)  # paths that are still traced
+        self.begin(sampler, starts, sample, states, parts, active)
 
-        while dr.hint(active, exclude=[self]):  # the arrays of `self` do not change
-            si = ray_intersect(scene, self.meshes, ray, depth == 0, active)
+        while dr.hint(active, exclude=[self, starts, images]):  # these arrays do not change
+            si = ray_intersect(scene, self.meshes, ray, mi.Bool(False), active)
 
             # Emission at the vertex that BSDF sampling found
             ds = self.found_light(scene, si, previous)
@@ -147,8 +174,40 @@ class JointPath:
             depth[si.is_valid()] += 1
             survival, factor = self.roulette(states[0], states[-1], eta, depth)
             _scale(states, factor)
-            active = active_next & (random < survival)
-        return [*(state.radiance for state in states), *parts.images()]
+            ended = active & ~(active_next & (random < survival))
+
+            # The next sample, where the path has ended
+            for image, radiance in zip(
+                images, [*(state.radiance for state in states), *parts.images()], strict=True
+            ):
+                dr.scatter(image, radiance, sample, ended, dr.ReduceMode.NoConflicts)
+            sample = dr.select(ended, sample + 1, sample)
+            active = sample < last
+            begins = ended & active
+            ray = dr.select(begins, starts.ray(sample, begins), ray)
+            depth = dr.select(begins, mi.UInt32(0), depth)
+            eta = dr.select(begins, mi.Float(1), eta)
+            self.begin(sampler, starts, sample, states, parts, begins)
+        return images
+
+    def begin(
+        self,
+        sampler: Sampler,
+        starts: Starts,
+        sample: mi.UInt32,
+        states: list[PathState],
+        parts: Any,
+        where: mi.Bool,
+    ) -> None:
+        """Begin the paths of other samples, in some lanes."""
+        sampler.begin(sample, where)
+        weight = dr.gather(mi.Float, starts.weight, sample, where)
+        for state in states:
+            state.radiance = dr.select(where, 0, state.radiance)
+            state.throughput = dr.select(where, mi.Color3f(weight), state.throughput)
+            state.pdf = dr.select(where, 1, state.pdf)
+            state.delta |= where
+        parts.begin(dr.gather(mi.Bool, starts.mirrored, sample, where), where)
 
     @property
     def image_names(self) -> tuple[str, ...]:
@@ -159,16 +218,22 @@ class JointPath:
         """Return the BSDF of each image."""
         return [own] if self.alone else [own, partner(self.twins, own, active)]
 
-    def first_pane(
-        self, scene: mi.Scene, sampler: mi.Sampler, ray: mi.Ray3f, active: mi.Bool
-    ) -> tuple[mi.Ray3f, mi.Float, mi.Bool]:
-        """Return camera rays after the first window pane, their weights, and which it mirrors.
+    def starts(
+        self, scene: mi.Scene, sampler: Sampler, ray: mi.Ray3f, active: mi.Bool, count: int
+    ) -> Starts:
+        """Return the beginnings of `count` paths: camera rays after the first window pane.
 
         No random number is drawn in a scene without panes.
         """
-        if self.panes is None:
-            return ray, mi.Float(1), mi.Bool(False)
-        return self.panes.meet(scene, ray, sampler.next_1d(active), active)
+        weight, mirrored = mi.Float(1), mi.Bool(False)
+        active = active & dr.full(mi.Bool, True, count)
+        if self.panes is not None:
+            ray, weight, mirrored = self.panes.meet(scene, ray, sampler.next_1d(), active)
+        direction = dr.select(active, ray.d, mi.Vector3f(0, 0, 1))
+        origin = dr.select(active, ray.o, mi.Point3f(0))
+        starts = Starts(origin, direction, dr.select(active, weight, 0), mirrored & active)
+        dr.eval(starts)
+        return starts
 
     def found_light(
         self, scene: mi.Scene, si: mi.SurfaceInteraction3f, previous: mi.Interaction3f
@@ -326,35 +391,3 @@ def _follow(state: PathState, scattering: Scattering) -> None:
 def _scale(states: list[PathState], factor: mi.Float) -> None:
     for state in states:
         state.throughput *= factor
-
-
-@cache
-def _integrator_class() -> type[mi.SamplingIntegrator]:
-    """Return the integrator class for a `JointPath`; its base class needs a Mitsuba variant."""
-
-    class JointIntegrator(mi.SamplingIntegrator):  # type: ignore[misc]
-        def __init__(self, path: JointPath) -> None:
-            super().__init__(mi.Properties())
-            self.path = path
-
-        def sample(
-            self,
-            scene: mi.Scene,
-            sampler: mi.Sampler,
-            ray: mi.RayDifferential3f,
-            medium: mi.Medium | None = None,
-            active: mi.Bool = True,
-        ) -> tuple[mi.Color3f, mi.Bool, list[mi.Float]]:
-            colour, *others = self.path.trace(scene, sampler, ray, active)
-            bands = [band for image in others for band in image]
-            padding = len(self.aov_names()) - len(bands)
-            return colour, mi.Bool(active), bands + [mi.Float(0)] * padding
-
-        def aov_names(self) -> list[str]:
-            images = (*self.path.image_names[1:], *self.path.parts.names)
-            names = [f"{image}.{band}" for image in images for band in "RGB"]
-            # With a power of two of channels, a film adds samples up in another order, and colour
-            # would differ in its last bit. Its other four channels are colour and weight.
-            return names if (len(names) + 4).bit_count() > 1 else [*names, "padding"]
-
-    return JointIntegrator

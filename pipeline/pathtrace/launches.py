@@ -31,8 +31,9 @@ from pbrnet.pipeline.pathtrace.camera_rays import (
     kind_of,
     lens_arrays,
 )
-from pbrnet.pipeline.pathtrace.integrator import JointPath
+from pbrnet.pipeline.pathtrace.integrator import JointPath, Sampler
 from pbrnet.pipeline.pathtrace.optics import Optics, OpticsKind, expose, optics_kind, optics_values
+from pbrnet.pipeline.pathtrace.samples import PathSampler
 from pbrnet.pipeline.render.drjit_arrays import column
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float64Array
@@ -40,6 +41,8 @@ from pbrnet.scenes.errors import InputError
 
 _MAX_RECORDINGS = 32  # per kernel and size: sample counts and kinds of light plans
 _FAR = 1e5  # metres
+_LANES = 1 << 12  # fewest paths that are traced side by side
+_PER_LANE = 16  # samples that each traces, one after the other
 RayArrays: TypeAlias = "tuple[mi.Float, ...]"  # of `ray_arrays`
 _NEAR_CLIP, _FAR_CLIP = 1e-3, 1e5  # metres
 
@@ -76,64 +79,11 @@ class Recordings:
         self._version = version
 
 
-class FrozenTracer:
-    """Sensors and recorded launches of one open scene, kept between its views.
-
-    There is one sensor and one frozen function per film size and intrinsics: a recording holds the
-    film that it was made with.
-    """
+class PathTracer:
+    """Recorded launches of the joint path tracer in one open scene, kept between its views."""
 
     def __init__(self) -> None:
         self.recordings = Recordings()
-        self._sensors: dict[Hashable, mi.Sensor] = {}
-
-    def launch(
-        self,
-        scene: mi.Scene,
-        version: int,
-        view: View,
-        copies: int,
-        path: JointPath,
-        spp: int,
-        seed: int,
-    ) -> mi.TensorXf:
-        """Render `copies` independent images of a view, side by side, by `path.integrator()`.
-
-        `version` is that of the scene's `MaterialSets`.
-        """
-        self.recordings.renew(version)
-        names = path.integrator().aov_names()
-        key = (view.width, view.height, copies, view.intrinsics.tobytes(), *names)
-        if key not in self._sensors:
-            sensor = make_sensor(view, copies)
-            # In the state after a launch: otherwise the second launch would be recorded again.
-            sensor.film().prepare(names)
-            dr.eval(sensor.film().develop())
-            self._sensors[key] = sensor
-            if len(self._sensors) > _MAX_RECORDINGS:
-                oldest = next(iter(self._sensors))
-                del self._sensors[oldest]
-                self.recordings.discard(_launch, oldest)
-        sensor = self._sensors[key]
-        move_sensor(sensor, view)
-        # Without emitters of its own, calls to those of other open scenes could not be recorded.
-        launch = self.recordings.of(_launch, key) if scene.emitters() else _launch
-        return launch(scene, sensor, path, spp, dr.opaque(mi.UInt32, seed))
-
-
-def _launch(
-    scene: mi.Scene, sensor: mi.Sensor, path: JointPath, spp: int, seed: mi.UInt32
-) -> mi.TensorXf:
-    integrator = path.integrator()
-    return mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed)
-
-
-class RayTracer:
-    """Sampler and recorded launches of one open scene for cameras that are no pinholes at rest."""
-
-    def __init__(self) -> None:
-        self._recordings = Recordings()
-        self._sampler: mi.Sampler = mi.load_dict({"type": "multijitter"})
 
     def launch(
         self,
@@ -144,21 +94,19 @@ class RayTracer:
         path: JointPath,
         spp: int,
         seed: int,
-        images: int = 1,
     ) -> Float64Array:
-        """Return radiance, (H, copies, W, 3 images), of independent images through a lens.
+        """Return radiance, (H, copies, W, 3 images), of independent images of one view.
 
-        `camera` is `camera_to_world`, projection, and aperture and shutter. `images` is the number
-        of images of `path` that are wanted, linear RGB each. Pixels without a ray are 0. `spp` is a
-        power of two. `version` is that of the scene's `MaterialSets`.
+        `camera` is `camera_to_world`, projection, and aperture and shutter. Images are those of
+        `path`, linear RGB each. Pixels without a ray are 0. `spp` is a power of two. `version` is
+        that of the scene's `MaterialSets`.
         """
-        self._recordings.renew(version)
+        self.recordings.renew(version)
         lens, kind = camera[1], ray_kind(*camera[1:], copies, spp)
         # Without emitters of its own, calls to those of other open scenes could not be recorded.
-        key = (kind, images, *path.parts.names)
-        trace = self._recordings.of(_ray_launch, key) if scene.emitters() else _ray_launch
-        arrays, seeds = ray_arrays(*camera), dr.opaque(mi.UInt32, seed)
-        found = trace(scene, self._sampler, path, arrays, kind, images, seeds)
+        key = (kind, *path.image_names, *path.parts.names)
+        trace = self.recordings.of(_launch, key) if scene.emitters() else _launch
+        found = trace(scene, path, ray_arrays(*camera), kind, dr.opaque(mi.UInt32, seed))
         bands = []
         for image in found:
             samples = np.array(image).reshape(3, copies, lens.height, lens.width, spp)
@@ -206,19 +154,16 @@ def _scalar_ray(
     return np.zeros(3), np.array([flat * math.sin(azimuth), -sine, flat * math.cos(azimuth)])
 
 
-def _ray_launch(
-    scene: mi.Scene,
-    sampler: mi.Sampler,
-    path: JointPath,
-    arrays: RayArrays,
-    kind: RayKind,
-    images: int,
-    seed: mi.UInt32,
+def _launch(
+    scene: mi.Scene, path: JointPath, arrays: RayArrays, kind: RayKind, seed: mi.UInt32
 ) -> list[mi.Color3f]:
-    """Return the radiance of each sample in the first images of `path`, `mi.Color3f` each."""
-    sampler = sampler.clone()
-    ray, active = sample_rays(sampler, arrays, kind, seed)
-    return path.trace(scene, sampler, ray, active)[:images]
+    """Return the radiance of each sample in the images of `path`, `mi.Color3f` each."""
+    sampler = PathSampler.of(dr.arange(mi.UInt32, kind.rays), kind.spp, seed)
+    ray, active = sample_rays(sampler, arrays, kind)
+    starts = path.starts(scene, sampler, ray, active, kind.rays)
+    lanes = min(kind.rays, max(_LANES, kind.rays // _PER_LANE))
+    along = PathSampler.of(dr.arange(mi.UInt32, lanes), kind.spp, ~seed)
+    return path.trace(scene, along, starts, lanes)
 
 
 class RayKind(NamedTuple):
@@ -250,16 +195,13 @@ def ray_arrays(pose: Float64Array, lens: Lens, optics: Optics | None) -> RayArra
 
 
 def sample_rays(
-    sampler: mi.Sampler, arrays: RayArrays, kind: RayKind, seed: mi.UInt32
+    sampler: Sampler, arrays: RayArrays, kind: RayKind
 ) -> tuple[mi.Ray3f, mi.Bool]:
-    """Return the ray of each sample, world, and whether there is one; seed the sampler for them.
+    """Return the ray of each sample, world, and whether there is one.
 
     Samples are in the order copy, row, column, sample.
     """
     eye, axes, numbers, ideal, valid, values = arrays
-    sampler.set_sample_count(kind.spp)
-    sampler.set_samples_per_wavefront(kind.spp)
-    sampler.seed(seed, kind.rays)
     pixel = dr.arange(mi.UInt32, kind.rays) >> (kind.spp.bit_length() - 1)
     places = LensArrays(numbers, ideal, valid)
     start, local, active = camera_rays(kind.lens, places, pixel, sampler.next_2d())

@@ -57,8 +57,8 @@ class NoParts:
         """Return the state of a path at the camera."""
         return self
 
-    def start_in_mirror(self, mirrored: mi.Bool) -> None:
-        """Start these paths with a mirror image in a window pane."""
+    def begin(self, mirrored: mi.Bool, where: mi.Bool) -> None:
+        """Begin other paths in some lanes."""
 
     def add_emission(self, *contribution: object) -> None:
         """Add emission that BSDF sampling found."""
@@ -147,9 +147,16 @@ class PathParts:
     scattered: mi.UInt32  # how often the path was scattered, for `direct`
     lights: list[mi.Color3f]  # of each light group
 
-    def start_in_mirror(self, mirrored: mi.Bool) -> None:
-        """Start these paths with a mirror image in a window pane: no light of the first surface."""
-        self.before &= ~mirrored
+    def begin(self, mirrored: mi.Bool, where: mi.Bool) -> None:
+        """Begin other paths in some lanes.
+
+        Those that are `mirrored`, mirror images in a window pane, have no light of the first surface.
+        """
+        for name in ("direct", "diffuse", "irradiance", "share", "white"):
+            setattr(self, name, dr.select(where, 0, getattr(self, name)))
+        self.lights = [dr.select(where, 0, light) for light in self.lights]
+        self.before = dr.select(where, ~mirrored, self.before)
+        self.scattered = dr.select(where, mi.UInt32(0), self.scattered)
 
     def add_emission(
         self, parts: Any, ds: mi.DirectionSample3f, throughput: mi.Color3f, arriving: mi.Color3f

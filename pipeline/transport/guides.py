@@ -22,6 +22,7 @@ from pbrnet.pipeline.pathtrace.launches import (
     sample_rays,
 )
 from pbrnet.pipeline.pathtrace.optics import Optics
+from pbrnet.pipeline.pathtrace.samples import PathSampler
 from pbrnet.pipeline.render.drjit_arrays import column, to_numpy
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.transport.radiosity import camera_ray
@@ -64,7 +65,6 @@ class _GuideTracer:
         self._tables = ShapeTables(render_scene.geometry)
         self._scene = render_scene.geometry.scene
         self._recorded = Recordings().of
-        self._sampler: mi.Sampler = mi.load_dict({"type": "multijitter"})
 
     def guides(self, view: View) -> tuple[Float32Array, Float32Array]:
         """Return the guides of a view."""
@@ -90,7 +90,7 @@ class _GuideTracer:
         launches = []
         for number in range(max(_LENS_RAYS) // rays):
             seeds = dr.opaque(mi.UInt32, derive32(seed, "guides", number))
-            bands = trace(self._scene, self._tables, self._sampler, arrays, kind, seeds)
+            bands = trace(self._scene, self._tables, arrays, kind, seeds)
             launches.append(to_numpy(*bands))
         mean = np.array(launches, dtype=np.float64).mean(axis=0)
         return _images(mean.astype(np.float32), view)
@@ -105,13 +105,13 @@ def _images(bands: Iterable[AnyArray], view: View) -> tuple[Float32Array, Float3
 def _trace_through(
     scene: mi.Scene,
     tables: ShapeTables,
-    sampler: mi.Sampler,
     arrays: RayArrays,
     kind: RayKind,
     seed: mi.UInt32,
 ) -> list[mi.Float]:
     """Return what `_trace` does, for rays through a lens and a shutter."""
-    ray, active = sample_rays(sampler.clone(), arrays, kind, seed)
+    sampler = PathSampler.of(dr.arange(mi.UInt32, kind.rays), kind.spp, seed)
+    ray, active = sample_rays(sampler, arrays, kind)
     return _means(scene, tables, ray, active, arrays[1], kind.spp)
 
 

@@ -1,0 +1,79 @@
+"""Random numbers of paths: stratified within a pixel, and a function of seed and sample alone.
+
+Each draw is one (Sobol's (0, 2)-net) over the samples of a pixel, in an order of its own. So a
+sample's path depends neither on the number of lanes nor on what a lane traced before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+
+_SHIFTS = (1, 2, 4, 8, 16)
+_MASKS = (0x55555555, 0x33333333, 0x0F0F0F0F, 0x00FF00FF, 0x0000FFFF)
+
+
+@dataclass
+class PathSampler:
+    """Random numbers of the samples that lanes trace; `spp` is a power of two.
+
+    Samples are numbered by pixel, then within it.
+    """
+
+    seed: mi.UInt32
+    spp: int
+    pixel: mi.UInt32  # hash of the seed and the pixel
+    index: mi.UInt32  # sample in the pixel
+    dimension: mi.UInt32  # number of draws so far
+
+    @staticmethod
+    def of(samples: mi.UInt32, spp: int, seed: mi.UInt32) -> PathSampler:
+        """Return the sampler of these samples, before their first draw."""
+        zero = dr.zeros(mi.UInt32, dr.width(samples))
+        sampler = PathSampler(seed, spp, zero, zero, zero)
+        sampler.begin(samples, mi.Bool(True))
+        return sampler
+
+    def begin(self, samples: mi.UInt32, where: mi.Bool) -> None:
+        """Go to the first draw of other samples, in some lanes."""
+        bits = self.spp.bit_length() - 1
+        pixel, _ = mi.sample_tea_32(samples >> bits, self.seed)
+        self.pixel = dr.select(where, pixel, self.pixel)
+        self.index = dr.select(where, samples & (self.spp - 1), self.index)
+        self.dimension = dr.select(where, mi.UInt32(0), self.dimension)
+
+    def next_1d(self, active: mi.Bool = True) -> mi.Float:
+        """Return a number in [0, 1) for each lane."""
+        index, scramble, _ = self._draw()
+        return _number(dr.brev(index) ^ scramble)
+
+    def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
+        """Return a point in [0, 1)^2 for each lane."""
+        index, first, second = self._draw()
+        bits = dr.brev(index)
+        return mi.Point2f(_number(bits ^ first), _number(_sobol(bits) ^ second))
+
+    def _draw(self) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32]:
+        """Return the place of this sample in the next draw, and two scrambles of its digits."""
+        order, scramble = mi.sample_tea_32(self.pixel, self.dimension)
+        self.dimension += 1
+        place = mi.permute(self.index, self.spp, order) if self.spp > 1 else self.index
+        return place, scramble, (scramble ^ order) * 0x9E3779B9
+
+
+def _sobol(reversed_index: mi.UInt32) -> mi.UInt32:
+    """Return the digits of Sobol's second dimension from an index with its bits reversed.
+
+    Its generator matrix is Pascal's triangle modulo 2.
+    """
+    found = reversed_index
+    for shift, mask in zip(_SHIFTS, _MASKS, strict=True):
+        found ^= (found & mask) << shift
+    return found
+
+
+def _number(digits: mi.UInt32) -> mi.Float:
+    """Return digits as a number in [0, 1)."""
+    return mi.Float(digits >> 8) * 2.0**-24
