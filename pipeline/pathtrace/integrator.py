@@ -128,6 +128,7 @@ class JointPath:
         depth = mi.UInt32(0)  # number of vertices passed
         eta = mi.Float(1)  # product of the relative indices of refraction along the path
         previous = dr.zeros(mi.Interaction3f)  # previous vertex, for densities of emitter sampling
+        choice = [mi.Float(0) for _ in range(self.lights.choices)]  # of an emitter, there
         # Radiance, throughput, density: in the scene's own colours, and in the neutral twin
         states = [
             PathState(mi.Color3f(0), mi.Color3f(0), mi.Float(1), mi.Bool(True))
@@ -142,7 +143,7 @@ class JointPath:
             # Emission at the vertex that BSDF sampling found
             ds = self.found_light(scene, si, previous)
             indirect = ~reduce(operator.and_, [state.delta for state in states])
-            density = self.lights.density(scene, previous, ds, indirect)
+            density = self.lights.density(scene, previous, choice, ds, indirect)
             emitted = ds.emitter.eval(si, active)
             weight = self.bsdf_sampling_weight(states[0], density)
             parts.add_emission(self.parts, ds, states[0].throughput, emitted * weight)
@@ -154,7 +155,8 @@ class JointPath:
             bsdfs = self.materials(own, active_next)
             is_smooth = [mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) for bsdf in bsdfs]
             smooth = active_next & reduce(operator.or_, is_smooth)
-            ds, light = self.lights.sample(scene, si, sampler.next_2d(), smooth)
+            choice = self.lights.choice(si.p, si.n)
+            ds, light = self.lights.sample(scene, si, choice, sampler.next_2d(), smooth)
             lit = smooth & (ds.pdf != 0)
             first, second = sampler.next_1d(), sampler.next_2d()
             found = self.scatter_all(bsdfs, si, ds.d, first, second, active_next, smooth)

@@ -40,8 +40,19 @@ _FAR = 1e9  # metres, coordinates of empty slots
 class UniformLights:
     """Mitsuba's own emitter sampling: all emitters have the same probability."""
 
+    choices = 0  # numbers that `choice` returns
+
+    def choice(self, position: mi.Point3f, normal: mi.Normal3f) -> list[mi.Float]:
+        """Return what `sample` and `density` need to know of a vertex."""
+        return []
+
     def sample(
-        self, scene: mi.Scene, si: mi.SurfaceInteraction3f, sample: mi.Point2f, active: mi.Bool
+        self,
+        scene: mi.Scene,
+        si: mi.SurfaceInteraction3f,
+        choice: list[mi.Float],
+        sample: mi.Point2f,
+        active: mi.Bool,
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """Sample a direction to an emitter from a vertex with `sample` in [0, 1)^2.
 
@@ -50,7 +61,12 @@ class UniformLights:
         return scene.sample_emitter_direction(si, sample, True, active)  # type: ignore[no-any-return]
 
     def density(
-        self, scene: mi.Scene, ref: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
+        self,
+        scene: mi.Scene,
+        ref: mi.Interaction3f,
+        choice: list[mi.Float],
+        ds: mi.DirectionSample3f,
+        active: mi.Bool,
     ) -> mi.Float:
         """Return the density by solid angle of the direction `ds` in `sample` at vertex `ref`."""
         return scene.pdf_emitter_direction(ref, ds, active)
@@ -84,10 +100,14 @@ class PlannedLights:
         self.guide = PathGuide(guiding, plan.indirect) if guiding is not None else None
 
     def sample(
-        self, scene: mi.Scene, si: mi.SurfaceInteraction3f, sample: mi.Point2f, active: mi.Bool
+        self,
+        scene: mi.Scene,
+        si: mi.SurfaceInteraction3f,
+        probabilities: list[mi.Float],
+        sample: mi.Point2f,
+        active: mi.Bool,
     ) -> tuple[mi.DirectionSample3f, mi.Color3f]:
         """Sample a direction to an emitter; see `UniformLights.sample`."""
-        probabilities = self.probabilities(si.p, si.n)
         index, stretched = choose(probabilities, sample.x)
         sample = mi.Point2f(below_one(stretched), sample.y)
         # The last ones are those of portals and sun.
@@ -110,10 +130,14 @@ class PlannedLights:
         return ds, dr.select(occluded, 0, light)
 
     def density(
-        self, scene: mi.Scene, ref: mi.Interaction3f, ds: mi.DirectionSample3f, active: mi.Bool
+        self,
+        scene: mi.Scene,
+        ref: mi.Interaction3f,
+        probabilities: list[mi.Float],
+        ds: mi.DirectionSample3f,
+        active: mi.Bool,
     ) -> mi.Float:
         """Return the density of a direction; see `UniformLights.density`."""
-        probabilities = self.probabilities(ref.p, ref.n)
         density = mi.Float(0)
         sky = mi.Bool(False)
         if self.outdoors is not None:
@@ -130,7 +154,13 @@ class PlannedLights:
         """Return the guiding distribution at a vertex; None if the view has no guiding targets."""
         return None if self.guide is None else self.guide.at(si, active)
 
-    def probabilities(self, position: mi.Point3f, normal: mi.Normal3f) -> list[mi.Float]:
+    @property
+    def choices(self) -> int:
+        """Number of probabilities at a vertex."""
+        emitters = 0 if self.emitters is None else self.emitters.slots + 1
+        return emitters + (0 if self.outdoors is None else self.outdoors.slots + 1)
+
+    def choice(self, position: mi.Point3f, normal: mi.Normal3f) -> list[mi.Float]:
         """Return the probability of each light at a vertex.
 
         In this order: emitters with a slot, all other emitters together, portals, sun.
@@ -424,4 +454,4 @@ class EnvironmentSampler:
         """Test whether the sun's direction from a vertex passes a portal."""
         if self.portals is None:
             return mi.Bool(False)
-        return self.portals.density(position, self.frame.n, [mi.Float(1)] * self.slots) > 0
+        return self.portals.passed(position, self.frame.n)

@@ -209,6 +209,13 @@ class RectangleSampler:
             density += probability * rectangle.density(origin, direction)
         return density
 
+    def passed(self, origin: mi.Point3f, direction: mi.Vector3f) -> mi.Bool:
+        """Test whether a direction from `origin` passes one of the rectangles."""
+        passed = mi.Bool(False)
+        for rectangle in self.rectangles:
+            passed |= rectangle.met(origin, direction)[0]
+        return passed
+
 
 @dataclass(init=False, eq=False)
 class _Rectangle:
@@ -218,7 +225,7 @@ class _Rectangle:
     normal: mi.Vector3f  # in the direction of paths
     across: mi.Vector3f  # an edge divided by half its squared length
     along: mi.Vector3f  # the other edge, likewise
-    area: mi.Float  # square metres
+    per_area: mi.Float  # 1 / area, 1/m^2
     spread: mi.Float  # metres
     strength: mi.Float
 
@@ -234,11 +241,11 @@ class _Rectangle:
                 2 * first / (first @ first),
                 2 * second / (second @ second),
             )
-            figures = (rectangles.area[row], rectangles.spread[row], strengths[row])
+            figures = (1 / rectangles.area[row], rectangles.spread[row], strengths[row])
         self.centre, self.normal, self.across, self.along = (
             mi.Vector3f(*opaque_floats(vector)) for vector in vectors
         )
-        self.area, self.spread, self.strength = opaque_floats(figures)
+        self.per_area, self.spread, self.strength = opaque_floats(figures)
 
     def direction(self, position: mi.Point3f) -> mi.Vector3f:
         """Return the direction from a vertex to the centre."""
@@ -253,14 +260,19 @@ class _Rectangle:
 
     def density(self, origin: mi.Point3f, direction: mi.Vector3f) -> mi.Float:
         """Return the density by solid angle of a direction from `origin`; 0 beside it."""
-        own_cosine = dr.dot(direction, self.normal)
+        inside, distance, per_cosine = self.met(origin, direction)
+        return dr.select(inside, dr.square(distance) * (per_cosine * self.per_area), 0)
+
+    def met(self, origin: mi.Point3f, direction: mi.Vector3f) -> tuple[mi.Bool, mi.Float, mi.Float]:
+        """Return which rays meet the rectangle, the distance, and 1 / cosine to its normal."""
+        per_cosine = 1 / dr.dot(direction, self.normal)
         offset = self.centre - origin
-        distance = dr.dot(offset, self.normal) / own_cosine
+        distance = dr.dot(offset, self.normal) * per_cosine
         position = distance * direction - offset  # of the intersection, from the centre
-        inside = (own_cosine > 1e-6) & (distance > 1e-4)
+        inside = (per_cosine > 0) & (per_cosine < 1e6) & (distance > 1e-4)
         inside &= dr.abs(dr.dot(position, self.across)) <= 1
         inside &= dr.abs(dr.dot(position, self.along)) <= 1
-        return dr.select(inside, dr.square(distance) / (self.area * own_cosine), 0)
+        return inside, distance, per_cosine
 
 
 def choose(probabilities: list[mi.Float], random: mi.Float) -> tuple[mi.UInt32, mi.Float]:

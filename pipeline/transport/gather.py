@@ -49,7 +49,8 @@ def gather(
 ) -> Gathered:
     """Gather light at surface points with these unit normals, on the side of these."""
     point = surface_point(position, normal)
-    ds, light = world.lights.sample(world.scene, point, sampler.next_2d(), active)
+    choice = world.lights.choice(point.p, point.n)
+    ds, light = world.lights.sample(world.scene, point, choice, sampler.next_2d(), active)
     arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
     guidance = world.lights.guidance(point, active)
     random, square = sampler.next_1d(), sampler.next_2d()
@@ -83,7 +84,8 @@ def reflected(world: World, sampler: mi.Sampler, found: Gathered, active: mi.Boo
     si = found.si
     normal = world.tables.lit_side(sampler, si, facing_normal(si, found.direction), active)
     point = surface_point(si.p, normal)
-    ds, light = world.lights.sample(world.scene, point, sampler.next_2d(), active)
+    choice = world.lights.choice(point.p, point.n)
+    ds, light = world.lights.sample(world.scene, point, choice, sampler.next_2d(), active)
     arriving = dr.select(active & (ds.pdf > 0), mi.Color3f(light), 0)
     towards = dr.maximum(dr.dot(ds.d, normal), 0) * dr.inv_pi
     arriving *= towards * mis_weight(ds.pdf, towards, ds.delta)
@@ -119,7 +121,8 @@ def met(
     ds.emitter = met_emitter(si, world.environment)
     emitted = dr.select(active, mi.Color3f(ds.emitter.eval(si, active)), 0)
     sampled &= ~passed
-    density = world.lights.density(world.scene, point, ds, active & sampled)
+    choice = world.lights.choice(point.p, point.n)
+    density = world.lights.density(world.scene, point, choice, ds, active & sampled)
     return si, emitted, dr.select(sampled, density, 0)
 
 

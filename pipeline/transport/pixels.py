@@ -283,7 +283,9 @@ def _sampled_gloss(
     Weighted against sampling of the BSDF. `point` is `surface_point` at `si`.
     """
     own = si.bsdf()
-    ds, light = kernel.world.lights.sample(kernel.world.scene, point, sampler.next_2d(), active)
+    world = kernel.world
+    choice = world.lights.choice(point.p, point.n)
+    ds, light = world.lights.sample(world.scene, point, choice, sampler.next_2d(), active)
     towards = si.to_local(ds.d)
     value, pdf = own.eval_pdf(mi.BSDFContext(), si, towards, active)
     lobe = partner(kernel.world.lobes, own, active)
