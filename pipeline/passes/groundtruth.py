@@ -22,7 +22,7 @@ from pbrnet.pipeline.lenses.model import Lens
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.pathtrace import integrator
 from pbrnet.pipeline.pathtrace.guiding import plan_guiding
-from pbrnet.pipeline.pathtrace.integrator import JointPath
+from pbrnet.pipeline.pathtrace.integrator import Bases, JointPath
 from pbrnet.pipeline.pathtrace.launches import PathTracer, make_sensor, trace_scalar
 from pbrnet.pipeline.pathtrace.light_parts import LightGroups, LightParts, NoParts
 from pbrnet.pipeline.pathtrace.light_plan import EVERYWHERE, plan_lights
@@ -120,10 +120,13 @@ def render_both(
     keep their bits. Requires `integrator.available()`. Raises `InputError` for a material that has
     no neutral twin.
     """
-    table = partner_table(render_scene.materials.twins(albedo))
+    bases = render_scene.materials.bases(albedo)
+    table = partner_table([(each.own, each.twin) for each in bases])
     parts = LightParts(render_scene.materials.lobes(), groups) if light else NoParts()
     lights = _view_lights(render_scene, view, params, seed)
-    path = _joint_path(render_scene, table, params, lights, parts=parts)
+    path = _joint_path(
+        render_scene, table, params, lights, parts=parts, bases=Bases(bases, albedo)
+    )
     launch = _joint_launch(render_scene.neutral(None), view, path)
     if not light:
         blocks = trace_blocks(launch, view, params, seed, 2)

@@ -250,7 +250,7 @@ def _grey(settings: TruthSettings) -> float:
 
 def _has_twin(scene: RenderScene, settings: TruthSettings) -> bool:
     try:
-        scene.materials.twins(_grey(settings))
+        scene.materials.bases(_grey(settings))
     except InputError:
         return False
     return True

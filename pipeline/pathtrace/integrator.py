@@ -32,6 +32,7 @@ variants without Dr.Jit loops (`available`).
 from __future__ import annotations
 
 import operator
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from typing import Any, Protocol
@@ -43,7 +44,8 @@ from pbrnet.pipeline.pathtrace.light_parts import LightParts, NoParts
 from pbrnet.pipeline.pathtrace.light_sampling import PlannedLights, UniformLights
 from pbrnet.pipeline.pathtrace.panes import Panes
 from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering, mis_weight
-from pbrnet.pipeline.render.drjit_arrays import met_emitter, partner
+from pbrnet.pipeline.render.drjit_arrays import met_emitter, partner, partner_table
+from pbrnet.pipeline.render.material_sets import Basis
 from pbrnet.pipeline.render.raycast.meshes import Triangles, ray_intersect
 from pbrnet.pipeline.render.variants import best_variant
 
@@ -57,6 +59,44 @@ def available() -> bool:
     In a process that has not set one, as a command that plans, it is the best on this machine.
     """
     return not (mi.variant() or best_variant()).startswith("scalar")
+
+
+@dataclass(init=False, eq=False)
+class Bases:
+    """Bases from which the values of a BSDF and of its neutral twin follow, see `basis_twin`."""
+
+    table: mi.BSDFPtr  # of each BSDF's basis, or the BSDF itself
+    colours: mi.BSDFPtr  # of each BSDF's reflectance twin
+    albedo: mi.Float  # of the neutral twins
+
+    def __init__(self, bases: Sequence[Basis], albedo: float) -> None:
+        self.table = partner_table([(each.own, each.basis or each.own) for each in bases])
+        self.colours = partner_table([(each.own, each.colour) for each in bases])
+        self.albedo = dr.opaque(mi.Float, albedo)
+
+    def tint(
+        self,
+        found: list[Scattering],
+        own: mi.BSDFPtr,
+        twin: mi.BSDFPtr,
+        si: mi.SurfaceInteraction3f,
+        active: mi.Bool,
+    ) -> None:
+        """Replace what bases gave by the answers of the BSDFs and of their neutral twins."""
+        first, second = found
+        based = active & (dr.reinterpret_array(mi.UInt32, twin) == 0)
+        colour = partner(self.colours, own, based).eval_diffuse_reflectance(si, based)
+        value, weight = first.value, first.weight
+        first.value = dr.select(based, _tinted(value, colour), value)
+        first.weight = dr.select(based, _tinted(weight, colour), weight)
+        second.value = dr.select(based, _tinted(value, mi.Color3f(self.albedo)), second.value)
+        second.weight = dr.select(based, _tinted(weight, mi.Color3f(self.albedo)), second.weight)
+        second.pdf = dr.select(based, first.pdf, second.pdf)
+        second.sample = dr.select(based, first.sample, second.sample)
+
+
+def _tinted(basis: mi.Color3f, colour: mi.Color3f) -> mi.Color3f:
+    return mi.Color3f(basis.x) + colour * (basis.y - basis.x)
 
 
 class Sampler(Protocol):
@@ -95,9 +135,7 @@ class JointPath:
     scene's window panes.
     """
 
-    twins: (
-        mi.BSDFPtr
-    )  # table of each BSDF's neutral twin, see `pbrnet.pipeline.render.drjit_arrays`
+    twins: mi.BSDFPtr  # table of each BSDF's neutral twin, null where `bases` has one
     max_depth: int
     rr_depth: int
     lights: UniformLights | PlannedLights = field(default_factory=UniformLights)
@@ -106,6 +144,7 @@ class JointPath:
     meshes: Triangles | None = None  # triangles of the scene, if all its shapes are meshes
     environment: mi.EmitterPtr | None = None  # from `environment_pointer`; compiled in if None
     alone: bool = False  # colour without neutral image; `twins` tells a recording which BSDFs exist
+    bases: Bases | None = None
 
     @dr.syntax
     def trace(
@@ -160,6 +199,8 @@ class JointPath:
             lit = smooth & (ds.pdf != 0)
             first, second = sampler.next_1d(), sampler.next_2d()
             found = self.scatter_all(bsdfs, si, ds.d, first, second, active_next, smooth)
+            if dr.hint(self.bases is not None, mode="scalar"):
+                self.bases.tint(found, own, bsdfs[1], si, active_next)
             arriving = dr.select(lit, light * self.emitter_sampling_value(found[0], ds), 0)
             parts.add_emitter_sample(
                 self.parts, own, si, ds, found[0], states[0].throughput, arriving, active_next
@@ -217,8 +258,11 @@ class JointPath:
         return ("colour",) if self.alone else ("colour", "neutral")
 
     def materials(self, own: mi.BSDFPtr, active: mi.Bool) -> list[mi.BSDFPtr]:
-        """Return the BSDF of each image."""
-        return [own] if self.alone else [own, partner(self.twins, own, active)]
+        """Return the BSDF of each image; with a basis, that alone."""
+        if self.alone:
+            return [own]
+        first = own if self.bases is None else partner(self.bases.table, own, active)
+        return [first, partner(self.twins, own, active)]
 
     def starts(
         self, scene: mi.Scene, sampler: Sampler, ray: mi.Ray3f, active: mi.Bool, count: int

@@ -86,9 +86,10 @@ def met_emitter(si: mi.SurfaceInteraction3f, environment: mi.EmitterPtr) -> mi.E
     return dr.select(si.is_valid(), si.shape.emitter(), environment)
 
 
-def partner_table(pairs: list[tuple[mi.BSDF, mi.BSDF]]) -> mi.BSDFPtr:
+def partner_table(pairs: Sequence[tuple[mi.BSDF, mi.BSDF | None]]) -> mi.BSDFPtr:
     """Return a table with each BSDF's partner at its registry id; `pairs` are (BSDF, partner)."""
-    own, partners = (_indices([pair[which] for pair in pairs]) for which in (0, 1))
+    own = _indices([pair[0] for pair in pairs])
+    partners = [0 if pair[1] is None else registry_id(pair[1], mi.BSDFPtr) for pair in pairs]
     table = np.zeros(own.max() + 1, dtype=np.uint32)
     table[own] = partners
     return dr.reinterpret_array(mi.BSDFPtr, column(mi.UInt32, table))

@@ -8,13 +8,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import cached_property
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import drjit as dr
 import mitsuba as mi
 
 from pbrnet.pipeline.render.bsdfs import Bsdf, BsdfMaker, describe
-from pbrnet.pipeline.render.neutral import diffuse_lobe, neutral_twin, reflectance_twin
+from pbrnet.pipeline.render.neutral import (
+    basis_twin,
+    diffuse_lobe,
+    neutral_twin,
+    reflectance_twin,
+)
 from pbrnet.pipeline.render.scenegraph import Graph, create, shapes_of
 from pbrnet.scenes.errors import InputError
 
@@ -26,12 +31,24 @@ MaterialSet = list[tuple[Any, Any]]  # shape and BSDF
 Lobes = list[tuple[Any, Any, Any]]  # own BSDF, its diffuse lobe, its reflectance twin
 
 
+class Basis(NamedTuple):
+    """What a joint trace evaluates for a BSDF: its basis, or itself and its neutral twin.
+
+    `colour` is the reflectance twin, which has the base colour.
+    """
+
+    own: Any
+    basis: Any | None  # see `basis_twin`
+    twin: Any | None  # where there is no basis
+    colour: Any
+
+
 class MaterialSets:
     """The own and the neutral materials of a scene's shapes, and which of them are applied.
 
-    Dr.Jit compiles every material that exists into each path tracing kernel. A neutral set made
-    only after the first colour image would cost a second compilation, and the next colour image a
-    third. Therefore one neutral set always exists. Its albedo is data, not code.
+    Dr.Jit compiles every material that exists into each path tracing kernel. What a joint trace
+    needs beside a scene's own materials (`bases`) is therefore made when the scene is opened. The
+    neutral set itself is made when it is first applied.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -47,6 +64,9 @@ class MaterialSets:
         self._twins: dict[int, Any] = {}  # neutral, by node; also those that no shape has
         self._neutral_albedo: float | None = None
         self._applied: float | None = None  # the albedo of the applied set; None: own materials
+        self._bases: list[Basis] | None = None
+        self._basis_bsdfs: dict[int, Any] = {}  # by node; also those that no shape has
+        self._bases_albedo: float | None = None
         self._lobes: Lobes | None = None
         self._lobe_bsdfs: dict[int, Any] = {}  # by node; also those that no shape has
         self._kept: dict[Callable[..., Any], tuple[int, Any]] = {}
@@ -57,8 +77,8 @@ class MaterialSets:
         self._maker.tables.number_shapes()
         shapes = [self._graph.make(node) for node, _ in _shapes(self._graph)]
         self._own = [(shape, shape.bsdf()) for shape in shapes]
-        with suppress(InputError):  # raised again when the neutral set is needed
-            self._make_neutral(_INITIAL_ALBEDO)
+        with suppress(InputError):  # raised again when they are needed
+            self.bases(_INITIAL_ALBEDO)
 
     @cached_property
     def reflectances(self) -> dict[int, Any]:
@@ -101,6 +121,18 @@ class MaterialSets:
         pairs = zip(self._own, self._neutral, strict=True)
         return [(own, neutral) for (_, own), (_, neutral) in pairs]
 
+    def bases(self, albedo: float) -> list[Basis]:
+        """Return every shape's own BSDF and what a joint trace evaluates in its place.
+
+        Valid until those of another albedo are needed. Raises `InputError` as `apply` does.
+        """
+        if self._bases is None or albedo != self._bases_albedo:
+            self._bases, self._basis_bsdfs = None, {}  # freed before the next are made
+            self._bases = self._make_bases(albedo)
+            self._bases_albedo = albedo
+            self.version += 1
+        return self._bases
+
     def lobes(self) -> Lobes:
         """Return every shape's own BSDF with its diffuse lobe and its reflectance twin.
 
@@ -131,6 +163,26 @@ class MaterialSets:
                 found.append((own, own, own))
             else:
                 found.append((own, made[material], self.reflectances[material]))
+        return found
+
+    def _make_bases(self, albedo: float) -> list[Basis]:
+        """Make the bases of materials that have one, and neutral twins of the others."""
+        described = {}
+        for node, bsdf in self._described.items():
+            basis = basis_twin(bsdf) if dr.is_jit_v(mi.Float) else None
+            described[node] = basis or neutral_twin(self._graph, bsdf, albedo)
+        made = self._basis_bsdfs = self._maker.make(described, (self._made,)).made
+        found: list[Basis] = []
+        for (_, material), (_, own) in zip(_shapes(self._graph), self._own, strict=True):
+            if material < 0:
+                made[-1] = made.get(-1) or _diffuse(albedo)
+                found.append(Basis(own, None, made[-1], own))
+                continue
+            colour = self.reflectances[material]
+            if dr.is_jit_v(mi.Float) and basis_twin(self._described[material]) is not None:
+                found.append(Basis(own, made[material], None, colour))
+            else:
+                found.append(Basis(own, None, made[material], colour))
         return found
 
     def _make_neutral(self, albedo: float) -> None:

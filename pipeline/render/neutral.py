@@ -32,6 +32,24 @@ _BASE = {
     "principledthin": "base_color",
 }
 _PRINCIPLED = ("principled", "principledthin")
+# Properties of BSDFs whose values depend linearly on the base colour: without tints, and without
+# transmission, which takes its square root.
+_AFFINE = {
+    "diffuse": {"reflectance"},
+    "principled": {
+        "base_color",
+        "roughness",
+        "metallic",
+        "sheen",
+        "clearcoat",
+        "clearcoat_gloss",
+        "anisotropic",
+        "specular",
+        "eta",
+        "main_specular_sampling_rate",
+    },
+    "principledthin": {"base_color", "roughness", "diff_trans", "eta", "sheen"},
+}
 # Tints that are removed: their defaults are colourless.
 _TINTS = ("specular_transmittance", "spec_tint", "sheen_tint")
 _DEFAULT_BASE = 0.5
@@ -62,6 +80,22 @@ def neutral_twin(graph: Graph, bsdf: Bsdf, albedo: float) -> Bsdf:
         f"{graph.where(bsdf.node)}: this material has no neutral twin; "
         f"use one of {', '.join(sorted({*_BASE, *_CONDUCTORS, *_DIELECTRICS}))}"
     )
+
+
+def basis_twin(bsdf: Bsdf) -> Bsdf | None:
+    """Return a BSDF with the base colour (0, 1, 0), from which another's and its twin's follow.
+
+    Values of a BSDF here are a + colour * b in each band, where a and b have no colour: red of the
+    basis is a, and green is a + b. Colours decide on no direction, either. None for a material of
+    which this is not known.
+    """
+    if bsdf.plugin in _WRAPPERS[:-1] and len(bsdf.held) == 1:
+        ((name, held),) = bsdf.held.items()
+        basis = basis_twin(held)
+        return None if basis is None else bsdf.changed({name: basis})
+    if bsdf.plugin not in _AFFINE or not _AFFINE[bsdf.plugin].issuperset(bsdf.properties):
+        return None
+    return bsdf.changed({_BASE[bsdf.plugin]: mi.ScalarColor3d(0, 1, 0)})
 
 
 def diffuse_lobe(bsdf: Bsdf) -> Bsdf:
