@@ -124,9 +124,7 @@ def render_both(
     table = partner_table([(each.own, each.twin) for each in bases])
     parts = LightParts(render_scene.materials.lobes(), groups) if light else NoParts()
     lights = _view_lights(render_scene, view, params, seed)
-    path = _joint_path(
-        render_scene, table, params, lights, parts=parts, bases=Bases(bases, albedo)
-    )
+    path = _joint_path(render_scene, table, params, lights, parts=parts, bases=Bases(bases, albedo))
     launch = _joint_launch(render_scene.neutral(None), view, path)
     if not light:
         blocks = trace_blocks(launch, view, params, seed, 2)

@@ -305,7 +305,21 @@ class Guidance:
         target, _ = choose(self.probabilities, first)
         return dr.normalize(self.targets.point(target, second) - self.position)
 
+    def density(self, direction: mi.Vector3f, where: mi.Bool | None = None) -> mi.Float:
+        """Return the density by solid angle of a direction that is guided.
+
+        If `where` is given, it is 0 elsewhere, and vectors of paths without any skip the work.
+        """
+        if where is None:
+            return self.targets.density(self.position, direction, self.probabilities)
+        return dr.if_stmt(  # type: ignore[no-any-return]
+            (direction,), where, self.density, lambda _: mi.Float(0), mode="symbolic"
+        )
+
+    def mixed(self, pdf: mi.Float, guided: mi.Float) -> mi.Float:
+        """Return the mixture's density of a direction, from those by the BSDF and if guided."""
+        return (1 - self.share) * pdf + self.share * guided
+
     def mixed_density(self, pdf: mi.Float, direction: mi.Vector3f) -> mi.Float:
         """Return the mixture's density of a direction with density `pdf` by the BSDF."""
-        guided = self.targets.density(self.position, direction, self.probabilities)
-        return (1 - self.share) * pdf + self.share * guided
+        return self.mixed(pdf, self.density(direction))

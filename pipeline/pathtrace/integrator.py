@@ -331,8 +331,9 @@ class JointPath:
         guided, first = guidance.split(first)
         found = [self.scatter(bsdf, si, wo, first, second, active) for bsdf in bsdfs]
         guided_direction = si.to_local(guidance.direction(first, second))
-        for bsdf, scattering in zip(bsdfs, found, strict=True):
-            scattering.pdf = guidance.mixed_density(scattering.pdf, light)
+        towards_light = guidance.density(light)
+        for number, (bsdf, scattering) in enumerate(zip(bsdfs, found, strict=True)):
+            scattering.pdf = guidance.mixed(scattering.pdf, towards_light)
             sample = scattering.sample
             delta = ~guided & mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
             valid = guided | (sample.pdf > 0)
@@ -340,8 +341,11 @@ class JointPath:
             sample.eta = dr.select(guided, 1, sample.eta)
             sample.sampled_type = dr.select(guided, 0, sample.sampled_type)
             mixed = smooth & ~delta & valid
+            if number:  # few have a twin here, if there are bases
+                mixed &= dr.reinterpret_array(mi.UInt32, bsdf) != 0
             value, pdf = bsdf.eval_pdf(mi.BSDFContext(), si, sample.wo, mixed)
-            density = guidance.mixed_density(pdf, si.to_world(sample.wo))
+            along = guidance.density(si.to_world(sample.wo), mixed if number else None)
+            density = guidance.mixed(pdf, along)
             weight = dr.select(density > 0, value / density, 0)
             unmixed = scattering.weight / (1 - guidance.share)
             scattering.weight = dr.select(mixed, weight, dr.select(valid, unmixed, 0))

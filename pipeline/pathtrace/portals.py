@@ -225,6 +225,7 @@ class _Rectangle:
     normal: mi.Vector3f  # in the direction of paths
     across: mi.Vector3f  # an edge divided by half its squared length
     along: mi.Vector3f  # the other edge, likewise
+    places: list[mi.Float]  # of the centre along normal, `across` and `along`
     per_area: mi.Float  # 1 / area, 1/m^2
     spread: mi.Float  # metres
     strength: mi.Float
@@ -232,7 +233,7 @@ class _Rectangle:
     def __init__(self, rectangles: Rectangles | None, strengths: Float64Array, row: int) -> None:
         if rectangles is None:
             up, far = np.array([0.0, 0.0, 1.0]), np.full(3, 1e9)
-            vectors, figures = (far, up, far, far), (1.0, 1.0, 0.0)
+            vectors, figures = (far, up, np.zeros(3), np.zeros(3)), (1.0, 1.0, 0.0)
         else:
             first, second = (edge[row] for edge in rectangles.edges)
             vectors = (
@@ -245,6 +246,8 @@ class _Rectangle:
         self.centre, self.normal, self.across, self.along = (
             mi.Vector3f(*opaque_floats(vector)) for vector in vectors
         )
+        places = [vectors[0] @ vector for vector in vectors[1:]]
+        self.places = opaque_floats([places[0], 1e30, 1e30] if rectangles is None else places)
         self.per_area, self.spread, self.strength = opaque_floats(figures)
 
     def direction(self, position: mi.Point3f) -> mi.Vector3f:
@@ -265,13 +268,14 @@ class _Rectangle:
 
     def met(self, origin: mi.Point3f, direction: mi.Vector3f) -> tuple[mi.Bool, mi.Float, mi.Float]:
         """Return which rays meet the rectangle, the distance, and 1 / cosine to its normal."""
+        # Products with `origin` alone are the same for all directions from it.
         per_cosine = 1 / dr.dot(direction, self.normal)
-        offset = self.centre - origin
-        distance = dr.dot(offset, self.normal) * per_cosine
-        position = distance * direction - offset  # of the intersection, from the centre
+        distance = (self.places[0] - dr.dot(origin, self.normal)) * per_cosine
+        across = dr.dot(origin, self.across) - self.places[1]
+        along = dr.dot(origin, self.along) - self.places[2]
         inside = (per_cosine > 0) & (per_cosine < 1e6) & (distance > 1e-4)
-        inside &= dr.abs(dr.dot(position, self.across)) <= 1
-        inside &= dr.abs(dr.dot(position, self.along)) <= 1
+        inside &= dr.abs(dr.fma(distance, dr.dot(direction, self.across), across)) <= 1
+        inside &= dr.abs(dr.fma(distance, dr.dot(direction, self.along), along)) <= 1
         return inside, distance, per_cosine
 
 

@@ -17,6 +17,7 @@ from pbrnet.pipeline.render.bsdfs import Bsdf, BsdfMaker, describe
 from pbrnet.pipeline.render.neutral import (
     basis_twin,
     diffuse_lobe,
+    lobes_of,
     neutral_twin,
     reflectance_twin,
 )
@@ -167,10 +168,14 @@ class MaterialSets:
 
     def _make_bases(self, albedo: float) -> list[Basis]:
         """Make the bases of materials that have one, and neutral twins of the others."""
-        described = {}
-        for node, bsdf in self._described.items():
-            basis = basis_twin(bsdf) if dr.is_jit_v(mi.Float) else None
-            described[node] = basis or neutral_twin(self._graph, bsdf, albedo)
+        bases: dict[int, Bsdf | None] = {}
+        if dr.is_jit_v(mi.Float):
+            lobes = frozenset[str]().union(*map(lobes_of, self._described.values()))
+            bases = {node: basis_twin(bsdf, lobes) for node, bsdf in self._described.items()}
+        described = {
+            node: bases.get(node) or neutral_twin(self._graph, bsdf, albedo)
+            for node, bsdf in self._described.items()
+        }
         made = self._basis_bsdfs = self._maker.make(described, (self._made,)).made
         found: list[Basis] = []
         for (_, material), (_, own) in zip(_shapes(self._graph), self._own, strict=True):
@@ -179,10 +184,9 @@ class MaterialSets:
                 found.append(Basis(own, None, made[-1], own))
                 continue
             colour = self.reflectances[material]
-            if dr.is_jit_v(mi.Float) and basis_twin(self._described[material]) is not None:
-                found.append(Basis(own, made[material], None, colour))
-            else:
-                found.append(Basis(own, None, made[material], colour))
+            twin = made[material]
+            basis, twin = (twin, None) if bases.get(material) else (None, twin)
+            found.append(Basis(own, basis, twin, colour))
         return found
 
     def _make_neutral(self, albedo: float) -> None:

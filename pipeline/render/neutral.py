@@ -53,6 +53,8 @@ _AFFINE = {
 # Tints that are removed: their defaults are colourless.
 _TINTS = ("specular_transmittance", "spec_tint", "sheen_tint")
 _DEFAULT_BASE = 0.5
+LOBES = frozenset({"metallic", "sheen"})
+_NO_LOBE = 1e-30  # as good as 0, of which Mitsuba makes BSDFs of another form
 
 
 def neutral_twin(graph: Graph, bsdf: Bsdf, albedo: float) -> Bsdf:
@@ -82,20 +84,29 @@ def neutral_twin(graph: Graph, bsdf: Bsdf, albedo: float) -> Bsdf:
     )
 
 
-def basis_twin(bsdf: Bsdf) -> Bsdf | None:
+def lobes_of(bsdf: Bsdf) -> frozenset[str]:
+    """Return the properties of principled materials that add a lobe, `LOBES`, in a BSDF."""
+    held = (lobes_of(each) for each in bsdf.held.values())
+    return frozenset(bsdf.properties.keys() & LOBES).union(*held)
+
+
+def basis_twin(bsdf: Bsdf, lobes: frozenset[str] = frozenset()) -> Bsdf | None:
     """Return a BSDF with the base colour (0, 1, 0), from which another's and its twin's follow.
 
     Values of a BSDF here are a + colour * b in each band, where a and b have no colour: red of the
     basis is a, and green is a + b. Colours decide on no direction, either. None for a material of
-    which this is not known.
+    which this is not known. A principled basis also has all of `lobes`, so that those of a scene
+    have one form.
     """
     if bsdf.plugin in _WRAPPERS[:-1] and len(bsdf.held) == 1:
         ((name, held),) = bsdf.held.items()
-        basis = basis_twin(held)
+        basis = basis_twin(held, lobes)
         return None if basis is None else bsdf.changed({name: basis})
     if bsdf.plugin not in _AFFINE or not _AFFINE[bsdf.plugin].issuperset(bsdf.properties):
         return None
-    return bsdf.changed({_BASE[bsdf.plugin]: mi.ScalarColor3d(0, 1, 0)})
+    added = lobes - bsdf.properties.keys() if bsdf.plugin == "principled" else frozenset()
+    colour = {_BASE[bsdf.plugin]: mi.ScalarColor3d(0, 1, 0)}
+    return bsdf.changed({**dict.fromkeys(added, _NO_LOBE), **colour})
 
 
 def diffuse_lobe(bsdf: Bsdf) -> Bsdf:
