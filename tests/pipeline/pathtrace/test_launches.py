@@ -9,7 +9,8 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from pbrnet.pipeline.passes.groundtruth import render_both, render_truth, tracer_of
+from pbrnet.pipeline.passes.groundtruth import render_both, render_truth
+from pbrnet.pipeline.pathtrace.launches import PathTracer
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene
 from pbrnet.pipeline.views import View
 from tests.fixtures.joint import LAMP, sunsky
@@ -69,7 +70,7 @@ def fresh(scene: RenderScene, view: View, **options: Any) -> Any:
 
 
 def recordings(scene: RenderScene) -> int:
-    return len(tracer_of(scene).recordings)
+    return len(scene.materials.kept(PathTracer).recordings)
 
 
 @pytest.mark.slow
