@@ -194,9 +194,7 @@ def ray_arrays(pose: Float64Array, lens: Lens, optics: Optics | None) -> RayArra
     return (eye, axes, *lens_arrays(lens), optics_values(optics))
 
 
-def sample_rays(
-    sampler: Sampler, arrays: RayArrays, kind: RayKind
-) -> tuple[mi.Ray3f, mi.Bool]:
+def sample_rays(sampler: Sampler, arrays: RayArrays, kind: RayKind) -> tuple[mi.Ray3f, mi.Bool]:
     """Return the ray of each sample, world, and whether there is one.
 
     Samples are in the order copy, row, column, sample.
