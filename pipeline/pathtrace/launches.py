@@ -123,7 +123,7 @@ def trace_scalar(
     spp: int,
     seed: int,
 ) -> Float64Array:
-    """Return what `RayTracer.launch` does, in a scalar variant and by Mitsuba's `path`."""
+    """Return what `PathTracer.launch` does, in a scalar variant and by Mitsuba's `path`."""
     sampler = mi.load_dict({"type": "multijitter", "sample_count": spp})
     height, width = lens.height, lens.width
     valid = lens.rays().valid

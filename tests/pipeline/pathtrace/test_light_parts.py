@@ -37,7 +37,7 @@ MATERIALS = {
     "texture": FAITHFUL["texture"],
     "rough copper": FAITHFUL["rough copper"],
 }
-COPIES, SPP = 16, 36
+COPIES, SPP = 16, 32
 
 
 def stacked(channels: dict[str, np.ndarray]) -> np.ndarray:

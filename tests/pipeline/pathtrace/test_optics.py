@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from pbrnet.pipeline.passes.groundtruth import color_blocks
 from pbrnet.pipeline.pathtrace.launches import ray_arrays, ray_kind, sample_rays
 from pbrnet.pipeline.pathtrace.optics import Aperture, Optics, Shutter
+from pbrnet.pipeline.pathtrace.samples import PathSampler
 from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.views import View, as_matrix, look
 from tests.fixtures.params import plain_truth
@@ -37,10 +38,10 @@ class Exposure(NamedTuple):
 
 def rays(view: View, exposure: Exposure, spp: int = 64) -> tuple[np.ndarray, np.ndarray]:
     """Origins and directions of all samples in world axes, (H, W, spp, 3)."""
-    sampler = mi.load_dict({"type": "multijitter"})
     lens, optics = view.lens, exposure.optics(view)
     arrays, kind = ray_arrays(view.pose, lens, optics), ray_kind(lens, optics, 1, spp)
-    ray, _ = sample_rays(sampler, arrays, kind, mi.UInt32(7))
+    sampler = PathSampler.of(dr.arange(mi.UInt32, kind.rays), spp, mi.UInt32(7))
+    ray, _ = sample_rays(sampler, arrays, kind)
     dr.eval(ray)
     size = (3, view.height, view.width, spp)
     origins, directions = (np.moveaxis(np.array(p).reshape(size), 0, -1) for p in (ray.o, ray.d))
