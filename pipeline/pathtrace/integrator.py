@@ -199,8 +199,7 @@ class JointPath:
             lit = smooth & (ds.pdf != 0)
             first, second = sampler.next_1d(), sampler.next_2d()
             found = self.scatter_all(bsdfs, si, ds.d, first, second, active_next, smooth)
-            if dr.hint(self.bases is not None, mode="scalar"):
-                self.bases.tint(found, own, bsdfs[1], si, active_next)
+            self.tint(found, own, bsdfs, si, active_next)
             arriving = dr.select(lit, light * self.emitter_sampling_value(found[0], ds), 0)
             parts.add_emitter_sample(
                 self.parts, own, si, ds, found[0], states[0].throughput, arriving, active_next
@@ -263,6 +262,18 @@ class JointPath:
             return [own]
         first = own if self.bases is None else partner(self.bases.table, own, active)
         return [first, partner(self.twins, own, active)]
+
+    def tint(
+        self,
+        found: list[Scattering],
+        own: mi.BSDFPtr,
+        bsdfs: list[mi.BSDFPtr],
+        si: mi.SurfaceInteraction3f,
+        active: mi.Bool,
+    ) -> None:
+        """Replace what bases gave, if there are any."""
+        if self.bases is not None and not self.alone:
+            self.bases.tint(found, own, bsdfs[1], si, active)
 
     def starts(
         self, scene: mi.Scene, sampler: Sampler, ray: mi.Ray3f, active: mi.Bool, count: int

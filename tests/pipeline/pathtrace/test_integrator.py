@@ -14,6 +14,7 @@ from pbrnet.pipeline.pathtrace.scattering import PathState, Scattering
 from pbrnet.pipeline.render.scene import open_scene
 from tests.fixtures.joint import (
     ALBEDO,
+    BASED,
     FAITHFUL,
     MAX_DEPTH,
     PARTING,
@@ -233,6 +234,22 @@ def test_the_comparison_passes_what_is_right(suspects: Any) -> None:
 @pytest.mark.parametrize("kind", WRONG)
 def test_the_comparison_finds_what_is_wrong(suspects: Any, kind: type[JointPath]) -> None:
     assert worst(suspects, kind) > 6
+
+
+def test_bases_give_the_images_of_each_material_and_its_twin(tmp_path: Path) -> None:
+    """Among materials that have none; the random numbers are the same."""
+    apart = {name: PARTING[name] for name in ("plastic", "tinted gloss")}
+    apart |= {name: FAITHFUL[name] for name in ("gold", "principled glass", "blend")}
+    scene, view, regions = shelf(tmp_path / "room", BASED | apart)
+    with_bases = joined(scene, view, 2, 16, 1, 1, with_bases=True)
+    for based, apiece in zip(with_bases, joined(scene, view, 2, 16, 1, 1), strict=True):
+        gap = abs(based - apiece).max(axis=-1)[0] / (abs(apiece).max(axis=-1)[0] + 1e-3)
+        assert np.quantile(gap, 0.98) < 1e-3  # rounding turns a few paths another way
+        for name, pixels in regions.items():
+            assert np.median(gap[pixels]) < 1e-4, name
+    bases = sum(each.basis is not None for each in scene.materials.bases(ALBEDO))
+    assert bases >= len(BASED)
+    assert sum(each.twin is not None for each in scene.materials.bases(ALBEDO)) >= len(apart)
 
 
 @pytest.mark.slow
