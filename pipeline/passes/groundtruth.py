@@ -1,7 +1,7 @@
 """Ground truth of a view: path-traced colour, shading of the neutral twin, or both.
 
-Samples are taken in blocks. Each block is an independent stratified estimate (multi-jittered, box
-filter) with random numbers of its own; blocks are averaged in float64. This bounds memory, makes
+Samples are taken in blocks. Each block is an independent stratified estimate (box filter) with
+random numbers of its own; blocks are averaged in float64. This bounds memory, makes
 the image independent of the number of threads, and provides the noise estimate by which a view may
 stop early (`groundtruth.noise`). Not supported: participating media, moving objects, and spectral
 rendering.
@@ -40,7 +40,7 @@ from pbrnet.scenes.arrays import Float32Array, Float64Array
 from pbrnet.scenes.contract import Room
 from pbrnet.scenes.seeds import derive32
 
-# Powers of two that are a grid of nearly equal sides, as the `multijitter` sampler needs it.
+# Powers of two; the larger ones are squares, as Mitsuba's `multijitter` sampler needs it.
 _BLOCK_SIZES = (1, 2, 4, 8, 16, 64, 256, 1024, 4096)
 _LAUNCH_SAMPLES = 1 << 21  # most samples of one launch; changing it changes pixels
 _CARD_BYTES = 512  # of a card's memory for each sample of a launch: half of it stays free

@@ -1,7 +1,8 @@
 """Joint path tracer: the image in the scene's own colours and its neutral twin, in one trace.
 
 Every surface has two materials, its own and its neutral twin, and every path carries two
-throughputs. At each vertex both materials are sampled with the same random numbers. Three cases:
+throughputs. Where the values of both follow from one basis (`pbrnet.pipeline.render.neutral`), that
+alone is evaluated. Elsewhere both materials are sampled with the same random numbers. Three cases:
 
 * Both choose the same direction. This is the usual case, because twins keep roughness, gloss and
   lobes. The path continues, and each image takes the weight that its own material gave.
@@ -23,10 +24,12 @@ roulette follows the throughput of colour, and samples are others than those of 
 Window panes change the camera ray and its weight, for both images alike, before all of this; see
 `pbrnet.pipeline.pathtrace.panes`.
 
-Random numbers are drawn in the order of Mitsuba's `path`, after one more in scenes with panes.
-Without roulette and differing directions both images equal those of `path`, sample by sample. Not
-supported, beside what the ground truth does not support anyway: hidden emitters, alpha, and
-variants without Dr.Jit loops (`available`).
+Paths have four vertices on average, but the longest of eight has seven, and the lanes of a vector
+take as long as the longest. So each lane traces several samples, one after the other. Random
+numbers are drawn in the order of Mitsuba's `path`. With the same numbers and without roulette and
+differing directions both images equal those of `path`, sample by sample. Not supported, beside what
+the ground truth does not support anyway: hidden emitters, alpha, and variants without Dr.Jit loops
+(`available`).
 """
 
 from __future__ import annotations

@@ -1,15 +1,13 @@
-"""Sensors and frozen launches of the joint path tracer: recorded once per scene, then replayed.
+"""Recorded launches of the joint path tracer: recorded once per scene, then replayed.
 
 Before the first sample, Python and Dr.Jit need half a second of one core to trace the path tracer
 of a furnished scene through every material. In a small view that is more than its samples need.
 `dr.freeze` records the launches and replays them with new inputs. It does not detect that a virtual
-call meets another instance than at recording, so no instance is created between views: the sensor
-is moved instead.
+call meets another instance than at recording, so no instance is created between views.
 
-Mitsuba has no sensor for lenses other than pinholes, nor for cameras that move, so their rays are
-made by `camera_rays` and `optics` and given to the joint path tracer, or in scalar variants to
-Mitsuba's `path`. A pixel is the mean radiance over its area on the image, in panoramas over its
-solid angle: places in it are stratified (multi-jittered) and uniform.
+Camera rays are made by `camera_rays` and `optics`, in scalar variants for Mitsuba's `path`. A pixel
+is the mean radiance over its area on the image, in panoramas over its solid angle: places in it are
+stratified and uniform.
 """
 
 from __future__ import annotations
@@ -35,6 +33,7 @@ from pbrnet.pipeline.pathtrace.integrator import JointPath, Sampler
 from pbrnet.pipeline.pathtrace.optics import Optics, OpticsKind, expose, optics_kind, optics_values
 from pbrnet.pipeline.pathtrace.samples import PathSampler
 from pbrnet.pipeline.render.drjit_arrays import column
+from pbrnet.pipeline.render.variants import on_card
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.errors import InputError
@@ -64,10 +63,6 @@ class Recordings:
                 kernel, limit=_MAX_RECORDINGS, warn_after=_MAX_RECORDINGS
             )
         return self._launches[kernel, key]
-
-    def discard(self, kernel: Callable[..., Any], key: Hashable) -> None:
-        """Forget the recordings of a kernel."""
-        self._launches.pop((kernel, key), None)
 
     def renew(self, version: int) -> None:
         """Forget all unless `version`, that of the scene's `MaterialSets`, is the one before.
@@ -161,7 +156,7 @@ def _launch(
     sampler = PathSampler.of(dr.arange(mi.UInt32, kind.rays), kind.spp, seed)
     ray, active = sample_rays(sampler, arrays, kind)
     starts = path.starts(scene, sampler, ray, active, kind.rays)
-    lanes = min(kind.rays, max(_LANES, kind.rays // _PER_LANE))
+    lanes = min(kind.rays, max(_LANES, kind.rays // (1 if on_card() else _PER_LANE)))
     along = PathSampler.of(dr.arange(mi.UInt32, lanes), kind.spp, ~seed)
     return path.trace(scene, along, starts, lanes)
 
@@ -262,20 +257,6 @@ def make_sensor(view: View, copies: int = 1) -> mi.Sensor:
     cameras = {f"copy{index}": camera for index in range(copies)}
     wide = {**film, "width": copies * view.width}
     return mi.load_dict({"type": "batch", **cameras, "film": wide, "sampler": sampler})
-
-
-def move_sensor(sensor: mi.Sensor, view: View) -> None:
-    """Move a sensor of `make_sensor` to the pose of `view`; its size and intrinsics stay.
-
-    Not for the scalar variant, whose sensors hold plain numbers.
-    """
-    params = mi.traverse(sensor)
-    keys = [key for key, _ in params.items() if key.split(".")[-1] == "to_world"]
-    for key in keys:
-        to_world = mi.AffineTransform4f(_to_world(view))
-        dr.make_opaque(to_world)
-        params[key] = to_world
-    params.update()
 
 
 def _to_world(view: View) -> Float64Array:
