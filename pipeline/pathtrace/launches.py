@@ -123,7 +123,7 @@ def trace_scalar(
     spp: int,
     seed: int,
 ) -> Float64Array:
-    """Return what `RayTracer.launch` does, in a scalar variant and by Mitsuba's `path`."""
+    """Return what `PathTracer.launch` does, in a scalar variant and by Mitsuba's `path`."""
     sampler = mi.load_dict({"type": "multijitter", "sample_count": spp})
     height, width = lens.height, lens.width
     valid = lens.rays().valid
@@ -194,9 +194,7 @@ def ray_arrays(pose: Float64Array, lens: Lens, optics: Optics | None) -> RayArra
     return (eye, axes, *lens_arrays(lens), optics_values(optics))
 
 
-def sample_rays(
-    sampler: Sampler, arrays: RayArrays, kind: RayKind
-) -> tuple[mi.Ray3f, mi.Bool]:
+def sample_rays(sampler: Sampler, arrays: RayArrays, kind: RayKind) -> tuple[mi.Ray3f, mi.Bool]:
     """Return the ray of each sample, world, and whether there is one.
 
     Samples are in the order copy, row, column, sample.

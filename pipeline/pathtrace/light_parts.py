@@ -150,7 +150,8 @@ class PathParts:
     def begin(self, mirrored: mi.Bool, where: mi.Bool) -> None:
         """Begin other paths in some lanes.
 
-        Those that are `mirrored`, mirror images in a window pane, have no light of the first surface.
+        Those that are `mirrored`, mirror images in a window pane, have no light of the first
+        surface.
         """
         for name in ("direct", "diffuse", "irradiance", "share", "white"):
             setattr(self, name, dr.select(where, 0, getattr(self, name)))

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from pbrnet.pipeline.passes.groundtruth import render_both, render_truth
-from pbrnet.pipeline.pathtrace.launches import PathTracer
+from pbrnet.pipeline.pathtrace import launches
+from pbrnet.pipeline.pathtrace.launches import PathTracer, Recordings
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene
 from pbrnet.pipeline.views import View
 from tests.fixtures.joint import LAMP, sunsky
@@ -41,6 +42,8 @@ MIRROR = (
     '<bsdf type="twosided"><bsdf type="conductor"><string name="material" value="none"/>'
     '<rgb name="specular_reflectance" value="0.92,0.92,0.92"/></bsdf></bsdf>'
 )
+GLASS = '<bsdf type="dielectric"/>'
+PLASTIC = '<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1,0.02,0.05"/></bsdf>'
 WHITE_SKY = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
 
 
@@ -67,6 +70,42 @@ def fresh(scene: RenderScene, view: View, **options: Any) -> Any:
     if key not in _FRESH:
         _FRESH[key] = both(open_scene(scene.scene), view, **options)
     return _FRESH[key]
+
+
+@pytest.mark.slow
+def test_images_do_not_depend_on_the_number_of_lanes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A path is the same whatever its lane traced before: with all that a path can remember."""
+    things = [
+        ball(f"ball{number}", (number - 1, 1.0, 1.2), 0.4, material)
+        for number, material in enumerate((GLASS, PLASTIC))
+    ]
+    walls, _ = room_walls(diffuse("0.6,0.5,0.4"), window=True)
+    glazed = [replace(WINDOW, panes=2)]
+    body = walls + LAMP + SKY + "".join(things)
+    scene = open_scene(write_scene(tmp_path / "glazed", body, portals=glazed))
+    found = []
+    for lanes in (1 << 20, 100):  # one sample a lane; 35, fewer in the last one, or none
+        monkeypatch.setattr(launches, "_LANES", lanes)
+        monkeypatch.setattr(launches, "_PER_LANE", 1 << 20)
+        scene.materials.kept(PathTracer).recordings = Recordings()
+        truths = render_both(scene, VIEWS[0], PARAMS, 0.5, 1, light=True)
+        images = [truths.color, truths.shading, *truths.parts.values()]
+        found.append(np.array([[channels[band] for band in "RGB"] for channels, _ in images]))
+    np.testing.assert_array_equal(*found)
+
+
+def test_pixels_without_a_ray_are_black(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the corners of a fisheye, in a furnace; lanes go on after such a sample."""
+    monkeypatch.setattr(launches, "_LANES", 1)
+    fisheye = replace(VIEWS[0], K=((6.0, 0, 12), (0, 6.0, 9), (0, 0, 1)), projection="fisheye")
+    valid = fisheye.lens.rays().valid
+    assert 0.1 < valid.mean() < 0.9
+    body = ball("ball", (0, 2, 1.5), 1.0, diffuse(1)) + WHITE_SKY
+    for image in both(open_scene(write_scene(tmp_path / "furnace", body)), fisheye, albedo=1.0):
+        assert (image[:, ~valid] == 0).all()
+        np.testing.assert_allclose(image[:, valid], 1, rtol=0.2)
 
 
 def recordings(scene: RenderScene) -> int:
