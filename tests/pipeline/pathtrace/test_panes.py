@@ -15,6 +15,7 @@ from pbrnet.scenes.contract import Portal
 from pbrnet.scenes.geometry.directions import pixel_directions
 from tests.fixtures.params import plain_truth
 from tests.fixtures.render import WINDOW, diffuse, glow, make_view, quad, write_scene
+from tests.fixtures.xml import emitter
 
 pytestmark = pytest.mark.usefixtures("wavefront")
 
@@ -98,3 +99,17 @@ def test_light_passes_as_if_the_pane_were_open_and_parts_stay_parts(tmp_path: Pa
     assert dim == pytest.approx(0.4 * (1 - reflectance(cosine, 2)), rel=0.03)
     mirrored = image_of(found[2].color) - image_of(found[2].parts["diffuse"])
     assert mirrored[pixels].mean() == pytest.approx(reflectance(cosine, 2), rel=0.05), "of the sky"
+
+
+def test_mirror_images_are_direct_light_and_of_no_first_surface(tmp_path: Path) -> None:
+    """A lit wall behind the camera, darkness behind the pane."""
+    wall = quad("wall", (0, -1, 1.5), (0, 1, 0), (30, 30), diffuse(0.5))
+    place = '<point name="position" x="0" y="0.5" z="1.5"/>'
+    body = wall + emitter("point", place, intensity=(5,))
+    scene = open_scene(write_scene(tmp_path / "s", body, portals=[glazed(2)]))
+    truths = render_both(scene, make_view((0, 0, 1.5)), PARAMS, 0.5, 3, light=True)
+    color, direct = image_of(truths.color)[IN_PANE], image_of(truths.parts["direct"])[IN_PANE]
+    assert color.min() > 0.01
+    np.testing.assert_allclose(direct, color, rtol=1e-5)
+    for name in ("diffuse", "irradiance"):
+        assert image_of(truths.parts[name])[IN_PANE].max() == 0
