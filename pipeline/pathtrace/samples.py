@@ -12,6 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 _ROUNDS = 6  # of hashes: with 4, draws correlate by up to 0.04
+_STEPS = (0x9E3779B9, 0x91E10DA5)  # of the places within strata, in 2^-32
 _SHIFTS = (1, 2, 4, 8, 16)
 _MASKS = (0x55555555, 0x33333333, 0x0F0F0F0F, 0x00FF00FF, 0x0000FFFF)
 
@@ -48,13 +49,19 @@ class PathSampler:
     def next_1d(self, active: mi.Bool = True) -> mi.Float:
         """Return a number in [0, 1) for each lane."""
         index, scramble, _ = self._draw()
-        return _number(dr.brev(index) ^ scramble)
+        return _number(dr.brev(index) ^ self._within(index, 0) ^ scramble)
 
     def next_2d(self, active: mi.Bool = True) -> mi.Point2f:
         """Return a point in [0, 1)^2 for each lane."""
         index, first, second = self._draw()
         bits = dr.brev(index)
-        return mi.Point2f(_number(bits ^ first), _number(_sobol(bits) ^ second))
+        x = bits ^ self._within(index, 0) ^ first
+        y = _sobol(bits) ^ self._within(index, 1) ^ second
+        return mi.Point2f(_number(x), _number(y))
+
+    def _within(self, index: mi.UInt32, axis: int) -> mi.UInt32:
+        """Return the digits below the net's: else all samples had one place in their strata."""
+        return (index * _STEPS[axis]) >> (self.spp.bit_length() - 1)
 
     def _draw(self) -> tuple[mi.UInt32, mi.UInt32, mi.UInt32]:
         """Return the place of this sample in the next draw, and two scrambles of its digits."""

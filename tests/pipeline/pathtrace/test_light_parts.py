@@ -66,7 +66,7 @@ def test_a_point_light_over_a_plane_is_direct_and_diffuse(tmp_path: Path) -> Non
     offset = np.array([0, 3, height]) - points
     squared = (offset**2).sum(axis=-1, keepdims=True)
     irradiance = 5 * height / squared**1.5
-    found = parts_of(scene, view, spp=64, max_depth=6)
+    found = parts_of(scene, view, spp=16, max_depth=6)
     closed = reflectance * irradiance / np.pi
     np.testing.assert_allclose(found["direct"], closed, rtol=0.01)
     np.testing.assert_allclose(found["diffuse"], closed, rtol=0.01)

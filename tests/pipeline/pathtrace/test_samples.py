@@ -48,6 +48,13 @@ def test_each_elementary_interval_holds_one_sample(bits: int) -> None:
             )
 
 
+@pytest.mark.parametrize("spp", [4, 16, 64])
+def test_places_within_strata_differ(spp: int) -> None:
+    """A pixel's mean of a number errs no more than if each sample were anywhere in its stratum."""
+    error = by_pixel(4096, spp).mean(axis=1).std(axis=0)
+    assert (error < 1.05 * spp**-1.5 * np.sqrt(1 / 12)).all()
+
+
 def test_the_second_dimension_is_sobols() -> None:
     index, scramble = np.arange(4096, dtype=np.uint32), 0x3A5C96E1
     digits = _sobol(dr.brev(mi.UInt32(index))) ^ scramble
