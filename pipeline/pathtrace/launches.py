@@ -9,7 +9,7 @@ is moved instead.
 Mitsuba has no sensor for lenses other than pinholes, nor for cameras that move, so their rays are
 made by `camera_rays` and `optics` and given to the joint path tracer, or in scalar variants to
 Mitsuba's `path`. A pixel is the mean radiance over its area on the image, in panoramas over its
-solid angle: places in it are stratified (multi-jittered) and uniform.
+solid angle: places in it are stratified and uniform.
 """
 
 from __future__ import annotations
