@@ -165,6 +165,7 @@ class JointPath:
         # Loop state
         sample = dr.arange(mi.UInt32, lanes) * per_lane  # number of the sample
         last = dr.minimum(sample + per_lane, count)  # before it the lane ends
+        dr.eval(sample, last)  # so that images of all sizes share a kernel
         active = sample < last
         ray = starts.ray(sample, active)  # current segment of the path
         depth = mi.UInt32(0)  # number of vertices passed

@@ -162,8 +162,8 @@ class ChoiceForgotten(PlannedLights):
 class DensityDoubled(PlannedLights):
     """Doubles its density where BSDF sampling found a light."""
 
-    def density(self, scene: Any, before: Any, ds: Any, active: Any) -> Any:
-        return 2 * super().density(scene, before, ds, active)
+    def density(self, scene: Any, before: Any, choice: Any, ds: Any, active: Any) -> Any:
+        return 2 * super().density(scene, before, choice, ds, active)
 
 
 WIDE = quad("wide", (0, 0, 2.95), (0, 0, -1), (1.6, 1.6), glow("3,2,1"), (0, 1, 0))
@@ -293,7 +293,7 @@ def probabilities_at(
     lights: PlannedLights, place: tuple[float, float, float], normal: tuple[float, float, float]
 ) -> np.ndarray:
     """Probabilities of each weighted lamp, all others together, each portal, the sun."""
-    found = lights.probabilities(mi.Point3f(*map(float, place)), mi.Normal3f(*map(float, normal)))
+    found = lights.choice(mi.Point3f(*map(float, place)), mi.Normal3f(*map(float, normal)))
     return np.array([float(np.array(chance).ravel()[0]) for chance in found])
 
 
@@ -414,7 +414,7 @@ class GuidingForgotten(PlannedLights):
     def guidance(self, si: Any, active: Any) -> Any:
         found = super().guidance(si, active)
         assert found is not None
-        found.mixed_density = lambda pdf, direction: pdf  # type: ignore[method-assign]
+        found.mixed = lambda pdf, guided: pdf  # type: ignore[method-assign]
         return found
 
 
