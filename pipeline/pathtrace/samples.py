@@ -1,7 +1,7 @@
 """Random numbers of paths: stratified within a pixel, and a function of seed and sample alone.
 
-Each draw is one (Sobol's (0, 2)-net) over the samples of a pixel, in an order of its own. So a
-sample's path depends neither on the number of lanes nor on what a lane traced before.
+Each draw is a (0, 2)-net of Sobol's over the samples of a pixel, in an order of its own. A sample's
+path depends neither on the number of lanes nor on what its lane traced before.
 """
 
 from __future__ import annotations
