@@ -33,7 +33,7 @@ Lobes = list[tuple[Any, Any, Any]]  # own BSDF, its diffuse lobe, its reflectanc
 
 
 class Basis(NamedTuple):
-    """What a joint trace evaluates for a BSDF: its basis, or itself and its neutral twin.
+    """BSDFs that a joint trace evaluates for another: its basis, or itself and its neutral twin.
 
     `colour` is the reflectance twin, which has the base colour.
     """
