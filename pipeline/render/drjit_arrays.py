@@ -87,9 +87,13 @@ def met_emitter(si: mi.SurfaceInteraction3f, environment: mi.EmitterPtr) -> mi.E
 
 
 def partner_table(pairs: Sequence[tuple[mi.BSDF, mi.BSDF | None]]) -> mi.BSDFPtr:
-    """Return a table with each BSDF's partner at its registry id; `pairs` are (BSDF, partner)."""
+    """Return a table with each BSDF's partner at its registry id, null for none.
+
+    `pairs` are (BSDF, partner).
+    """
     own = _indices([pair[0] for pair in pairs])
-    partners = [0 if pair[1] is None else registry_id(pair[1], mi.BSDFPtr) for pair in pairs]
+    partners = _indices([pair[1] or pair[0] for pair in pairs])
+    partners[[pair[1] is None for pair in pairs]] = 0
     table = np.zeros(own.max() + 1, dtype=np.uint32)
     table[own] = partners
     return dr.reinterpret_array(mi.BSDFPtr, column(mi.UInt32, table))
