@@ -10,7 +10,7 @@ import torch
 from torch.nn import functional
 
 from pbrnet.pipeline.tonemap import ToneParams
-from pbrnet.scenes.color import REC709, decode_srgb, encode_srgb
+from pbrnet.scenes.color import REC709, encode_srgb
 
 BLOCK = 8  # side in pixels of the blocks whose means the log average takes, see `exposure_of`
 
@@ -18,15 +18,6 @@ BLOCK = 8  # side in pixels of the blocks whose means the log average takes, see
 def luminance(image: torch.Tensor) -> torch.Tensor:
     """Rec. 709 luminance (N, 1, H, W) of linear RGB (N, 3, H, W)."""
     return sum(float(weight) * image[:, k : k + 1] for k, weight in enumerate(REC709))  # type: ignore[return-value]
-
-
-def tint_display(display: torch.Tensor, color: torch.Tensor) -> torch.Tensor:
-    """Display values (N, 3, H, W) under light of another colour (N, 3, 1, 1), linear RGB.
-
-    Reinhard's operator preserves chromaticity, so the colour may multiply its result before the
-    sRGB encoding.
-    """
-    return encode_srgb(decode_srgb(display) * color)
 
 
 def tonemap_exposed(scaled: torch.Tensor, white: torch.Tensor | float) -> torch.Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -48,9 +48,24 @@ class Records:
         self.places = places
         self.missing: list[str] = []
         self._tables: dict[Path, list[dict[str, Any]]] = {}
-        self.scenes = self._scenes()
-        self.cameras = self._cameras()
-        self.shards = self._shards()
+        self.scenes: list[Scene] = self._readable(
+            scene_folders(places.data / "scenes"),
+            load_scene,
+            "A scene cannot be read: ",
+            "No scenes yet; make them with: pbrnet scenes",
+        )
+        self.cameras: list[Any] = self._readable(
+            sorted((places.data / "cameras").glob("*.json")),
+            load_cameras,
+            "A camera file cannot be read: ",
+            "No cameras yet; make them with: pbrnet cameras",
+        )
+        self.shards: list[pq.ParquetFile] = self._readable(
+            sorted((places.data / "dataset").glob("*.parquet")),
+            _open_shard,
+            "",
+            "No dataset yet; make it with: pbrnet dataset",
+        )
         self.evaluation: dict[str, Any] = self.json(
             places.metrics / "evaluation.json", "No evaluation yet; make it with: pbrnet evaluate"
         )
@@ -183,40 +198,25 @@ class Records:
                 self.missing.append(note)
             return None
 
-    def _scenes(self) -> list[Scene]:
-        scenes = []
-        for folder in scene_folders(self.places.data / "scenes"):
+    def _readable(
+        self, paths: Sequence[Path], read: Callable[[Path], Result], damaged: str, absent: str
+    ) -> list[Result]:
+        """Read files; note those that cannot be read, and that there are none."""
+        found = []
+        for path in paths:
             try:
-                scenes.append(load_scene(folder))
+                found.append(read(path))
             except InputError as error:
-                self.missing.append(f"A scene cannot be read: {error}")
-        if not scenes:
-            self.missing.append("No scenes yet; make them with: pbrnet scenes")
-        return scenes
+                self.missing.append(f"{damaged}{error}")
+        if not found:
+            self.missing.append(absent)
+        return found
 
-    def _cameras(self) -> list[Any]:
-        cameras = []
-        for path in sorted((self.places.data / "cameras").glob("*.json")):
-            try:
-                cameras.append(load_cameras(path))
-            except InputError as error:
-                self.missing.append(f"A camera file cannot be read: {error}")
-        if not cameras:
-            self.missing.append("No cameras yet; make them with: pbrnet cameras")
-        return cameras
 
-    def _shards(self) -> list[pq.ParquetFile]:
-        shards = []
-        for path in sorted((self.places.data / "dataset").glob("*.parquet")):
-            try:
-                shard = open_parquet(path)
-                check_types(path, shard.schema_arrow, shard.schema_arrow.names)
-                shards.append(shard)
-            except InputError as error:
-                self.missing.append(str(error))
-        if not shards:
-            self.missing.append("No dataset yet; make it with: pbrnet dataset")
-        return shards
+def _open_shard(path: Path) -> pq.ParquetFile:
+    shard = open_parquet(path)
+    check_types(path, shard.schema_arrow, shard.schema_arrow.names)
+    return shard
 
 
 def _read_csv(path: Path, numbers: Sequence[str]) -> list[dict[str, Any]]:

@@ -67,7 +67,7 @@ def render_environment(
     lens = Lens("equirectangular", width, height, ())
     launch = lens_launch(render_scene.neutral(None), view, lens, own.trace, seed)
     canvas = replace(view, width=width, height=height)
-    ((image, stats),) = render_blocks(launch, canvas, own.trace, seed, 1)
+    image, stats = render_blocks(launch, canvas, own.trace, seed)
     if own.denoiser:
         image = denoise(image, *_guides(render_scene, view, width), around=True)
         stats = {**stats, "denoiser": own.denoiser}

@@ -89,8 +89,7 @@ def render_truth(
     """
     if not view.lens.is_pinhole:
         through = lens_launch(render_scene, view, view.lens, params, seed)
-        (truth,) = render_blocks(through, view, params, seed, 1)
-        return truth
+        return render_blocks(through, view, params, seed)
     path = path_integrator(params.max_depth, params.rr_depth)
     path = with_panes(path, render_scene.scene.portals)
     scene = render_scene.mitsuba
@@ -99,8 +98,7 @@ def render_truth(
         sensor = make_sensor(view, copies)
         return mi.render(scene, sensor=sensor, integrator=path, spp=spp, seed=seed)
 
-    (truth,) = render_blocks(launch, view, params, seed, 1)
-    return truth
+    return render_blocks(launch, view, params, seed)
 
 
 def render_both(
@@ -303,14 +301,13 @@ def rooms_box(rooms: tuple[Room, ...]) -> Float64Array:
     return np.array([low, high])
 
 
-def render_blocks(
-    launch: Launch, view: View, params: GroundTruthParams, seed: int, images: int
-) -> list[Truth]:
-    """Render blocks until the noise target or `spp` is reached; return the images' means.
+def render_blocks(launch: Launch, view: View, params: GroundTruthParams, seed: int) -> Truth:
+    """Render blocks of one image until the noise target or `spp` is reached; return their mean.
 
     See `trace_blocks`.
     """
-    return [truth_of(each, params) for each in trace_blocks(launch, view, params, seed, images)]
+    (blocks,) = trace_blocks(launch, view, params, seed, 1)
+    return truth_of(blocks, params)
 
 
 def truth_of(blocks: BlockStatistics, params: GroundTruthParams) -> Truth:

@@ -25,7 +25,7 @@ from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.color import luminance
-from pbrnet.scenes.geometry.directions import turned, unit
+from pbrnet.scenes.geometry.directions import turned
 
 _RAY_OFFSET = 1e-3  # metres: distance of ray origins from the surface
 _BAYER = ((0, 8, 2, 10), (12, 4, 14, 6), (3, 11, 1, 9), (15, 7, 13, 5))  # Bayer 1973
@@ -64,22 +64,21 @@ def render_visibility(
     view: View,
     params: IlluminationParams,
     panorama: Channels | None = None,
-    inputs: Channels | None = None,
 ) -> Channels:
     """Return `visibility.Y`, float32 (H, W), [0, 1]: the unoccluded share of direct light.
 
     Estimated with `params.shadow_rays` rays per pixel and those of its neighbours. 1 where there
-    is no surface, or where no source faces it. `panorama` and `inputs` are the results of
-    `render_illumination` and `render_inputs` for the same view, if they exist already; depth and
-    normals of the latter are rounded, which may change rays that graze an edge.
+    is no surface, or where no source faces it. `panorama` is the result of `render_illumination`
+    for the same view, if it exists already.
     """
     panorama = panorama or render_illumination(render_scene, view, params)
     tint = stacked(panorama, TINT)
     positions, power = sources(panorama["intensity.Y"][..., None] * tint, panorama["distance.Z"])
     turn, eye = view.pose[:3, :3], view.eye
-    seen, points, normals = (
-        _traced_surfaces(render_scene, view) if inputs is None else _input_surfaces(inputs, view)
-    )
+    origins, directions = view.world_rays()
+    hits = raycast.surfaces(render_scene.geometry, origins, directions, colors=False)
+    seen, points = hits.shape >= 0, hits.position.astype(np.float64)
+    normals = facing_normals(hits, directions)
     share = np.ones(len(seen))
     if len(positions) and seen.any():
         share[seen] = _unoccluded_share(
@@ -98,22 +97,6 @@ def render_visibility(
         seen.reshape(shape),
     )
     return {"visibility.Y": averaged.astype(np.float32)}
-
-
-def _traced_surfaces(render_scene: RenderScene, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Trace the pixel centres; return surface flags (P,), positions and normals (P, 3), world."""
-    origins, directions = view.world_rays()
-    hits = raycast.surfaces(render_scene.geometry, origins, directions, colors=False)
-    return hits.shape >= 0, hits.position.astype(np.float64), facing_normals(hits, directions)
-
-
-def _input_surfaces(inputs: Channels, view: View) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Return the same as `_traced_surfaces`, from a view's input images."""
-    turn = view.pose[:3, :3]
-    local = view.lens.points(inputs["Z"]).reshape(-1, 3)
-    points = turned(local, turn) + view.eye
-    normals = np.stack([inputs[f"N.{axis}"].astype(np.float64) for axis in "XYZ"], axis=-1)
-    return inputs["valid"].ravel() > 0, points, turned(unit(normals.reshape(-1, 3)), turn)
 
 
 def _unoccluded_share(

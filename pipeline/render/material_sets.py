@@ -110,18 +110,6 @@ class MaterialSets:
             shape.set_bsdf(bsdf)
         self._applied = albedo
 
-    def twins(self, albedo: float) -> list[tuple[Any, Any]]:
-        """Return every shape's own BSDF with its neutral twin of this albedo.
-
-        The pairs are valid until another albedo is needed. If a neutral set of another albedo is
-        applied, the shapes get their own materials back. Raises `InputError` as `apply` does.
-        """
-        if albedo != self._neutral_albedo:
-            self.apply(albedo)
-            self.apply(None)
-        pairs = zip(self._own, self._neutral, strict=True)
-        return [(own, neutral) for (_, own), (_, neutral) in pairs]
-
     def bases(self, albedo: float) -> list[Basis]:
         """Return every shape's own BSDF and what a joint trace evaluates in its place.
 

@@ -177,7 +177,7 @@ def _transmitted_share(graph: Graph, index: int) -> float:
     """
     plugin, children = graph.plugin(index), graph.nested(index, "BSDF")
     if plugin == "principledthin":  # whose `diff_trans` of 2 transmits all
-        value = _value(graph, index, "diff_trans", 0.0)
+        value = graph.props(index).get("diff_trans", 0.0)
         return min(1.0, max(0.0, value / 2)) if isinstance(value, float | int) else 0.5
     if plugin == "twosided" or not children:
         return 0.0
@@ -205,10 +205,6 @@ def _base_colour(graph: Graph, bsdf: Bsdf) -> Any:
         metal = np.ones(3) if perfect else normal_incidence(graph.leaf(bsdf.node))
         return mi.ScalarColor3d(metal * np.array(tint, dtype=np.float64).ravel())
     return _DEFAULT_BASE
-
-
-def _value(graph: Graph, index: int, name: str, default: float) -> Any:
-    return graph.props(index).get(name, default)
 
 
 def normal_incidence(conductor: Any) -> np.ndarray:

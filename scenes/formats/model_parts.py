@@ -10,12 +10,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-import mapbox_earcut
 import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array, Int64Array
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased
+from pbrnet.scenes.geometry.mesh import Mesh, cleaned, creased, faces_of_polygon
 
 MAX_TRIANGLES = 2_000_000  # of one model
 _FAR = 1e12  # largest coordinate
@@ -132,17 +131,6 @@ def triangulated(groups: Iterable[Int64Array], positions: Float64Array) -> Int64
         is_convex = (turns >= -1e-12 * (normals**2).sum(axis=1)[:, None]).all(axis=1)
         fans = [indices[is_convex][:, [0, k, k + 1]] for k in range(1, size - 1)]
         made.append(np.stack(fans, axis=1).reshape(-1, 3, 3))
-        made += [_ears(indices[p], points[p], normals[p]) for p in np.nonzero(~is_convex)[0]]
+        others = np.nonzero(~is_convex)[0]
+        made += [indices[p][faces_of_polygon(points[p], normals[p])] for p in others]
     return np.concatenate(made) if made else np.zeros((0, 3, 3), dtype=np.int64)
-
-
-def _ears(corners: np.ndarray, points: Float64Array, normal: Float64Array) -> np.ndarray:
-    """Triangulate one polygon of any shape to corners (T, 3, 3) of the same orientation."""
-    plane = [axis for axis in range(3) if axis != int(np.argmax(np.abs(normal)))]
-    flat = np.ascontiguousarray(points[:, plane])
-    ends = np.array([len(flat)], dtype=np.uint32)
-    found = mapbox_earcut.triangulate_float64(flat, ends).reshape(-1, 3).astype(np.int64)
-    a, b, c = (points[found[:, corner]] for corner in range(3))
-    turned = np.cross(b - a, c - a) @ normal < 0
-    found[turned] = found[turned][:, ::-1]
-    return corners[found]

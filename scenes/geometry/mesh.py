@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import mapbox_earcut
 import numpy as np
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array, Int64Array
@@ -76,6 +77,17 @@ def face_areas(corners: Float64Array) -> tuple[Float64Array, Float64Array]:
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(cross, axis=1)
     return 0.5 * length, cross / np.maximum(length, 1e-300)[:, None]
+
+
+def faces_of_polygon(points: Float64Array, normal: Float64Array) -> Int64Array:
+    """Return triangles (F, 3) of a planar polygon (N, 3) of any shape; they face `normal` (3,)."""
+    flat = np.ascontiguousarray(np.delete(points, int(np.argmax(np.abs(normal))), axis=1))
+    found = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], dtype=np.uint32))
+    faces: Int64Array = found.reshape(-1, 3).astype(np.int64)
+    a, b, c = (points[faces[:, corner]] for corner in range(3))
+    turned = np.cross(b - a, c - a) @ normal < 0
+    faces[turned] = faces[turned][:, ::-1]
+    return faces
 
 
 def cleaned(mesh: Mesh, where: str) -> tuple[Mesh, int]:

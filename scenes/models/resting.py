@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from pbrnet.scenes.arrays import Float64Array, Int64Array
 from pbrnet.scenes.geometry.mesh import face_areas
-from pbrnet.scenes.reconstruction.surroundings import connected_parts
+from pbrnet.scenes.reconstruction.surroundings import connected_parts, part_bounds
 
 _MOST_TRIANGLES = 400_000
 _MOST_PARTS = 3_000
@@ -33,7 +33,8 @@ def resting_shares(corners: Float64Array) -> tuple[Float64Array, int]:
     if len(corners) > _MOST_TRIANGLES:
         return np.zeros(3), 0
     part = _things(corners, connected_parts(corners))
-    lows, highs, size = _bounds(corners, part)
+    lows, highs = part_bounds(corners, part)
+    size = (highs - lows).max(axis=1)
     extent = float((highs.max(axis=0) - lows.min(axis=0)).max())
     things = np.nonzero((size >= _SMALLEST * extent) & (size <= _LARGEST * extent))[0]
     if not len(things):
@@ -59,7 +60,8 @@ def _things(corners: Float64Array, part: Int64Array) -> Int64Array:
 
     Beyond `_MOST_PARTS`, small parts stay as they are.
     """
-    lows, highs, size = _bounds(corners, part)
+    lows, highs = part_bounds(corners, part)
+    size = (highs - lows).max(axis=1)
     extent = float((highs.max(axis=0) - lows.min(axis=0)).max())
     small = np.nonzero(size <= _LARGEST * extent)[0]
     if len(small) > _MOST_PARTS:
@@ -72,17 +74,6 @@ def _things(corners: Float64Array, part: Int64Array) -> Int64Array:
     number[small] = label
     _, thing = np.unique(number[part], return_inverse=True)
     return thing.reshape(-1).astype(np.int64)
-
-
-def _bounds(
-    corners: Float64Array, part: Int64Array
-) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Lowest and highest corners (N, 3) of parts, and their largest extents (N,)."""
-    count = int(part.max()) + 1
-    lows, highs = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(lows, part, corners.min(axis=1))
-    np.maximum.at(highs, part, corners.max(axis=1))
-    return lows, highs, (highs - lows).max(axis=1)
 
 
 def _foot(points: Float64Array, axis: int, sign: float) -> Float64Array:

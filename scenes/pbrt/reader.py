@@ -16,6 +16,7 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.transforms import look_at
 from pbrnet.scenes.importing.shape import MAX_SHAPES
 from pbrnet.scenes.pbrt.parser import Directive, Parser
 from pbrnet.scenes.pbrt.values import Context, Entity
@@ -333,7 +334,11 @@ def _matrix(directive: Directive) -> Float64Array:
     elif directive.name == "Rotate":
         made[:3, :3] = _rotation(math.radians(values[0]), values[1:], directive)
     elif directive.name == "LookAt":
-        made = _look_at(values[:3], values[3:6], values[6:], directive)
+        try:
+            made = np.asarray(np.linalg.inv(look_at(values[:3], values[3:6], values[6:])))
+        except ValueError:
+            reason = "LookAt's points and up vector span no frame"
+            raise InputError(f"{directive.place}: {reason}") from None
     else:
         made = values.reshape(4, 4).T
         if not np.allclose(made[3], [0, 0, 0, made[3, 3]]) or abs(made[3, 3]) < 1e-12:
@@ -350,21 +355,6 @@ def _rotation(angle: float, axis: Float64Array, directive: Directive) -> Float64
     x, y, z = axis / length
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * (cross @ cross)
-
-
-def _look_at(
-    eye: Float64Array, target: Float64Array, up: Float64Array, directive: Directive
-) -> Float64Array:
-    """World to camera (4, 4), in pbrt's left-handed axes: x right, y up, z towards the target."""
-    forward = target - eye
-    right = np.cross(up, forward)
-    if np.linalg.norm(forward) == 0 or np.linalg.norm(right) == 0:
-        raise InputError(f"{directive.place}: LookAt's points and up vector span no frame")
-    forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = eye
-    return np.asarray(np.linalg.inv(pose))
 
 
 _Handler = Callable[[_Interpreter, Directive], None]

@@ -64,7 +64,7 @@ class Interior:
         return [*(room.floor for room in self.rooms), *self.completion.spaces]
 
 
-def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> Interior:
+def find_interior(corners: Float64Array) -> Interior:
     """Find closed rooms; if there is none, how open spaces can become rooms.
 
     A room whose ceiling covers a part of an open space, as in scans, is that space, and tiny rooms
@@ -77,13 +77,13 @@ def find_interior(corners: Float64Array, furniture: Sequence[Bounds] = ()) -> In
     """
     building, is_ground = without_ground(corners)
     rays = RayCaster(building)
-    rooms = _closed(rays, building, furniture)
+    rooms = _closed(rays, building)
     completion = closed_slits(building, rays, rooms)
     if completion.slits:
         added = completion.ceilings
         building, rays = np.concatenate([building, added]), RayCaster(added, rays)
         is_ground = np.append(is_ground, np.zeros(len(added), dtype=bool))
-        rooms = _closed(rays, building, furniture)
+        rooms = _closed(rays, building)
     elif (is_shut := all(is_shut_in(room, rays, building) for room in rooms)) or (
         _has_walls_above(rooms, rays, building)
     ):
@@ -192,6 +192,8 @@ def _is_walled(rays: RayCaster, eye: Float64Array) -> bool:
     return bool(meets[-1] and meets[:-1].mean() >= _WALLED)
 
 
-def _closed(rays: RayCaster, corners: Float64Array, furniture: Sequence[Bounds]) -> list[FoundRoom]:
+def _closed(
+    rays: RayCaster, corners: Float64Array, furniture: Sequence[Bounds] = ()
+) -> list[FoundRoom]:
     rooms = without_overlaps(habitable(closed_rooms(rays, corners), rays, corners, furniture))
     return joined_below_beams(rooms, rays)

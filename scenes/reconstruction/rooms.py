@@ -544,9 +544,9 @@ def _enclosed_share(rays: RayCaster, polygon: Polygon, floor: float, ceiling: fl
     return hits / (3 * 72)
 
 
-def inside_points(polygon: Polygon, count: int) -> Float64Array:
-    """About `count` grid points (N, 2) inside a polygon, a little off its edge."""
-    inner = buffered(polygon, -0.1)
+def inside_points(polygon: Polygon, count: int, margin: float = 0.1) -> Float64Array:
+    """About `count` grid points (N, 2) inside a polygon, `margin` off its edge if it is as wide."""
+    inner = buffered(polygon, -margin)
     inner = polygon if inner.is_empty else inner
     west, south, east, north = inner.bounds
     step = math.sqrt(max(inner.area, 1e-9) / count)

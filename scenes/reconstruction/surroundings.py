@@ -50,7 +50,8 @@ def without_ground(corners: Float64Array) -> tuple[Float64Array, BoolArray]:
     nothing = np.zeros(len(corners), dtype=bool)
     if not 1 < len(corners) <= _MOST_TRIANGLES:
         return corners, nothing
-    part, lows, highs = _parts_with_bounds(corners)
+    part = connected_parts(corners)
+    lows, highs = part_bounds(corners, part)
     count = len(lows)
     order = np.argsort(-np.prod(highs[:, :2] - lows[:, :2], axis=1))
     grounds: list[int] = []
@@ -80,7 +81,8 @@ def without_backdrop(corners: Float64Array) -> Float64Array | None:
     """
     if not 1 < len(corners) <= _MOST_TRIANGLES:
         return None
-    part, lows, highs = _parts_with_bounds(corners)
+    part = connected_parts(corners)
+    lows, highs = part_bounds(corners, part)
     number = int(np.argmax(np.prod(highs - lows, axis=1)))
     rest = np.arange(len(lows)) != number
     if not rest.any():
@@ -92,14 +94,13 @@ def without_backdrop(corners: Float64Array) -> Float64Array | None:
     return corners[part != number] if is_around and is_wider else None
 
 
-def _parts_with_bounds(corners: Float64Array) -> tuple[Int64Array, Float64Array, Float64Array]:
-    """The part (F,) of each triangle, and the lowest and highest corner (N, 3) of each part."""
-    part = connected_parts(corners)
+def part_bounds(corners: Float64Array, part: Int64Array) -> tuple[Float64Array, Float64Array]:
+    """Return the lowest and highest corner (N, 3) of each part; `part` (F,) is the triangles'."""
     count = int(part.max()) + 1
     lows, highs = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(lows, part, corners.min(axis=1))
     np.maximum.at(highs, part, corners.max(axis=1))
-    return part, lows, highs
+    return lows, highs
 
 
 def _is_ground(

@@ -20,13 +20,13 @@ from pbrnet.scenes.color import REC709, Color, decode_srgb_value
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.geometry.directions import fibonacci_sphere
 from pbrnet.scenes.geometry.mesh import Mesh
-from pbrnet.scenes.geometry.regions import buffered, deepest_point
+from pbrnet.scenes.geometry.regions import deepest_point
 from pbrnet.scenes.importing.materials.surface import Surface
 from pbrnet.scenes.importing.shape import Shape, make_object
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.photometry import LUMEN
 from pbrnet.scenes.reconstruction.raycast import RayCaster
-from pbrnet.scenes.reconstruction.rooms import FoundRoom
+from pbrnet.scenes.reconstruction.rooms import FoundRoom, inside_points
 
 LUMENS_PER_AREA = 150.0  # of a ceiling lamp, per square metre of floor
 _LEAST_LUMENS, _MOST_LUMENS = 1000.0, 6000.0
@@ -85,7 +85,7 @@ def _lamp_places(floor: Polygon) -> list[Float64Array]:
 
     A lamp lights what is in line of sight, at most `_FAR` away.
     """
-    middle, points = deepest_point(floor), _floor_points(floor)
+    middle, points = deepest_point(floor), inside_points(floor, _PLACES, _CLEARANCE)
     places, lit = [middle], _sees(floor, middle, points)
     if lit.mean() >= _LIT:
         return places
@@ -96,17 +96,6 @@ def _lamp_places(floor: Polygon) -> list[Float64Array]:
         places.append(points[best])
         lit |= views[best]
     return places
-
-
-def _floor_points(floor: Polygon) -> Float64Array:
-    """About `_PLACES` points (N, 2) of a grid on a floor, where a lamp has air around it."""
-    inner = buffered(floor, -_CLEARANCE)
-    inner = floor if inner.is_empty else inner
-    west, south, east, north = inner.bounds
-    step = math.sqrt(inner.area / _PLACES)
-    xs, ys = (np.arange(low + step / 2, high, step) for low, high in ((west, east), (south, north)))
-    grid = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
-    return grid[shapely.contains_xy(inner, grid[:, 0], grid[:, 1])]
 
 
 def _sees(floor: Polygon, place: Float64Array, points: Float64Array) -> BoolArray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.procedural.furniture import materials as m
 from pbrnet.scenes.procedural.furniture.parts import geometry as g
 from pbrnet.scenes.procedural.furniture.parts.build import Builder
@@ -35,16 +34,6 @@ def _shade_profile(low: float, high: float, z0: float, z1: float) -> list[tuple[
     return [*outer, *inner]
 
 
-def _profile_rings(profile: list[tuple[float, float]], segments: int) -> Float64Array:
-    """Rings for `loft` of a closed profile: a body of revolution with a hole."""
-    closed = np.array([*profile, profile[0]])
-    angle = 2 * np.pi * np.arange(segments) / segments
-    rings = np.zeros((len(closed), segments, 3))
-    rings[..., :2] = closed[:, None, :1] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    rings[..., 2] = closed[:, 1:]
-    return rings
-
-
 Ends = tuple[float, float]  # of a shade: below, above
 
 
@@ -53,7 +42,7 @@ def _add_shade(
 ) -> None:
     """Add an emitting shade, open at the top, a brighter diffuser below, and the wires."""
     (low, high), (z0, z1) = radii, zs
-    shade = g.loft(_profile_rings(_shade_profile(low, high, z0, z1), 36), closed=False)
+    shade = g.hollow_lathe(_shade_profile(low, high, z0, z1), 36)
     glow = (1 - _DOWNWARDS) * lumens
     b.add(style.shade, shade.moved(y=y), name="shade", lumens=glow, kelvin=style.kelvin)
     diffuser = g.cylinder(low - 0.006, z0 + 0.012, z0 + 0.019, 36).moved(y=y)
@@ -109,7 +98,7 @@ class PendantLamp(Spec, piece=("pendant lamp", "lamp", "ceiling")):
         outer = [(radius * c + 0.02 * s, low + height * s) for c, s in sides]
         inner = [(max(r - 0.004, 0.003), z - 0.004 * (z > low)) for r, z in outer[::-1]]
         inner[0] = (0.016, inner[0][1])
-        reflector = g.loft(_profile_rings([*outer, *inner], 36), closed=False)
+        reflector = g.hollow_lathe([*outer, *inner], 36)
         coat = style.metal if self.coat == "metal" else style.accents[0]
         b.add(coat, reflector, name="reflector")
         cap = g.cylinder(0.024, low + height - 0.012, low + height + 0.03, 16)
@@ -276,7 +265,7 @@ class DeskLamp(Spec, piece=("desk lamp", "lamp", "on_top")):
         b.add(metal, hinge.moved(*joint), hinge.moved(*head), name="hinge")
         outer = [(0.07, -0.1), (0.062, -0.07), (0.034, -0.02), (0.024, 0.02)]
         inner = [(0.021, 0.017), (0.031, -0.02), (0.058, -0.07), (0.067, -0.1)]
-        cone = g.loft(_profile_rings([*outer, *inner], 28), closed=False)
+        cone = g.hollow_lathe([*outer, *inner], 28)
         cap, glow = g.cylinder(0.0235, 0.008, 0.021, 20), [(0.0, -0.093), (0.061, -0.09)]
         lamp = g.lathe([*glow, (0.061, -0.084)], 28)
         cone, cap, lamp = (mesh.turned("x", tilt).moved(*head) for mesh in (cone, cap, lamp))

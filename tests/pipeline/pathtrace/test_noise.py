@@ -105,7 +105,7 @@ def test_a_view_that_never_reaches_its_target_takes_all_samples(
         return random.random((120, copies * 160, 3), dtype=np.float32)
 
     params = plain_truth(spp=spp, block_spp=16, noise=1e-6, min_spp=least)
-    ((_, statistics),) = render_blocks(launch, view, params, 0, 1)
+    _, statistics = render_blocks(launch, view, params, 0)
     assert statistics["spp"] == spp and statistics["blocks"] == spp // 16
     assert sizes == launches
 

@@ -10,6 +10,7 @@ from pbrnet.pipeline.passes.groundtruth import render_both
 from pbrnet.pipeline.render import bsdf_calls
 from pbrnet.pipeline.render.drjit_arrays import registry_id
 from pbrnet.pipeline.render.scene import RenderScene, free_memory, open_scene
+from tests.fixtures.joint import own_and_neutral
 from tests.fixtures.params import plain_truth
 from tests.fixtures.render import ball, glow, make_view, room_walls, write_scene
 
@@ -71,6 +72,6 @@ def test_calls_meet_no_material_that_only_another_one_holds() -> None:
 
 def test_materials_that_differ_in_numbers_alone_are_one_and_have_one_twin(tmp_path: Path) -> None:
     scene = room(tmp_path / "room", [0.3, 0.3, 0.4])
-    twins = {own.ptr: neutral.ptr for own, neutral in scene.materials.twins(0.5)}
+    twins = {own.ptr: neutral.ptr for own, neutral in own_and_neutral(scene, 0.5)}
     # Of walls and balls, and of the lamp.
     assert len(twins) == len(set(twins.values())) == 2

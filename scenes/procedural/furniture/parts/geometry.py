@@ -300,13 +300,21 @@ def lathe(profile: Sequence[Sequence[float]], segments: int = 24) -> BodyMesh:
 
     Flat discs close profiles that do not begin and end on the axis.
     """
-    profile_ = np.asarray(profile, dtype=float)
+    return loft(_rings(profile, segments))
+
+
+def hollow_lathe(profile: Sequence[Sequence[float]], segments: int) -> BodyMesh:
+    """Return a solid of revolution about Z with a hole; `profile` of (radius, z) goes around it."""
+    return loft(_rings([*profile, profile[0]], segments), closed=False)
+
+
+def _rings(profile: Sequence[Sequence[float]], segments: int) -> Float64Array:
+    points = np.asarray(profile, dtype=float)
     angle = 2 * np.pi * np.arange(segments) / segments
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    rings = np.zeros((len(profile_), segments, 3))
-    rings[..., :2] = profile_[:, None, :1] * circle
-    rings[..., 2] = profile_[:, 1:]
-    return loft(rings)
+    rings = np.zeros((len(points), segments, 3))
+    rings[..., :2] = points[:, None, :1] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rings[..., 2] = points[:, 1:]
+    return rings
 
 
 def cylinder(
