@@ -23,6 +23,7 @@ from pbrnet.scenes.image_files import open_image
 Picture = UInt8Array
 
 _DECADES = 4.0
+_DARK = (24, 24, 27)  # between the pictures of a contact sheet
 _CHUNK = "pbrnet"  # text chunk of a PNG that describes the picture
 NOTHING = np.array([38, 38, 42], dtype=np.uint8)  # colour of pixels without surface or light
 
@@ -150,11 +151,10 @@ def contact_sheet(
     columns: int,
     labels: Sequence[str] = (),
     gap: int = 6,
-    background: tuple[int, int, int] = (24, 24, 27),
 ) -> Picture:
     """Arrange pictures in rows of `columns`, each centred in its cell above its label."""
     if not pictures:
-        return np.full((32, 32, 3), background, dtype=np.uint8)
+        return np.full((32, 32, 3), _DARK, dtype=np.uint8)
     columns = max(1, min(columns, len(pictures)))
     rows = -(-len(pictures) // columns)
     font = ImageFont.load_default(13)
@@ -168,7 +168,7 @@ def contact_sheet(
         gap + columns * (cell_width + gap),
         gap + sum(height + label_height + gap for height in heights),
     )
-    sheet = Image.new("RGB", size, background)
+    sheet = Image.new("RGB", size, _DARK)
     draw = ImageDraw.Draw(sheet)
     top = gap
     for row in range(rows):

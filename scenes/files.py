@@ -288,10 +288,10 @@ def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
         return stream.read(limit)
 
 
-def read_text(path: Path, limit: int = MAX_JSON, errors: str = "strict") -> str:
+def read_text(path: Path, limit: int = MAX_JSON) -> str:
     """Read UTF-8 text from outside, line ends as they are; raises `InputError` for other bytes."""
     try:
-        return read_bytes(path, limit).decode("utf-8", errors)
+        return read_bytes(path, limit).decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text ({error})") from None
 

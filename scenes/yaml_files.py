@@ -52,13 +52,13 @@ class BoundedLoader(yaml.SafeLoader):
             raise yaml.YAMLError(f"line {line}: {shown(node.value)} is no {kind}") from None
 
 
-def read_yaml(path: Path, loader: type[BoundedLoader] = BoundedLoader) -> Any:
+def read_yaml(path: Path) -> Any:
     """Return the content of a YAML file; raises `ParameterError` that names it."""
     try:
         text = read_text(path, _MAX_BYTES)
     except InputError as error:
         raise ParameterError(str(error)) from None
-    return parse_yaml(text, path, loader)
+    return parse_yaml(text, path)
 
 
 def parse_yaml(text: str, path: Path, loader: type[BoundedLoader] = BoundedLoader) -> Any:

@@ -7,7 +7,7 @@ refused instead of compared.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,15 +81,13 @@ def truth_digest(content: Content) -> str:
     return digest_bytes(*parts)
 
 
-def truths(
-    rows: DatasetRows, views: ViewList | None, columns: Sequence[str] = TRUTH
-) -> Iterator[tuple[ViewRow, Content]]:
+def truths(rows: DatasetRows, views: ViewList | None) -> Iterator[tuple[ViewRow, Content]]:
     """Yield rows and truth of the listed views, or of all rows without a list.
 
     Raises `InputError` for a view that the dataset lacks, or whose truth is another.
     """
     if views is None:
-        yield from rows.read(rows.rows, columns)
+        yield from rows.read(rows.rows, TRUTH)
         return
     known = {(row.scene_id, row.view_id): row for row in rows.rows}
     for view in views.views:

@@ -93,18 +93,22 @@ class Records:
         return content
 
     def study(self, name: str, kind: type[Result], command: str = "") -> Result | None:
-        """Read `metrics/studies/NAME.json` as `kind`; None if missing, with a note if damaged.
+        """Read `metrics/studies/NAME.json` as `kind`; as `result`.
 
         `command`: command that writes it, if not `pbrnet study NAME`.
         """
         path = self.places.metrics / "studies" / f"{name}.json"
+        return self.result(path, kind, command or f"pbrnet study {name}")
+
+    def result(self, path: Path, kind: type[Result], command: str) -> Result | None:
+        """Read a JSON file that `command` writes; None if missing, with a note if damaged."""
         content = self.json(path, "")
         if not content:
             return None
         try:
             return build(kind, content, str(path), InputError)
         except InputError as error:
-            self.missing.append(f"{error}; make it again with: {command or f'pbrnet study {name}'}")
+            self.missing.append(f"{error}; make it again with: {command}")
             return None
 
     def study_picture(self, name: str, width: int | None = 1200, png: bool = False) -> str:
@@ -113,14 +117,10 @@ class Records:
         `width`: largest width in pixels, None to keep the size; `png`: as PNG, without loss.
         """
         path = self.places.metrics / "studies" / f"{name}.png"
-        if not path.is_file():
+        picture = self._picture(path, f"pbrnet study {name}")
+        if picture is None:
             return ""
-        try:
-            picture = read_picture(read_bytes(path))
-            return uri(picture if width is None else fit(picture, width), png=png)
-        except (InputError, OSError, ValueError):
-            self.missing.append(f"{path} is damaged; make it again with: pbrnet study {name}")
-            return ""
+        return uri(picture if width is None else fit(picture, width), png=png)
 
     def csv(self, path: Path, *numbers: str) -> list[dict[str, Any]]:
         """Read the lines of a CSV file; the columns `numbers` as floats, None where empty.
@@ -186,14 +186,19 @@ class Records:
     def example_picture(self, scene_id: str, view_id: str, part: str) -> Picture | None:
         """Read a picture of an example view; None if missing or damaged."""
         path = self.places.metrics / "examples" / f"{scene_id}--{view_id}--{part}.png"
+        return self._picture(path, "pbrnet evaluate", scene_id, view_id)
+
+    def _picture(self, path: Path, command: str, *names: str) -> Picture | None:
+        """Read a picture that `command` writes; None if missing, with a note if damaged.
+
+        `names` are parts of its path from outside.
+        """
         try:
-            for name in (scene_id, view_id):
+            for name in names:
                 check_name(name, "the name of an example", error=InputError)
-            if not path.is_file():
-                return None
-            return read_picture(read_bytes(path))
+            return read_picture(read_bytes(path)) if path.is_file() else None
         except (InputError, OSError, ValueError):
-            note = f"{path} is damaged; make it again with: pbrnet evaluate"
+            note = f"{path} is damaged; make it again with: {command}"
             if note not in self.missing:
                 self.missing.append(note)
             return None

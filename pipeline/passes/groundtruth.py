@@ -36,7 +36,7 @@ from pbrnet.pipeline.render.raycast.meshes import triangles_of
 from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.render.variants import cards, on_card
 from pbrnet.pipeline.views import View
-from pbrnet.scenes.arrays import Float32Array, Float64Array
+from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.contract import Room
 from pbrnet.scenes.seeds import derive32
 
@@ -47,7 +47,7 @@ _CARD_BYTES = 512  # of a card's memory for each sample of a launch: half of it 
 
 REMAINDERS = ("indirect", "specular")  # of colour without direct and diffuse light
 
-Launch = Callable[[int, int, int], "mi.TensorXf | Float32Array"]  # copies side by side, spp, seed
+Launch = Callable[[int, int, int], "mi.TensorXf | Float64Array"]  # copies side by side, spp, seed
 Truth = tuple[Channels, dict[str, Any]]  # an image and its statistics
 
 
@@ -121,20 +121,13 @@ def render_both(
     bases = render_scene.materials.bases(albedo)
     table = partner_table([(each.own, each.twin) for each in bases])
     parts = LightParts(render_scene.materials.lobes(), groups) if light else NoParts()
-    lights = _view_lights(render_scene, view, params, seed)
+    lights = _lights(render_scene.neutral(None), view, params, seed)
     path = _joint_path(render_scene, table, params, lights, parts=parts, bases=Bases(bases, albedo))
     launch = _joint_launch(render_scene.neutral(None), view, path)
-    if not light:
-        blocks = trace_blocks(launch, view, params, seed, 2)
-        color, shading = (truth_of(each, params) for each in blocks)
-        return Truths(color, shading, halves=_halves(blocks))
-
-    def launch_all(copies: int, spp: int, seed: int) -> Float32Array:
-        images = np.asarray(launch(copies, spp, seed)).reshape(view.height, copies * view.width, -1)
-        return with_remainders(images[..., : 6 + 3 * len(parts.names)])
-
-    names = (*parts.names, *REMAINDERS)
-    blocks = trace_blocks(launch_all, view, params, seed, 2 + len(names))
+    names: tuple[str, ...] = ()
+    if light:
+        launch, names = _with_remainders(launch), (*parts.names, *REMAINDERS)
+    blocks = trace_blocks(launch, view, params, seed, 2 + len(names))
     color, shading, *images = (truth_of(each, params) for each in blocks)
     return Truths(color, shading, dict(zip(names, images, strict=True)), _halves(blocks))
 
@@ -169,15 +162,10 @@ def color_blocks(
 ) -> BlockStatistics:
     """Path-trace colour alone, with the lens and shutter of `optics`; as `render_color`."""
     table = _own(render_scene.materials)
-    lights = _view_lights(render_scene, view, params, seed, planned)
+    lights = _lights(render_scene.neutral(None), view, params, seed, planned=planned)
     path = _joint_path(render_scene, table, params, lights, alone=True)
     launch = _joint_launch(render_scene.neutral(None), view, path, optics=optics)
-
-    def launch_color(copies: int, spp: int, seed: int) -> Float32Array:
-        images = np.asarray(launch(copies, spp, seed)).reshape(view.height, copies * view.width, -1)
-        return images[..., :3]  # without the padding
-
-    (blocks,) = trace_blocks(launch_color, view, params, seed, 1)
+    (blocks,) = trace_blocks(launch, view, params, seed, 1)
     return blocks
 
 
@@ -236,60 +224,54 @@ def lens_launch(
         return lambda copies, spp, seed: trace_scalar(
             scene, path, view.pose, lens, copies, spp, seed
         )
-    lights = _lights(render_scene, scene, view, params, seed, lens)
+    lights = _lights(render_scene, view, params, seed, lens)
     materials = render_scene.materials
     joint = _joint_path(render_scene, _own(materials), params, lights, alone=True)
     return _joint_launch(render_scene, view, joint, lens)
 
 
 def planned_lights(
-    render_scene: RenderScene, scene: mi.Scene, view: View, seed: int, lens: Lens | None = None
+    render_scene: RenderScene, view: View, seed: int, lens: Lens | None = None
 ) -> PlannedLights:
     """Return emitter sampling and path guiding planned for a view, or for another lens at its pose.
 
-    `scene` is the Mitsuba scene in the colours that are traced; it has emitters.
+    The scene is in the colours that are traced; it has emitters.
     """
-    home = render_scene.scene
+    scene, home = render_scene.mitsuba, render_scene.scene
     plan = plan_lights(scene, view, home.portals, seed, rooms_box(home.rooms), lens)
     return PlannedLights(scene, plan, plan_guiding(scene, plan, seed))
 
 
-def _view_lights(
-    render_scene: RenderScene,
-    view: View,
-    params: GroundTruthParams,
-    seed: int,
-    planned: PlannedLights | None = None,
-) -> UniformLights | PlannedLights:
-    """Return the emitter sampling of a view in the scene's own colours."""
-    scene = render_scene.neutral(None).mitsuba
-    if planned is not None and params.lights != "uniform":
-        return planned
-    return _lights(render_scene, scene, view, params, seed, view.lens)
-
-
 def _lights(
     render_scene: RenderScene,
-    scene: mi.Scene,
     view: View,
     params: GroundTruthParams,
     seed: int,
-    lens: Lens,
+    lens: Lens | None = None,
+    planned: PlannedLights | None = None,
 ) -> UniformLights | PlannedLights:
-    """Return the emitter sampling that the parameters choose for a lens at a view's pose."""
-    if params.lights == "uniform" or not scene.emitters():
+    """Return the emitter sampling that the parameters choose; see `planned_lights`."""
+    if params.lights == "uniform":
         return UniformLights()
-    return planned_lights(render_scene, scene, view, seed, lens)
+    if planned is not None:
+        return planned
+    if not render_scene.mitsuba.emitters():
+        return UniformLights()
+    return planned_lights(render_scene, view, seed, lens)
 
 
-def with_remainders(images: Float32Array) -> Float32Array:
-    """Return images of a joint trace with its parts, and what two of them leave of colour.
+def _with_remainders(launch: Launch) -> Launch:
+    """Return launches of a joint trace with its parts, and what two of them leave of colour.
 
-    `images` (H, W, 15 or more) are colour, shading, direct, diffuse, irradiance and light groups;
-    `REMAINDERS` follow.
+    Images are colour, shading, direct, diffuse, irradiance and light groups; `REMAINDERS` follow.
     """
-    color, direct, diffuse = images[..., :3], images[..., 6:9], images[..., 9:12]
-    return np.concatenate([images, color - direct, color - diffuse], axis=-1)
+
+    def launch_all(copies: int, spp: int, seed: int) -> Float64Array:
+        images = launch(copies, spp, seed)
+        color, direct, diffuse = images[..., :3], images[..., 6:9], images[..., 9:12]
+        return np.concatenate([images, color - direct, color - diffuse], axis=-1)
+
+    return launch_all
 
 
 def rooms_box(rooms: tuple[Room, ...]) -> Float64Array:

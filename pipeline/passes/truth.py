@@ -106,9 +106,9 @@ class Preparation:
 
 def prepare(scene: RenderScene, view: View, seed: int) -> Preparation:
     """Prepare a view in the scene's own colours; `seed` is that of the light plan."""
-    form = scene.neutral(None).mitsuba
-    planned = integrator.available() and form.emitters()
-    lights = planned_lights(scene, form, view, seed) if planned else None
+    own = scene.neutral(None)
+    planned = integrator.available() and own.mitsuba.emitters()
+    lights = planned_lights(own, view, seed) if planned else None
     return Preparation(sample_guides(scene, view), lights)
 
 

@@ -119,14 +119,14 @@ def _text(content: bytes) -> tuple[str, bytes]:
     return text.decode("latin-1"), rest
 
 
-def _table(content: bytes, kind: str, columns: int, start: int = 2) -> tuple[np.ndarray, bytes]:
+def _table(content: bytes, kind: str, columns: int) -> tuple[np.ndarray, bytes]:
     """Split off a table (N, columns) that begins with its count; returns it and the rest."""
     (count,) = struct.unpack_from("<H", content)
-    size = np.dtype(kind).itemsize * columns * count
-    if start + size > len(content):
+    end = 2 + np.dtype(kind).itemsize * columns * count
+    if end > len(content):
         raise ValueError("a table longer than its chunk")
-    table = np.frombuffer(content, kind, columns * count, start).reshape(-1, columns)
-    return table, content[start + size :]
+    table = np.frombuffer(content, kind, columns * count, 2).reshape(-1, columns)
+    return table, content[end:]
 
 
 def _material(content: bytes, find: Callable[[str], str | None]) -> tuple[str, ModelMaterial]:

@@ -41,7 +41,7 @@ from pbrnet.scenes.reconstruction.scale_clues import (
     unit_name,
     usual_size,
 )
-from pbrnet.scenes.reconstruction.surroundings import connected_parts, without_ground
+from pbrnet.scenes.reconstruction.surroundings import connected_parts, part_bounds, without_ground
 
 LARGEST_OBJECT = 6.0  # metres; a larger model without a room is a scene of its own
 LEAST_CONFIDENCE = 0.5
@@ -544,12 +544,9 @@ def _standing(corners: Float64Array) -> Float64Array:
     if len(corners) > _MOST_TRIANGLES:
         return np.zeros(3)
     part = connected_parts(corners)
-    count = int(part.max()) + 1
-    if count < 6:
+    lows, highs = part_bounds(corners, part)
+    if len(lows) < 6:
         return np.zeros(3)
-    lows, highs = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(lows, part, corners.min(axis=1))
-    np.maximum.at(highs, part, corners.max(axis=1))
     extent = (highs.max(axis=0) - lows.min(axis=0)).max()
     return np.array(
         [_share_at_one_level(lows[:, k], extent) - _share_at_one_level(highs[:, k], extent)

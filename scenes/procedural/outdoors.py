@@ -112,7 +112,7 @@ def _street(rng: Draw, site: Site) -> list[SceneItem]:
     beside = site.half + rng.between(8, 12)
     for number, side in enumerate((-1, 1)):
         place = site.centre + _turned(np.array([side * (beside + 5), rng.between(-3, 3)]), turn)
-        block, facing = _house(rng, (1, 3)), turn + 180.0 * (side < 0)
+        block, facing = _house(rng), turn + 180.0 * (side < 0)
         items.append(building(rng, f"beside-{number}", block, place, facing, site.ground))
     items += _row(rng, "behind", site, site.half + rng.between(22, 30), 60.0, turn + 180, (2, 4))
     return items + _trees(rng, site, 2.5, 9, rng.whole(2, 5), behind=turn)
@@ -140,10 +140,8 @@ def _garden(rng: Draw, site: Site) -> list[SceneItem]:
     for number in range(rng.whole(3, 6)):
         angle = np.radians(start + 72 * number + rng.between(-20, 20))
         place = site.at(angle, edge + rng.between(7, 20))
-        house = _house(rng, (1, 3))
-        items.append(
-            building(rng, f"neighbour-{number}", house, place, _facing(angle), site.ground)
-        )
+        house, facing = _house(rng), _facing(angle)
+        items.append(building(rng, f"neighbour-{number}", house, place, facing, site.ground))
     items += _trees(rng, site, 3.0, 12, rng.whole(4, 8))
     return items + _shrubs(rng, site)
 
@@ -227,8 +225,8 @@ def _row(
     return items
 
 
-def _house(rng: Draw, storeys: tuple[int, int]) -> Block:
-    size = rng.between(8, 13), rng.between(7, 10), rng.whole(storeys[0], storeys[1] + 1)
+def _house(rng: Draw) -> Block:
+    size = rng.between(8, 13), rng.between(7, 10), rng.whole(1, 4)
     return Block(*size, _roof(rng, flat=0.15), (0, 1, 2, 3))
 
 

@@ -14,8 +14,7 @@ from pbrnet.model.figures.records import Records
 from pbrnet.model.figures.section import Section
 from pbrnet.model.studies.files import study_section
 from pbrnet.pipeline.plotting import INK, SERIES, style_axes
-from pbrnet.scenes.checked import build, within
-from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.checked import within
 
 FILE = "photographs.json"  # in the folder of the metrics
 PLOTS = ("photographs.png", "photographs-views.png")  # beside it
@@ -184,13 +183,8 @@ def views_curve(result: PhotographsResult) -> MatplotlibFigure | None:
 def report_section(records: Records) -> Section | None:
     """Return the report section; None, and a note if damaged, without a result."""
     path = records.places.metrics / FILE
-    content = records.json(path, "")
-    if not content:
-        return None
-    try:
-        result = build(PhotographsResult, content, str(path), InputError)
-    except InputError as error:
-        records.missing.append(f"{error}; make it again with: pbrnet study photographs")
+    result = records.result(path, PhotographsResult, "pbrnet study photographs")
+    if result is None:
         return None
     return study_section(
         "photographs",

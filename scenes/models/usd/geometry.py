@@ -50,7 +50,7 @@ def mesh_geometry(prim: Any, coordinates: str, time: Any) -> Geometry:
     """Return the triangles of a `Mesh`; `coordinates` names the primvar that its textures use."""
     mesh = UsdGeom.Mesh(prim)
     where = str(prim.GetPath())
-    points = _array(mesh.GetPointsAttr().Get(time), 3, where)
+    points = _vectors(mesh.GetPointsAttr().Get(time), where)
     counts = _indices(mesh.GetFaceVertexCountsAttr().Get(time))
     corners = _indices(mesh.GetFaceVertexIndicesAttr().Get(time))
     if (counts < 0).any() or counts.sum() != len(corners):
@@ -160,7 +160,7 @@ def _normals(
         values, interpolation = mesh.GetNormalsAttr().Get(time), mesh.GetNormalsInterpolation()
     if values is None or not len(values):
         return None
-    return _corner_values(_array(values, 3, where), interpolation, vertex, corner, polygon)
+    return _corner_values(_vectors(values, where), interpolation, vertex, corner, polygon)
 
 
 def _uvs(
@@ -198,8 +198,8 @@ def _corner_values(
     return values[place]
 
 
-def _array(values: Any, width: int, where: str) -> Float64Array:
-    made = np.asarray(values if values is not None else [], dtype=np.float64).reshape(-1, width)
+def _vectors(values: Any, where: str) -> Float64Array:
+    made = np.asarray(values if values is not None else [], dtype=np.float64).reshape(-1, 3)
     if not np.isfinite(made).all():
         raise InputError(f"{where}: a coordinate is not a finite number")
     return made

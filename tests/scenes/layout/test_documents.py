@@ -9,9 +9,9 @@ from pbrnet.scenes.layout.building.plan import plan_of
 from pbrnet.scenes.layout.checks import check_layout
 from pbrnet.scenes.layout.furnishing.furnish import furnish_layout
 from pbrnet.scenes.layout.readers import own
-from pbrnet.scenes.layout.readers.schema import layout_schema
 from pbrnet.scenes.procedural.furniture import make_style
 from pbrnet.scenes.seeds import generator
+from tests.fixtures.layout_schema import layout_schema
 from tests.fixtures.paths import ROOT
 
 PAGE = (ROOT / "docs" / "layouts.md").read_text(encoding="utf-8")
