@@ -9,7 +9,7 @@ import numpy as np
 
 from pbrnet.pipeline.scene_export.content import Content
 from pbrnet.pipeline.scene_export.outdoors import Outdoors
-from pbrnet.scenes.arrays import Float64Array, as_triple
+from pbrnet.scenes.arrays import as_triple
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import Portal, SceneObject
 from pbrnet.scenes.importing.semantics import NYU40_OF_CATEGORY, category_number
@@ -54,14 +54,3 @@ def labels_of(thing: SceneObject) -> dict[str, Any]:
 def pane_labels(portal: Portal) -> dict[str, Any]:
     """Return the labels of a sheet of glass in a portal."""
     return {"kind": "window pane", "portal": portal.id, "sheets": portal.panes}
-
-
-def looking(position: Float64Array, direction: Float64Array) -> Float64Array:
-    """Return a pose (4, 4) at `position` whose -Z is `direction`."""
-    back = -direction
-    side = np.cross([0.0, 0, 1] if abs(back[2]) < 0.9 else [1.0, 0, 0], back)
-    side /= np.linalg.norm(side)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([side, np.cross(back, side), back], axis=1)
-    pose[:3, 3] = position
-    return pose

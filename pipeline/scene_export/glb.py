@@ -22,7 +22,6 @@ from pbrnet.pipeline.scene_export.description import (
     SUN,
     description,
     labels_of,
-    looking,
     pane_labels,
 )
 from pbrnet.pipeline.scene_export.looks import Glow, Look, Picture
@@ -31,6 +30,7 @@ from pbrnet.scenes.arrays import AnyArray, Float64Array, as_triple
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.transforms import frame_along
 from pbrnet.scenes.models.stated import Statement
 
 _ROOT = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # Z up to Y up
@@ -180,7 +180,7 @@ class _Writer:
         if lamp.kind == "spot":
             light["spot"] = {"innerConeAngle": lamp.inner, "outerConeAngle": lamp.outer}
         self._lights.append(light)
-        pose = looking(lamp.position, lamp.direction)
+        pose = frame_along(lamp.position, -lamp.direction)
         extension = {"KHR_lights_punctual": {"light": len(self._lights) - 1}}
         node = {"name": lamp.name, "matrix": pose.T.ravel().tolist(), "extensions": extension}
         return self._add("nodes", node)

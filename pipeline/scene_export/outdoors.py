@@ -23,6 +23,7 @@ from pbrnet.pipeline.scene_export.looks import numbers, triple
 from pbrnet.scenes.arrays import Float32Array, Float64Array, as_triple
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.errors import InputError
+from pbrnet.scenes.geometry.transforms import frame_along
 from pbrnet.scenes.importing.xml_elements import prop
 from pbrnet.scenes.photometry import LUMEN
 
@@ -119,11 +120,10 @@ def _image(emitter: Any) -> Float32Array:
 
 def _irradiance(sun: Any, towards: Float64Array) -> Float64Array:
     """Irradiance (3,) by the sun's disc on a surface that faces it."""
-    side = np.cross([0.0, 0, 1] if abs(towards[2]) < 0.9 else [1.0, 0, 0], towards)
-    side /= np.linalg.norm(side)
+    side, across = frame_along(np.zeros(3), towards)[:3, :2].T
     steps = _SUN_RADIUS * (2 * (np.arange(_SUN_SIDE) + 0.5) / _SUN_SIDE - 1)
     x, y = (grid.reshape(-1, 1) for grid in np.meshgrid(steps, steps))
-    directions = towards + x * side + y * np.cross(towards, side)
+    directions = towards + x * side + y * across
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     total: Float64Array = _radiance(sun, directions).mean(axis=0) * (2 * _SUN_RADIUS) ** 2
     return total

@@ -24,7 +24,6 @@ from pbrnet.pipeline.scene_export.description import (
     SUN,
     description,
     labels_of,
-    looking,
     pane_labels,
 )
 from pbrnet.pipeline.scene_export.light_variants import differing
@@ -34,6 +33,7 @@ from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.errors import MachineError
+from pbrnet.scenes.geometry.transforms import frame_along
 from pbrnet.scenes.importing.names import numbered
 from pbrnet.scenes.models.stated import Statement
 
@@ -352,7 +352,7 @@ class _Writer:
             shaping = UsdLux.ShapingAPI.Apply(light.GetPrim())
             shaping.CreateShapingConeAngleAttr(math.degrees(lamp.outer))
             shaping.CreateShapingConeSoftnessAttr(1 - lamp.inner / max(lamp.outer, 1e-6))
-        _place(light, looking(lamp.position, lamp.direction))
+        _place(light, frame_along(lamp.position, -lamp.direction))
 
     def _sky(self) -> None:
         if self.outdoors is None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.formats.obj import decode_text
+from pbrnet.scenes.formats.obj import decode_text, is_number
 
 MAX_MTL = 16 * 2**20  # bytes
 _MAX_MATERIALS = 20_000
@@ -114,7 +114,7 @@ def _map(line: str) -> MtlMap:
     while words and words[0] in _OPTION_VALUES:
         skip = 1
         while skip <= _OPTION_VALUES[words[0]] and skip < len(words) - 1 and (
-            skip == 1 or _is_number(words[skip])
+            skip == 1 or is_number(words[skip])
         ):  # fmt: skip
             skip += 1
         given[words[0]] = words[1:skip]
@@ -125,7 +125,7 @@ def _map(line: str) -> MtlMap:
     for axis in (0, 1):
         scale, offset = (
             float(given[key][axis])
-            if len(given.get(key, [])) > axis and _is_number(given[key][axis])
+            if len(given.get(key, [])) > axis and is_number(given[key][axis])
             else usual
             for key, usual in (("-s", 1.0), ("-o", 0.0))
         )
@@ -133,11 +133,3 @@ def _map(line: str) -> MtlMap:
         to_uv[axis, 3] = offset if axis == 0 else 1 - scale - offset
     plain = np.array_equal(to_uv, np.eye(4)) or not np.isfinite(to_uv).all()
     return MtlMap(rest, None if plain else to_uv, given.get("-clamp") == ["on"])
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

@@ -236,7 +236,7 @@ def _table(rows: list[bytes], columns: int, least: int, place: str) -> Float64Ar
             table[number, : len(values)] = values
         return table
     except ValueError:
-        word = next(word for row in rows for word in row.split()[:columns] if not _is_number(word))
+        word = next(word for row in rows for word in row.split()[:columns] if not is_number(word))
         raise InputError(
             f"{place}: a damaged line of numbers: {_shown(word)} is not a number"
         ) from None
@@ -296,7 +296,8 @@ def _corner(token: bytes, counts: tuple[int, ...]) -> list[int]:
     return parts
 
 
-def _is_number(word: bytes) -> bool:
+def is_number(word: str | bytes) -> bool:
+    """Test whether a word is a number."""
     try:
         float(word)
     except ValueError:

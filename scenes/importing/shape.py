@@ -12,6 +12,7 @@ from pbrnet.scenes.arrays import Float64Array, as_triple
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.contract import SceneObject
 from pbrnet.scenes.geometry.mesh import Mesh
+from pbrnet.scenes.geometry.transforms import frame_along
 from pbrnet.scenes.importing.materials.surface import Surface
 from pbrnet.scenes.importing.xml_elements import plugin
 
@@ -62,6 +63,28 @@ def point_light(place: tuple[float, float, float], intensity: Color) -> Emitter:
     made = plugin("emitter", "point", intensity=intensity)
     made.append(Element("point", {"name": "position", "value": " ".join(map(str, place))}))
     return Emitter(made, ("point",), place)
+
+
+def spot_light(
+    place: tuple[float, float, float],
+    direction: Float64Array,
+    intensity: Color,
+    outer: float,
+    inner: float,
+) -> Emitter:
+    """A spot that shines along the unit vector `direction`, `intensity` W/sr on its axis.
+
+    Light fades from `inner` to `outer` degrees off the axis.
+    """
+    made = plugin(
+        "emitter",
+        "spot",
+        intensity=intensity,
+        cutoff_angle=outer,
+        beam_width=min(inner, 0.999 * outer),
+        to_world=frame_along(place, direction),
+    )
+    return Emitter(made, ("spot",), place)
 
 
 def directional_light(direction: Float64Array, irradiance: Color) -> Emitter:

@@ -48,6 +48,7 @@ from pbrnet.scenes.importing.shape import (
     directional_light,
     make_object,
     point_light,
+    spot_light,
 )
 from pbrnet.scenes.importing.shapes.doubled_faces import with_doubled_faces_apart
 from pbrnet.scenes.importing.shapes.opaque_panes import with_clear_windows
@@ -341,21 +342,7 @@ def _punctual_emitter(light: PunctualLight, frame: Float64Array) -> Emitter:
         return directional_light(direction, rgb)
     if light.kind == "point":
         return point_light(place, rgb)
-    side = np.cross([0.0, 0, 1] if abs(direction[2]) < 0.9 else [1.0, 0, 0], direction)
-    side /= np.linalg.norm(side)
-    to_world = np.eye(4)
-    to_world[:3, :3] = np.stack([side, np.cross(direction, side), direction], axis=1)
-    to_world[:3, 3] = place
-    outer = math.degrees(light.outer)
-    made = plugin(
-        "emitter",
-        "spot",
-        intensity=rgb,
-        cutoff_angle=outer,
-        beam_width=min(math.degrees(light.inner), 0.999 * outer),
-        to_world=to_world,
-    )
-    return Emitter(made, ("spot",), place)
+    return spot_light(place, direction, rgb, math.degrees(light.outer), math.degrees(light.inner))
 
 
 def _area_of_pieces(area: dict[str, Element], pieces: Pieces) -> dict[str, Element]:

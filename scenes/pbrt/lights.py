@@ -11,7 +11,7 @@ import numpy as np
 from pbrnet.scenes.arrays import Float32Array, Float64Array, as_triple
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.importing.materials.textures import TextureStore, UnreadableImage
-from pbrnet.scenes.importing.shape import Emitter, directional_light, point_light
+from pbrnet.scenes.importing.shape import Emitter, directional_light, point_light, spot_light
 from pbrnet.scenes.importing.xml_elements import plugin
 from pbrnet.scenes.pbrt.textures import Textures
 from pbrnet.scenes.pbrt.values import Context, Entity
@@ -110,21 +110,9 @@ class Lights:
             fade = light.number("conedeltaangle", 5.0)
         place = as_triple((to_world @ [*start, 1.0])[:3])
         direction = _unit(to_world[:3, :3] @ (end - start), light)
-        side = np.cross([0.0, 0, 1] if abs(direction[2]) < 0.9 else [1.0, 0, 0], direction)
-        side /= np.linalg.norm(side)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([side, np.cross(direction, side), direction], axis=1)
-        pose[:3, 3] = place
         cone = min(max(cone, 0.1), 89.9)
-        made = plugin(
-            "emitter",
-            "spot",
-            intensity=self._strength(light, "I", self.scale**2),
-            cutoff_angle=cone,
-            beam_width=min(max(cone - fade, 0.0), 0.999 * cone),
-            to_world=pose,
-        )
-        return Emitter(made, ("spot",), place)
+        strength = self._strength(light, "I", self.scale**2)
+        return spot_light(place, direction, strength, cone, max(cone - fade, 0.0))
 
     def _distant(self, light: Entity, to_world: Float64Array) -> Emitter:
         start, end = _vector(light, "from", (0, 0, 0)), _vector(light, "to", (0, 0, 1))

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pbrnet.scenes.assets.piece import LightSource
+
 Matrix = tuple[tuple[float, ...], ...]  # rows
 
 
@@ -103,17 +105,6 @@ class NamedMaterial:
 
 
 @dataclass(frozen=True)
-class Bulb:
-    """A light source of a lamp: position and diameter as fractions of the piece's size."""
-
-    x: float
-    y: float
-    z: float
-    color: int
-    diameter: float | None
-
-
-@dataclass(frozen=True)
 class Cut:
     """The part of the front of a door or window that is cut out of walls, as fractions."""
 
@@ -172,7 +163,7 @@ class HomePiece:
     cut: Cut | None = None
     sashes: tuple[Sash, ...] = ()
     power: float = 0.0
-    bulbs: tuple[Bulb, ...] = ()
+    bulbs: tuple[LightSource, ...] = ()
     emissive_materials: tuple[str, ...] = ()  # names of the materials of a lamp that emit light
 
 

@@ -12,11 +12,11 @@ from xml.etree.ElementTree import Element, ParseError
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
+from pbrnet.scenes.assets.piece import LightSource
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.sweethome.home import (
     Baseboard,
-    Bulb,
     Compass,
     Cut,
     Environment,
@@ -332,10 +332,10 @@ class _Reader:
         names = ("xAxis", "yAxis", "width", "startAngle", "endAngle")
         return Sash(*(get.number(name, 0.0) for name in names))
 
-    def bulb(self, element: Element) -> Bulb:
+    def bulb(self, element: Element) -> LightSource:
         get = self.attributes(element)
         color = get.color("color")
-        return Bulb(
+        return LightSource(
             get.number("x"),
             get.number("y"),
             get.number("z"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from matplotlib.figure import Figure as MatplotlibFigure
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pbrnet.model.figures.charts import inline_svg, line_figure
@@ -13,6 +13,7 @@ from pbrnet.model.figures.estimates import interval
 from pbrnet.model.figures.records import Records
 from pbrnet.model.figures.section import Section
 from pbrnet.model.studies.files import study_section
+from pbrnet.model.studies.trials.results import MetricEstimate
 from pbrnet.pipeline.plotting import INK, SERIES, style_axes
 from pbrnet.scenes.checked import within
 
@@ -30,23 +31,6 @@ HEADINGS = {
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A measure: mean over pictures and seeds, 95 % bootstrap interval over runs of pictures.
-
-    `spread`: standard deviation over seeds, None with one. `gain`: difference from the reference
-    row, with its interval; None in that row.
-    """
-
-    mean: float
-    low: float | None = None
-    high: float | None = None
-    spread: float | None = None
-    gain: float | None = None
-    gain_low: float | None = None
-    gain_high: float | None = None
-
-
-@dataclass(frozen=True)
 class RowResult:
     """Figures of a row, None where the truth has nothing to measure; `stages`: names of its sets.
 
@@ -58,23 +42,23 @@ class RowResult:
     seeds: int  # trainings
     varied: bool
     seconds_per_step: float
-    absrel: Figure | None = None
-    delta1: Figure | None = None
-    absrel_scaled: Figure | None = None
-    delta1_scaled: Figure | None = None
-    absrel_affine: Figure | None = None
-    delta1_affine: Figure | None = None
-    normal_mean: Figure | None = None
-    normal_median: Figure | None = None
-    normal_11: Figure | None = None
-    normal_22: Figure | None = None
-    normal_30: Figure | None = None
-    floor_angle: Figure | None = None
-    normal_known: Figure | None = None
-    pixels13: Figure | None = None
-    miou13: Figure | None = None
-    pixels40: Figure | None = None
-    miou40: Figure | None = None
+    absrel: MetricEstimate | None = None
+    delta1: MetricEstimate | None = None
+    absrel_scaled: MetricEstimate | None = None
+    delta1_scaled: MetricEstimate | None = None
+    absrel_affine: MetricEstimate | None = None
+    delta1_affine: MetricEstimate | None = None
+    normal_mean: MetricEstimate | None = None
+    normal_median: MetricEstimate | None = None
+    normal_11: MetricEstimate | None = None
+    normal_22: MetricEstimate | None = None
+    normal_30: MetricEstimate | None = None
+    floor_angle: MetricEstimate | None = None
+    normal_known: MetricEstimate | None = None
+    pixels13: MetricEstimate | None = None
+    miou13: MetricEstimate | None = None
+    pixels40: MetricEstimate | None = None
+    miou40: MetricEstimate | None = None
 
 
 @dataclass(frozen=True)
@@ -128,17 +112,15 @@ def digits(measure: str) -> int:
     return 1 if measure == "normal_mean" else 3
 
 
-def figures(result: PhotographsResult) -> list[MatplotlibFigure]:
+def figures(result: PhotographsResult) -> list[Figure]:
     """Draw the bars of all rows and, if rows differ in their views alone, error against views."""
     return [bars(result), *([curve] if (curve := views_curve(result)) else [])]
 
 
-def bars(result: PhotographsResult) -> MatplotlibFigure:
+def bars(result: PhotographsResult) -> Figure:
     """Draw scaled depth error, angle of normals and IoU of every row, with their intervals."""
     measures = ("absrel_scaled", "normal_mean", "miou13")
-    figure = MatplotlibFigure(
-        figsize=(9, 1.2 + 0.32 * len(result.order)), dpi=100, layout="constrained"
-    )
+    figure = Figure(figsize=(9, 1.2 + 0.32 * len(result.order)), dpi=100, layout="constrained")
     panels = figure.subplots(1, len(measures), sharey=True)
     for axes, measure in zip(panels, measures, strict=True):
         style_axes(axes)
@@ -155,7 +137,7 @@ def bars(result: PhotographsResult) -> MatplotlibFigure:
     return figure
 
 
-def views_curve(result: PhotographsResult) -> MatplotlibFigure | None:
+def views_curve(result: PhotographsResult) -> Figure | None:
     """Draw the scaled depth error over the number of views; None without two such rows.
 
     A line joins the rows that are trained on the same sets in one stage.

@@ -13,8 +13,9 @@ import numpy as np
 
 from pbrnet.model.evaluation.metrics import RESAMPLES
 from pbrnet.model.studies.photographs.measures import LABELS, MEASURES
-from pbrnet.model.studies.photographs.results import Figure, PhotographsResult, RowResult
+from pbrnet.model.studies.photographs.results import PhotographsResult, RowResult
 from pbrnet.model.studies.photographs.rows import Row
+from pbrnet.model.studies.trials.results import MetricEstimate
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.seeds import generator
 
@@ -125,14 +126,16 @@ def resampled_runs(runs: Sequence[str], seed: int) -> Float64Array:
     return counts[:, [names.index(run) for run in runs]].astype(float)
 
 
-def _figure(name: str, own: Tested, other: Tested | None, weights: Float64Array) -> Figure | None:
+def _figure(
+    name: str, own: Tested, other: Tested | None, weights: Float64Array
+) -> MetricEstimate | None:
     """Return a measure over seeds with its interval; None where there is no truth for it."""
     means, drawn = _means(name, own, weights)
     if not np.isfinite(means).all():
         return None
     low, high = _limits(drawn)
     spread = stdev(means) if len(means) > 1 else None
-    figure = Figure(mean(means), low, high, spread)
+    figure = MetricEstimate(mean(means), low, high, spread)
     if other is None:
         return figure
     usual, usually_drawn = _means(name, other, weights)

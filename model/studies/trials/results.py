@@ -31,15 +31,18 @@ MEASURES |= {
 
 @dataclass(frozen=True)
 class MetricEstimate:
-    """A metric of one row; intervals are 95 % bootstrap intervals over scenes."""
+    """A metric of one row; intervals are 95 % bootstrap intervals over scenes.
+
+    Those of photographs are over runs of pictures.
+    """
 
     mean: float  # over views and repeats
-    low: float | None  # None with a single scene
-    high: float | None
-    spread: float | None  # standard deviation of the repeats' means; None for one repeat
-    gain: float | None  # mean minus that of the group's reference; None for the reference
-    gain_low: float | None
-    gain_high: float | None
+    low: float | None = None  # None with a single scene
+    high: float | None = None
+    spread: float | None = None  # standard deviation of the repeats' means; None for one repeat
+    gain: float | None = None  # mean minus that of the group's reference; None for the reference
+    gain_low: float | None = None
+    gain_high: float | None = None
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import Any
 
 from pbrnet.model.data.reader import Dataset, subset_fingerprint
-from pbrnet.model.evaluation.evaluate import refuse_leaks
+from pbrnet.model.evaluation.evaluate import Score, refuse_leaks
 from pbrnet.model.evaluation.metrics import find_lpips
 from pbrnet.model.methods import METHODS, columns_of
 from pbrnet.model.networks.build import revision_of
 from pbrnet.model.settings import StageTrainParams, TrainParams
 from pbrnet.model.studies.trials.plan import Trial, TrialStudy
 from pbrnet.model.studies.trials.scores import (
-    ViewScores,
     load_predictors,
     picture_views,
     score_views,
@@ -47,7 +46,7 @@ class TrialRecord:
     fingerprint: str  # of everything that determines the weights
     trained: tuple[str, ...] = ()  # finished networks
     measured: str = ""  # fingerprint of everything that determines the scores
-    scores: tuple[ViewScores, ...] = ()
+    scores: tuple[Score, ...] = ()
 
 
 def run(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from statistics import mean, stdev
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 
 from pbrnet.model.data.encoding import Policy, color_exposure
 from pbrnet.model.data.reader import Dataset, Example
-from pbrnet.model.evaluation.evaluate import image_of
+from pbrnet.model.evaluation.evaluate import Score, image_of
 from pbrnet.model.evaluation.inference import Networks, load_networks
 from pbrnet.model.evaluation.metrics import NAMES, bootstrap, find_lpips, measure
 from pbrnet.model.methods import PREDICTABLE
@@ -32,16 +31,6 @@ SHEET_WIDTH = 320  # approximate width of a picture on the sheet, pixels
 
 Predictor = Callable[[Example], AnyArray]  # view -> display values (H, W, 3)
 Key = tuple[str, str]  # scene, view
-
-
-@dataclass(frozen=True)
-class ViewScores:
-    """Metrics of one view by one method."""
-
-    scene_id: str
-    view_id: str
-    method: str
-    values: dict[str, float | None]  # by metric
 
 
 def load_predictors(
@@ -64,14 +53,14 @@ def score_views(
     wanted: Sequence[Key],
     label: str,
     albedo: float | None = None,
-) -> list[ViewScores]:
+) -> list[Score]:
     """Return the metrics of every view by every method and of `truth`, the renderer's picture.
 
     The `wanted` views are drawn into the folder `pictures`, as `SCENE--VIEW--METHOD.png`. With
     `albedo`, the grey of the shading, specular and matte pixels are also measured separately.
     """
     lpips = find_lpips()
-    rows: list[ViewScores] = []
+    rows: list[Score] = []
     with Progress(len(dataset), label) as progress, atomic_directory(pictures) as partial:
         for example in dataset.ordered():
             truth = tonemap(example["color"], color_exposure(example, exposure))
@@ -84,7 +73,7 @@ def score_views(
                 values |= {"detail": detail(truth, image), "grid": grid(image)}
                 if mask is not None and name != "truth":
                     values |= measure_apart(truth, image, mask)
-                rows.append(ViewScores(example.scene_id, example.view_id, name, values))
+                rows.append(Score(example.scene_id, example.view_id, name, values))
                 if (example.scene_id, example.view_id) in wanted:
                     file = f"{example.scene_id}--{example.view_id}--{name}.png"
                     (partial / file).write_bytes(png_bytes(to_bytes(image)))
@@ -93,8 +82,8 @@ def score_views(
 
 
 def figures(
-    repeats: Sequence[Sequence[ViewScores]],
-    reference: Sequence[Sequence[ViewScores]] | None,
+    repeats: Sequence[Sequence[Score]],
+    reference: Sequence[Sequence[Score]] | None,
     seed: int,
     study: str,
 ) -> dict[str, Any]:
@@ -180,7 +169,7 @@ def _predictor(method: str, networks: Networks) -> Predictor:
     return lambda example: image_of(method, example, None, networks)
 
 
-def _by_view(repeats: Sequence[Sequence[ViewScores]], name: str) -> dict[Key, float]:
+def _by_view(repeats: Sequence[Sequence[Score]], name: str) -> dict[Key, float]:
     """Return the mean of a metric over the repeats, for every view."""
     values: dict[Key, list[float]] = {}
     for rows in repeats:

@@ -8,12 +8,13 @@ from pathlib import Path
 from statistics import mean
 
 from pbrnet.model.data.reader import Dataset
+from pbrnet.model.evaluation.evaluate import Score
 from pbrnet.model.studies.files import result_path, write_result
 from pbrnet.model.studies.trials.learning_curve import extrapolations
 from pbrnet.model.studies.trials.plan import Trial, TrialStudy
 from pbrnet.model.studies.trials.results import TrialsResult, TrialsRow
 from pbrnet.model.studies.trials.runs import SHEET_VIEWS, Log, TrialRecord, folder_of, run
-from pbrnet.model.studies.trials.scores import ViewScores, figures, picture_views, sheet
+from pbrnet.model.studies.trials.scores import figures, picture_views, sheet
 from pbrnet.model.training.train import Folders
 from pbrnet.scenes.files import read_json
 
@@ -28,7 +29,7 @@ class _Measured:
     method: str
     group: str
     trials: list[Trial]
-    scores: list[list[ViewScores]]
+    scores: list[list[Score]]
 
 
 def run_and_summarise(

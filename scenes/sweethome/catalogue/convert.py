@@ -27,7 +27,7 @@ from pbrnet.scenes.assets.index import (
     Provenance,
     save_asset,
 )
-from pbrnet.scenes.assets.piece import CataloguePiece
+from pbrnet.scenes.assets.piece import CataloguePiece, LightSource
 from pbrnet.scenes.color import REC709, encode_srgb
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_directory, digest_bytes
@@ -197,14 +197,12 @@ def _extent(parts: Sequence[ItemPart]) -> Float64Array:
     return np.asarray(bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0))
 
 
-def _bulbs(piece: CataloguePiece) -> tuple[home.Bulb, ...]:
+def _bulbs(piece: CataloguePiece) -> tuple[LightSource, ...]:
     """Return the light sources of a piece; if any lies outside it, one in its centre instead.
 
     Some catalogues place light sources outside the lamp, as the application never shows them.
     """
-    bulbs = tuple(
-        home.Bulb(light.x, light.y, light.z, light.color, light.diameter) for light in piece.lights
-    )
+    bulbs = piece.lights
     if all(0 <= place <= 1 for bulb in bulbs for place in (bulb.x, bulb.y, bulb.z)):
         return bulbs
     middle = float(np.clip(np.mean([bulb.z for bulb in bulbs]), 0.1, 0.9))

@@ -13,6 +13,7 @@ import numpy as np
 from shapely.geometry import Polygon
 
 from pbrnet.scenes.arrays import Float64Array, as_triple
+from pbrnet.scenes.assets.piece import LightSource
 from pbrnet.scenes.color import REC709, Color
 from pbrnet.scenes.contract import Room
 from pbrnet.scenes.geometry.directions import fibonacci_sphere
@@ -22,7 +23,7 @@ from pbrnet.scenes.photometry import LUMEN
 from pbrnet.scenes.reconstruction.raycast import RayCaster
 from pbrnet.scenes.sweethome.furnishing.finishes import decode_clipped
 from pbrnet.scenes.sweethome.furnishing.items import ItemPart, PlacedItem, SurfaceFinish, area
-from pbrnet.scenes.sweethome.home import Bulb, HomePiece
+from pbrnet.scenes.sweethome.home import HomePiece
 
 USUAL = 1000.0  # lumens of a source of colour AA9770 at power 0.5
 _USUAL_COLOR = 0xAA9770
@@ -33,7 +34,7 @@ _DIRECTIONS = 256
 _BLACK = SurfaceFinish(color=(0.0, 0.0, 0.0))
 
 
-def lumens_of(bulb: Bulb, power: float) -> float:
+def lumens_of(bulb: LightSource, power: float) -> float:
     """Return the luminous flux (lm) of a light source at a power in [0, 1]."""
     return USUAL * (power / 0.5) ** 2 * _luminance(bulb.color) / _luminance(_USUAL_COLOR)
 
@@ -97,7 +98,7 @@ def hung_lamp(room: Room, number: int) -> PlacedItem:
 def _emissive_parts(
     piece: HomePiece, parts: tuple[ItemPart, ...]
 ) -> tuple[tuple[ItemPart, ...], float]:
-    bulbs = piece.bulbs or (Bulb(0.5, 0.5, 0.5, _USUAL_COLOR, None),)
+    bulbs = piece.bulbs or (LightSource(0.5, 0.5, 0.5, _USUAL_COLOR, None),)
     total = sum(lumens_of(bulb, piece.power) for bulb in bulbs)
     surface = sum(area(part.mesh) for part in parts if part.emits)
     if total < 1.0 or surface <= 0:
@@ -112,7 +113,7 @@ def _emissive_parts(
 
 
 def _bulb_sphere(
-    piece: HomePiece, bulb: Bulb, to_world: Float64Array
+    piece: HomePiece, bulb: LightSource, to_world: Float64Array
 ) -> tuple[Float64Array, float]:
     inside = np.array([bulb.x - 0.5, bulb.z - 0.5, 0.5 - bulb.y, 1.0])
     centre = (to_world @ inside)[:3]

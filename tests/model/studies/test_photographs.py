@@ -22,7 +22,6 @@ from pbrnet.model.studies.photographs.measures import (
 )
 from pbrnet.model.studies.photographs.network import new_network, thirteen
 from pbrnet.model.studies.photographs.results import (
-    Figure,
     PhotographsResult,
     RowResult,
     figures,
@@ -48,6 +47,7 @@ from pbrnet.model.studies.photographs.sets.layouts import open_set
 from pbrnet.model.studies.photographs.study import chosen
 from pbrnet.model.studies.photographs.summary import Scores, resampled_runs
 from pbrnet.model.studies.photographs.training import predict, rate
+from pbrnet.model.studies.trials.results import MetricEstimate
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import build
 from pbrnet.scenes.errors import InputError, ParameterError
@@ -355,10 +355,10 @@ def test_study_from_end_to_end_and_again(place: Path, monkeypatch: pytest.Monkey
 
 
 def test_rows_of_one_set_draw_a_line_over_views() -> None:
-    row = RowResult((("ours",),), 4, 1, True, 0.1, absrel_scaled=Figure(0.2))
+    row = RowResult((("ours",),), 4, 1, True, 0.1, absrel_scaled=MetricEstimate(0.2))
     result = PhotographsResult(
         "photos", 2, 1, 0.5, 7, 8, FOCAL, 0, "ours", ("ours", "fewer"),
-        {"ours": row, "fewer": replace(row, views=2, absrel_scaled=Figure(0.3))},
+        {"ours": row, "fewer": replace(row, views=2, absrel_scaled=MetricEstimate(0.3))},
     )  # fmt: skip
     alone = replace(result, order=("ours",), rows={"ours": row})
     assert len(figures(alone)) == 1

@@ -14,7 +14,7 @@ import torch
 
 from pbrnet.model.baselines.end_to_end import EndToEnd
 from pbrnet.model.data.reader import Dataset
-from pbrnet.model.evaluation.evaluate import LeakError
+from pbrnet.model.evaluation.evaluate import LeakError, Score
 from pbrnet.model.networks.build import build_network
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.studies.composition import composition_study
@@ -24,7 +24,7 @@ from pbrnet.model.studies.trials.learning_curve import extrapolations, power_law
 from pbrnet.model.studies.trials.plan import TrialConfig, TrialStudy, plan, subset
 from pbrnet.model.studies.trials.results import MetricEstimate, TrialsResult, TrialsRow
 from pbrnet.model.studies.trials.runs import Log
-from pbrnet.model.studies.trials.scores import ViewScores, busiest_window, figures
+from pbrnet.model.studies.trials.scores import busiest_window, figures
 from pbrnet.model.studies.trials.summary import run_and_summarise
 from pbrnet.model.training.store import load_model
 from pbrnet.model.training.train import Folders, train_network
@@ -325,9 +325,9 @@ def test_what_was_trained_on_is_not_measured(folders: Folders) -> None:
 # Results
 
 
-def row(scene: str, view: int, value: float) -> ViewScores:
+def row(scene: str, view: int, value: float) -> Score:
     values: dict[str, float | None] = dict.fromkeys(("psnr", "flip", "lpips", "detail", "grid"))
-    return ViewScores(scene, f"v{view}", "m", {"ssim": value, **values})
+    return Score(scene, f"v{view}", "m", {"ssim": value, **values})
 
 
 def test_figures_are_those_worked_out_by_hand() -> None:

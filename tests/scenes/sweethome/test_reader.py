@@ -10,6 +10,7 @@ import pytest
 import trimesh
 from shapely.geometry import Point
 
+from pbrnet.scenes.assets.piece import LightSource
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.files import digest_folder
 from pbrnet.scenes.formats.obj_model import read_model_materials, read_obj_model
@@ -34,7 +35,7 @@ from pbrnet.scenes.sweethome.furnishing.finishes import (
 )
 from pbrnet.scenes.sweethome.furnishing.lamps import lumens_of
 from pbrnet.scenes.sweethome.furnishing.placement import model_to_unit_box, unit_box_to_world
-from pbrnet.scenes.sweethome.home import Bulb, Home, HomePiece, Texture, Wall
+from pbrnet.scenes.sweethome.home import Home, HomePiece, Texture, Wall
 from pbrnet.scenes.sweethome.home import Surface as Side
 from pbrnet.scenes.sweethome.reader import read_home
 from pbrnet.scenes.sweethome.sun import make_sky, sun_position
@@ -421,7 +422,7 @@ class TestFinishes:
 
 
 def test_lamp_lumens() -> None:
-    usual = Bulb(0.5, 0.5, 0.5, 0x00AA9770, None)
+    usual = LightSource(0.5, 0.5, 0.5, 0x00AA9770, None)
     assert lumens_of(usual, 0.5) == pytest.approx(1000)
     assert lumens_of(usual, 0.25) == pytest.approx(250)  # the flux goes with the power squared
     # The work lamp's darker colour: 62.53 / 152.23 of the luminance.
