@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pbrnet.model.data.reader import Dataset, Example
+from pbrnet.model.data.reader import Dataset, Example, Split
 from pbrnet.model.evaluation.evaluate import open_split
 from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.training.train import Folders
@@ -24,7 +24,6 @@ from pbrnet.pipeline.frames import (
     read_frame,
     write_frame,
 )
-from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.registry import frame_fingerprint, render, trace_seed
 from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
@@ -34,6 +33,7 @@ from pbrnet.pipeline.render.scene import (
     open_scene,
     renderer_version,
 )
+from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.contract import Scene, load_scene
@@ -112,12 +112,14 @@ class StudyViews:
     scenes: dict[str, Scene]
 
 
-def open_views(params: Params, folders: Folders, methods: Sequence[str], count: int) -> StudyViews:
-    """Open at most `count` views at even distances in the evaluated split, and networks.
+def open_views(
+    split: Split, tone: ToneParams, folders: Folders, methods: Sequence[str], count: int
+) -> StudyViews:
+    """Open at most `count` views at even distances in the split, and the networks of `methods`.
 
     Raises as `open_split`, and `InputError` for missing scenes or cameras.
     """
-    networks, dataset = open_split(params.evaluate.split, params.tone, folders, methods)
+    networks, dataset = open_split(split, tone, folders, methods)
     examples = evenly_spread_views(dataset, count)
     scenes = {
         name: load_dataset_scene(folders.data, name) for name in {e.scene_id for e in examples}

@@ -18,7 +18,7 @@ from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.transport.cells import LightTable
 from pbrnet.pipeline.transport.gather import World
 from pbrnet.pipeline.transport.pixels import IMAGES, Kernel, Samples, gather_pixels, light_samples
-from pbrnet.pipeline.transport.radiosity import Surfels, light_surfels, surfels_in_view, surfels_of
+from pbrnet.pipeline.transport.radiosity import Surfels, surfels_in_view, surfels_of
 from pbrnet.pipeline.transport.rays import ShapeTables
 from pbrnet.pipeline.transport.smoothing import smooth, spread_fireflies
 from pbrnet.pipeline.views import View
@@ -47,14 +47,6 @@ class TransportLauncher:
         number = dr.opaque(mi.UInt32, derive32(seed, "surfels"))
         launch = self._recorded(surfels_in_view, size)
         return surfels_of(launch(self._world(lights), _camera(view, size), size, number))
-
-    def lit(
-        self, lights: PlannedLights, rays: tuple[mi.Point3f, mi.Vector3f, mi.Float], seed: int
-    ) -> Surfels:
-        """Return the surfels that rays meet; `rays` as in `light_surfels`."""
-        number = dr.opaque(mi.UInt32, derive32(seed, "light of surfels"))
-        launch = self._recorded(light_surfels, dr.width(rays[-1]))
-        return surfels_of(launch(self._world(lights), rays, number))
 
     def light(
         self, lights: PlannedLights, cache: LightTable, view: View, samples: Samples, seed: int

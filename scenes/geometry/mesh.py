@@ -72,6 +72,21 @@ class Mesh:
         )
 
 
+def join_meshes(meshes: list[Mesh]) -> Mesh:
+    """Concatenate meshes that have the same attributes."""
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1]
+    normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
+    uvs = [mesh.uvs for mesh in meshes if mesh.uvs is not None]
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate(
+            [mesh.faces + int(start) for mesh, start in zip(meshes, starts, strict=True)]
+        ),
+        np.concatenate(normals) if normals else None,
+        np.concatenate(uvs) if uvs else None,
+    )
+
+
 def face_areas(corners: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Return areas (F,) and unit normals (F, 3), zero if degenerate, of triangles (F, 3, 3)."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

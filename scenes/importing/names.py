@@ -20,6 +20,14 @@ def numbered(stem: str, between: str, taken: dict[str, int]) -> str:
     return made
 
 
+def extended(name: str, taken: set[str]) -> str:
+    """`name` with underscores until it is none of `taken`, ids in lower case; it is added."""
+    while name.lower() in taken:
+        name += "_"
+    taken.add(name.lower())
+    return name
+
+
 class Names:
     """Makes ids from labels; no two are equal, even if case is ignored."""
 

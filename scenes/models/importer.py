@@ -39,6 +39,7 @@ from pbrnet.scenes.importing.materials.textures import (
     is_encoded,
     read_radiance,
 )
+from pbrnet.scenes.importing.names import extended
 from pbrnet.scenes.importing.objects import room_of, shape_category, structure_category
 from pbrnet.scenes.importing.sandbox import Sandbox, model_root
 from pbrnet.scenes.importing.shape import (
@@ -517,13 +518,7 @@ def _is_one_of(label: str, group: str) -> bool:
 def _with_unused_ids(shapes: list[Shape], model: Model) -> list[Shape]:
     """`shapes`, their ids extended until the model has none of them, even if case is ignored."""
     taken = {shape.id.lower() for shape in model.shapes}
-    made = []
-    for shape in shapes:
-        name = shape.id
-        while name.lower() in taken:
-            name += "_"
-        made.append(replace(shape, id=name))
-    return made
+    return [replace(shape, id=extended(shape.id, taken)) for shape in shapes]
 
 
 def _credits(

@@ -27,6 +27,7 @@ from pbrnet.scenes.importing.categories import (
     category_of_part,
     has_structural_name,
 )
+from pbrnet.scenes.importing.names import extended
 from pbrnet.scenes.importing.shape import Shape, bounds_of
 from pbrnet.scenes.importing.shapes.panes import pieces_of_mesh
 from pbrnet.scenes.reconstruction.scale_clues import usual_size
@@ -120,10 +121,7 @@ def split_unnamed(shapes: list[Shape], labels: Mapping[str, tuple[str, ...]]) ->
             made.append(replace(shape, mesh=shape.mesh.subset(rest), sphere=None))
         for number in np.unique(label[rows[~rest]]).tolist():
             name = names.setdefault(number, f"piece {len(names) + 1}")
-            id_ = f"{shape.id}_piece{name.removeprefix('piece ')}"
-            while id_.lower() in taken:
-                id_ += "_"
-            taken.add(id_.lower())
+            id_ = extended(f"{shape.id}_piece{name.removeprefix('piece ')}", taken)
             chosen = ~rest & (label[rows] == number)
             made.append(replace(shape, id=id_, name=name, mesh=shape.mesh.subset(chosen)))
             origin[id_], piece[id_] = shape.id, name

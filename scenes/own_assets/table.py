@@ -63,10 +63,7 @@ def read_table(path: Path) -> Library:
     licences = sorted({piece.licence for piece in pieces})
     return Library(
         key=library,
-        file=path.name,
-        id="",
         name=path.resolve().parent.name,
-        description="",
         version="",
         licence=licences[0] if len(licences) == 1 else ", ".join(licences) or "unknown",
         provider="",

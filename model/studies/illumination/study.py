@@ -128,7 +128,7 @@ def study_illumination(
     baselines = [name for name in trained_baselines(folders.models) if name == "plus"]
     set_variant(params.farm.variant)
     methods = ("pbrnet", *PRODUCTS, *baselines)
-    found = open_views(params, folders, methods, config.views)
+    found = open_views(params.evaluate.split, params.tone, folders, methods, config.views)
     networks, scenes, views = found.networks, found.scenes, found.views
     digests = {name: scene_digest(scene.folder) for name, scene in scenes.items()}
     views_of_study = [

@@ -171,7 +171,7 @@ def study_time(
         sweep(place)
     methods = ("pbrnet", *PRODUCTS, *trained_baselines(folders.models))
     set_variant(params.farm.variant)
-    opened = open_views(params, folders, methods, config.views)
+    opened = open_views(params.evaluate.split, params.tone, folders, methods, config.views)
     networks, scenes, views = opened.networks, opened.scenes, opened.views
     views = [resized(view, config.size) for view in views] if config.size else views
     machine = _machine()

@@ -15,11 +15,12 @@ import shapely
 
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.geometry.directions import fibonacci_sphere
-from pbrnet.scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas, join_meshes
 from pbrnet.scenes.geometry.regions import union
 from pbrnet.scenes.importing.categories import category_of, has_structural_name
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.materials.surface import clear_glass
+from pbrnet.scenes.importing.names import extended
 from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.importing.shapes.panes import names_pane, pieces_of_mesh
 from pbrnet.scenes.reconstruction.raycast import RayCaster
@@ -92,8 +93,8 @@ def with_clear_windows(
         if rest.any():
             made.append(replace(shape, mesh=shape.mesh.subset(rest)))
         sheets = [_pane(shape.mesh, faces, panel) for faces, panel in open_ones]
-        id_ = _unused(f"{shape.id}-pane", taken) if rest.any() else shape.id
-        made.append(replace(shape, id=id_, mesh=_merged(sheets), surface=clear_glass()))
+        id_ = extended(f"{shape.id}-pane", taken) if rest.any() else shape.id
+        made.append(replace(shape, id=id_, mesh=join_meshes(sheets), surface=clear_glass()))
     return made
 
 
@@ -179,16 +180,3 @@ def _pane(mesh: Mesh, faces: BoolArray, panel: _Panel) -> Mesh:
     front = max(sides, key=lambda side: float(face_areas(mesh.corners[side])[0].sum()))
     local[:, 2] = 0.5 * (panel.low[2] + panel.high[2])
     return Mesh(local @ panel.frame, mesh.faces).subset(front)
-
-
-def _merged(meshes: list[Mesh]) -> Mesh:
-    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
-
-
-def _unused(name: str, taken: set[str]) -> str:
-    while name.lower() in taken:
-        name += "_"
-    taken.add(name.lower())
-    return name

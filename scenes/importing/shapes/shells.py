@@ -15,6 +15,7 @@ import shapely
 from pbrnet.scenes.arrays import BoolArray, Float64Array
 from pbrnet.scenes.geometry.mesh import face_areas
 from pbrnet.scenes.geometry.regions import buffered
+from pbrnet.scenes.importing.names import extended
 from pbrnet.scenes.importing.shape import Shape
 from pbrnet.scenes.reconstruction.rooms import FoundRoom
 
@@ -46,10 +47,7 @@ def with_parted_shells(
         made.append(replace(shape, mesh=shape.mesh.subset(rest)))
         for kind, chosen in levels.items():
             if chosen.any():
-                id_ = f"{shape.id}_{kind}"
-                while id_.lower() in taken:
-                    id_ += "_"
-                taken.add(id_.lower())
+                id_ = extended(f"{shape.id}_{kind}", taken)
                 made.append(replace(shape, id=id_, name=kind, mesh=shape.mesh.subset(chosen)))
     return made
 

@@ -50,7 +50,6 @@ class Space:
     ceiling: BaseGeometry
     floor_slab: BaseGeometry
     ceiling_slab: BaseGeometry
-    found: bool  # enclosed by walls, not drawn
     has_gaps: bool = False  # walls are missing at a part of its outline
 
     @property
@@ -99,7 +98,6 @@ def find_spaces(
             ceilings[number],
             floor_slabs[number],
             ceiling_slabs[number],
-            number >= len(drawn),
             shape.id in gapped,
         )
         for number, (shape, _) in enumerate(rooms)

@@ -11,6 +11,7 @@ from pbrnet.scenes.assets.piece import CataloguePiece, LightSource, OpeningRule
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.formats.archive import HomeArchive
 from pbrnet.scenes.importing.categories import category_of_piece
+from pbrnet.scenes.importing.names import numbered
 from pbrnet.scenes.sweethome.catalogue.properties import parse_properties
 from pbrnet.scenes.sweethome.credits import licence_in
 
@@ -29,13 +30,10 @@ class UnusablePiece(Exception):
 
 @dataclass(frozen=True)
 class Library:
-    """A catalogue file: its description, its pieces, and the pieces that cannot be read."""
+    """A catalogue file: its pieces, and the pieces that cannot be read."""
 
     key: str
-    file: str
-    id: str
     name: str
-    description: str
     version: str
     licence: str
     provider: str
@@ -61,21 +59,18 @@ def read_library(path: Path) -> Library:
             raise InputError(f"{path}: {PROPERTIES} describes no piece")
         library = slug(path.stem)
         licence = _library_licence(archive, entries)
-        pieces, refused, taken = [], [], set[str]()
+        pieces, refused, taken = [], [], dict[str, int]()
         for number in numbers:
             row = _Row(entries, number)
             name = slug(row.text("id").rpartition("#")[2] or str(number))
-            key = f"{library}/{_unique(name, taken)}"
+            key = f"{library}/{numbered(name, '-', taken)}"
             try:
                 pieces.append(_piece(row, key, archive, licence))
             except UnusablePiece as error:
                 refused.append((key, row.text("name"), str(error)))
     return Library(
         key=library,
-        file=path.name,
-        id=entries.get("id", ""),
         name=entries.get("name", path.stem),
-        description=entries.get("description", ""),
         version=entries.get("version", ""),
         licence=licence,
         provider=entries.get("provider", ""),
@@ -87,16 +82,6 @@ def read_library(path: Path) -> Library:
 def slug(text: str) -> str:
     """Return a folder name of ASCII letters, digits, '.', '_' and '-'; not hidden, not empty."""
     return re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip("-.")[:100] or "piece"
-
-
-def _unique(name: str, taken: set[str]) -> str:
-    # File systems may not tell upper from lower case.
-    made, count = name, 1
-    while made.lower() in taken:
-        count += 1
-        made = f"{name}-{count}"
-    taken.add(made.lower())
-    return made
 
 
 class _Row:

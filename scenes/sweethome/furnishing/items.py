@@ -11,7 +11,7 @@ import numpy as np
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import Color
 from pbrnet.scenes.contract import Joint
-from pbrnet.scenes.geometry.mesh import Mesh, face_areas
+from pbrnet.scenes.geometry.mesh import Mesh, face_areas, join_meshes
 
 
 @dataclass(frozen=True)
@@ -97,18 +97,3 @@ def _merged_group(group: list[ItemPart]) -> ItemPart:
     if len(group) == 1:
         return group[0]
     return replace(group[0], mesh=join_meshes([part.mesh for part in group]))
-
-
-def join_meshes(meshes: list[Mesh]) -> Mesh:
-    """Concatenate meshes that have the same attributes."""
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1]
-    normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
-    uvs = [mesh.uvs for mesh in meshes if mesh.uvs is not None]
-    return Mesh(
-        np.concatenate([mesh.vertices for mesh in meshes]),
-        np.concatenate(
-            [mesh.faces + int(start) for mesh, start in zip(meshes, starts, strict=True)]
-        ),
-        np.concatenate(normals) if normals else None,
-        np.concatenate(uvs) if uvs else None,
-    )

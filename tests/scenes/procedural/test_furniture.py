@@ -193,7 +193,6 @@ CIRCLE = np.linspace(0, 2 * np.pi, 48, endpoint=False)
 BODIES = {
     "box": (box((1, 2, 3)), 6.0),
     "bevelled box": (box((1, 2, 3), bevel=0.01), 6 - 4 * 6 * 0.5 * 1e-4),
-    "mirrored box": (box((1, 2, 3), (1, 1, 1)).mirrored(), 6.0),
     "turned box": (box((1, 2, 3)).turned("x", 33).turned("y", 20).turned("z", -70), 6.0),
     "rounded box": (rounded_box((1, 2, 0.5), radius=0.001), 1.0),
     "cylinder": (cylinder(0.5, 0, 2, 256), np.pi / 2),

@@ -8,8 +8,8 @@ import pytest
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.geometry import primitives
 from pbrnet.scenes.geometry.joints import bodies, moved, within
-from pbrnet.scenes.geometry.mesh import Mesh
-from pbrnet.scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish, join_meshes
+from pbrnet.scenes.geometry.mesh import Mesh, join_meshes
+from pbrnet.scenes.sweethome.furnishing.items import ItemPart, SurfaceFinish
 from pbrnet.scenes.sweethome.furnishing.sashes import hinges
 from pbrnet.scenes.sweethome.home import HomePiece, Sash
 

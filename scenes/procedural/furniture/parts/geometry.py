@@ -52,12 +52,6 @@ class BodyMesh:
         """Return the mesh scaled by positive factors; uvs do not change."""
         return self._with(self.vertices * np.array([x, y, z]))
 
-    def mirrored(self) -> BodyMesh:
-        """Return the mesh reflected in the plane x = 0, with outward faces."""
-        return replace(
-            self, vertices=self.vertices * np.array([-1.0, 1, 1]), faces=self.faces[:, ::-1]
-        )
-
     def _with(self, vertices: Float64Array) -> BodyMesh:
         # Four times as fast as `replace`.
         return BodyMesh(vertices, self.faces, self.uvs, self.smooth)
