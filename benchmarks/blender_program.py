@@ -2,23 +2,34 @@
 
     python -P blender_program.py SCENE.json
 
-SCENE.json is written by `benchmarks.clay`: PLY meshes with a diffuse colour each, a camera, a
-constant sky, and windows. The program imports nothing of pbrnet. For each line on standard input,
-{"spp": 64, "seed": 1, "portals": false, "denoise": "", "out": "image.exr"}, it prints a line
-that begins with "@": the rendering time in processor and wall seconds. A "camera" in the line
-replaces that of SCENE.json.
+SCENE.json has a camera, the windows and the greatest depth. `benchmarks.clay` adds PLY meshes with
+a diffuse colour each and a constant sky, `benchmarks.exported` a GLB, the file of its sky or "",
+and its thin sheets: by material the share of diffuse light that passes. The program imports nothing
+of pbrnet.
 
-The settings are those of a plain path tracer: no clamping, adaptive sampling or light tree;
-one-pixel box filter, linear Rec. 709. "denoise" names the prefilter of the guides, albedo and
-normal, for Open Image Denoise: "ACCURATE", as Blender sets it, or "FAST"; "QUICK" is "FAST", and
-the denoiser's quality "FAST", too, in place of "HIGH"; "" is no denoiser. Data stay in memory
-between renders (`use_persistent_data`), so that from the second render on only rendering is timed.
-Writing the file is not.
+A GLB is imported as a user does, with the lighting mode "Unitless": the sun's strength is the
+file's lux, a lamp's watts are 4 pi candela, and emission is in cd/m^2, so that all light has one
+unit and the picture is in cd/m^2. ("Standard" divides sun and lamps by 683 lm/W, but not the
+emission of surfaces.) Materials are then changed to reflect what Mitsuba's do, thin sheets pass
+light, and emitters are dark on their back.
+
+For each line on standard input, {"spp": 64, "seed": 1, "denoise": "", "out": "image.exr"}, the
+program prints a line that begins with "@": the rendering time in processor and wall seconds.
+Further words: "camera" replaces that of SCENE.json; "portals", "guiding" and "light_tree" are true
+or false; "noise" is the threshold of adaptive sampling, 0 for none.
+
+The other settings are those of an unbiased path tracer: no clamping or blurred caustics, one-pixel
+box filter, linear Rec. 709. "denoise" names the prefilter of the guides, albedo and normal, for
+Open Image Denoise: "ACCURATE", as Blender sets it, or "FAST"; "QUICK" is "FAST", and the denoiser's
+quality "FAST", too, in place of "HIGH"; "" is no denoiser. Data stay in memory between renders
+(`use_persistent_data`), so that from the second render on only rendering is timed. Writing the file
+is not.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import resource
 import sys
 import time
@@ -34,13 +45,22 @@ def main(path: Path) -> None:
     description = json.loads(path.read_text(encoding="utf-8"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    for mesh in description["meshes"]:
+    if "glb" in description:
+        open_glb(description["glb"], description["thin"])
+    for mesh in description.get("meshes", ()):
         add_mesh(path.parent / mesh["file"], mesh["name"], mesh["reflectance"])
     add_sky(scene, description["sky"])
     add_camera(scene, description["camera"])
     portals = [add_portal(scene, corners) for corners in description["windows"]]
     settings(scene, description)
-    answer(version=bpy.app.version_string, meshes=len(description["meshes"]))
+    images = [one for one in bpy.data.images if one.source == "FILE"]
+    answer(
+        version=bpy.app.version_string,
+        objects=sum(one.type == "MESH" for one in scene.objects),
+        lamps=sum(one.type == "LIGHT" for one in scene.objects) - len(portals),
+        images=len(images),
+        missing=[one.name for one in images if 0 in tuple(one.size)],
+    )
     for line in sys.stdin:
         answer(**render(scene, portals, json.loads(line)))
 
@@ -68,14 +88,141 @@ def add_mesh(file: Path, name: str, reflectance: list[float]) -> None:
     node.data.shade_flat()
 
 
-def add_sky(scene: Any, radiance: float) -> None:
-    """Add a constant environment."""
+def open_glb(file: str, thin: dict[str, float]) -> None:
+    """Import a scene; give its materials the reflection that they have in Mitsuba."""
+    bpy.ops.import_scene.gltf(
+        filepath=file, export_import_convert_lighting_mode="COMPAT", import_shading="NORMALS"
+    )
+    for material in bpy.data.materials:
+        surface = next(
+            (one for one in material.node_tree.nodes if one.type == "BSDF_PRINCIPLED"), None
+        )
+        if surface is None:
+            continue
+        nodes = Nodes(material.node_tree, surface)
+        nodes.darken_back()
+        surface.distribution = "GGX"  # without the light of further bounces between microfacets
+        surface.inputs["Sheen Weight"].default_value = 0.0  # far more than Disney's
+        name = material.name.rpartition(".")[0] or material.name  # Blender numbers equal names
+        through = thin.get(material.name, thin.get(name))
+        if through is not None:
+            nodes.let_through(through)
+        elif nodes.is_matt():
+            nodes.add_diffuse(dict(material.get("pbrnet") or {}).get("lift", 1.0))
+
+
+class Nodes:
+    """The nodes of a material, with the Principled BSDF that the importer made."""
+
+    def __init__(self, tree: Any, surface: Any) -> None:
+        self.tree, self.surface = tree, surface
+
+    def add(self, kind: str, *given: Any, operation: str = "") -> Any:
+        """Add a node, with a value or a socket for each input; None leaves one as it is."""
+        made = self.tree.nodes.new(kind)
+        if operation:
+            made.operation = operation
+        for socket, value in zip(made.inputs, given, strict=False):
+            if isinstance(value, bpy.types.NodeSocket):
+                self.tree.links.new(value, socket)
+            elif value is not None:
+                socket.default_value = value
+        return made
+
+    def math(self, operation: str, *given: Any) -> Any:
+        """Return the result of an operation on numbers or sockets."""
+        return self.add("ShaderNodeMath", *given, operation=operation).outputs[0]
+
+    def input(self, name: str) -> Any:
+        """Return the socket that an input of the surface is linked to, else its value."""
+        socket = self.surface.inputs[name]
+        return socket.links[0].from_socket if socket.links else socket.default_value
+
+    def replace(self, shader: Any) -> None:
+        """Put a shader in the place of the surface."""
+        for link in list(self.surface.outputs["BSDF"].links):
+            if link.to_node != shader.node:
+                self.tree.links.new(shader, link.to_socket)
+
+    def darken_back(self) -> None:
+        """Let an emitter shine on its front alone."""
+        strength = self.surface.inputs["Emission Strength"]
+        if (most := strength.default_value) > 0:
+            back = self.add("ShaderNodeNewGeometry").outputs["Backfacing"]
+            self.tree.links.new(self.math("MULTIPLY_ADD", back, -most, most), strength)
+
+    def let_through(self, share: float) -> None:
+        """Make the surface a matt sheet that passes this share of its diffuse light."""
+        color = self.input("Base Color")
+        sides = [
+            self.add(kind, color).outputs[0]
+            for kind in ("ShaderNodeBsdfDiffuse", "ShaderNodeBsdfTranslucent")
+        ]
+        self.replace(self.add("ShaderNodeMixShader", share, *sides).outputs[0])
+
+    def is_matt(self) -> bool:
+        """Return whether the surface is opaque and no metal: its metallic image counts 0 times."""
+        metallic = self.surface.inputs["Metallic"]
+        factor = metallic.default_value
+        if metallic.links:
+            factor = min(
+                (one.default_value for one in metallic.links[0].from_node.inputs
+                 if not one.links and one.type == "VALUE"), default=1.0,
+            )  # fmt: skip
+        opaque = self.input("Alpha") == 1.0 and self.input("Transmission Weight") == 0.0
+        return bool(opaque and factor == 0.0)
+
+    def add_diffuse(self, lift: float) -> None:
+        """Add Disney's diffuse lobe to the specular one, as Mitsuba's `principled` does.
+
+        It is Lambertian, scaled to the albedo of Disney's in each direction within 1 %; `lift` is
+        the factor by which the exported base colour is greater.
+        """
+        rough, color, normal = (self.input(name) for name in ("Roughness", "Base Color", "Normal"))
+        normal = normal if isinstance(normal, bpy.types.NodeSocket) else None
+        far = self.add("ShaderNodeLayerWeight", 0.5, normal).outputs["Facing"]  # 1 - cosine
+        near = self.math("SUBTRACT", 1.0, far)
+        # What grazing light and a grazing view gain or lose, by mean angles between them.
+        light, view = (
+            self.math("MULTIPLY_ADD", rough, self.math("MULTIPLY_ADD", near, share, 1.0), -0.5)
+            for share in (1 / 4, 2 / 3)
+        )
+        factor = self.math(
+            "MULTIPLY",
+            self.math("MULTIPLY_ADD", light, 1 / (21 * lift), 1 / lift),
+            self.math("MULTIPLY_ADD", view, self.math("POWER", far, 5.0), 1.0),
+        )
+        scaled = self.add("ShaderNodeVectorMath", color if isinstance(color, bpy.types.NodeSocket)
+                          else tuple(color)[:3], operation="SCALE")  # fmt: skip
+        self.tree.links.new(factor, scaled.inputs["Scale"])
+        matt = self.add("ShaderNodeBsdfDiffuse", scaled.outputs[0], 0.0, normal).outputs[0]
+        for link in list(self.surface.inputs["Base Color"].links):
+            self.tree.links.remove(link)
+        self.surface.inputs["Base Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+        both = self.add("ShaderNodeAddShader", matt, self.surface.outputs["BSDF"])
+        self.replace(both.outputs[0])
+
+
+def add_sky(scene: Any, sky: float | str) -> None:
+    """Make a constant radiance or an image the world: its middle towards +Y, right of it +X."""
     world = bpy.data.worlds.new("sky")
     world.use_nodes = True
-    background = world.node_tree.nodes["Background"]
-    background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
-    background.inputs["Strength"].default_value = radiance
     scene.world = world
+    tree = world.node_tree
+    background = tree.nodes["Background"]
+    background.inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
+    if not isinstance(sky, str) or not sky:
+        background.inputs["Strength"].default_value = sky or 0.0
+        return
+    image = tree.nodes.new("ShaderNodeTexEnvironment")
+    image.image = bpy.data.images.load(sky)
+    image.image.colorspace_settings.name = "Linear Rec.709"
+    place = tree.nodes.new("ShaderNodeMapping")
+    place.inputs["Rotation"].default_value[2] = -math.pi / 2  # Blender's middle is +X
+    coordinates = tree.nodes.new("ShaderNodeTexCoord")
+    tree.links.new(coordinates.outputs["Generated"], place.inputs["Vector"])
+    tree.links.new(place.outputs["Vector"], image.inputs["Vector"])
+    tree.links.new(image.outputs["Color"], background.inputs["Color"])
 
 
 def add_camera(scene: Any, camera: dict[str, Any]) -> None:
@@ -114,7 +261,7 @@ def add_portal(scene: Any, corners: list[list[float]]) -> Any:
 
 
 def settings(scene: Any, description: dict[str, Any]) -> None:
-    """Set a plain path tracer with the given number of bounces."""
+    """Set an unbiased path tracer with the given number of bounces."""
     cycles, picture = scene.cycles, scene.render
     picture.engine = "CYCLES"
     cycles.device = "CPU"
@@ -126,27 +273,33 @@ def settings(scene: Any, description: dict[str, Any]) -> None:
     picture.image_settings.color_mode = "RGB"
     picture.image_settings.color_depth = "32"
     picture.image_settings.exr_codec = "ZIP"
-    cycles.use_adaptive_sampling = False
     cycles.denoiser, cycles.denoising_input_passes = "OPENIMAGEDENOISE", "RGB_ALBEDO_NORMAL"
-    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = 0.0
+    cycles.sample_clamp_direct = cycles.sample_clamp_indirect = cycles.blur_glossy = 0.0
     cycles.pixel_filter_type = "BOX"
     # Bounces after the first hit; Mitsuba counts the segments from the camera to the light.
     bounces = description["max_depth"] - 2
-    cycles.max_bounces = cycles.diffuse_bounces = bounces
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = bounces
+    cycles.transmission_bounces = cycles.transparent_max_bounces = bounces
 
 
 def render(scene: Any, portals: list[Any], job: dict[str, Any]) -> dict[str, float]:
     """Render one image to a file; returns the seconds of rendering and denoising."""
     if "camera" in job:
         aim(scene, job["camera"])
-    scene.cycles.samples, scene.cycles.seed = job["spp"], job["seed"]
-    scene.cycles.use_denoising = bool(job["denoise"])
+    cycles = scene.cycles
+    cycles.samples, cycles.seed = job["spp"], job["seed"]
+    cycles.use_guiding = job.get("guiding", False)
+    cycles.use_light_tree = job.get("light_tree", False)
+    cycles.use_adaptive_sampling = bool(job.get("noise"))
+    if cycles.use_adaptive_sampling:
+        cycles.adaptive_threshold = job["noise"]
+    cycles.use_denoising = bool(job["denoise"])
     if job["denoise"]:
         quick = job["denoise"] == "QUICK"
-        scene.cycles.denoising_prefilter = "FAST" if quick else job["denoise"]
-        scene.cycles.denoising_quality = "FAST" if quick else "HIGH"
+        cycles.denoising_prefilter = "FAST" if quick else job["denoise"]
+        cycles.denoising_quality = "FAST" if quick else "HIGH"
     for portal in portals:
-        portal.hide_render = not job["portals"]
+        portal.hide_render = not job.get("portals", False)
     usage, started = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
     bpy.ops.render.render()
     wall, after = time.perf_counter() - started, resource.getrusage(resource.RUSAGE_SELF)

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -46,11 +46,16 @@ class BlenderMissing(Exception):
 
 @dataclass
 class Blender:
-    """A process that renders the clay scene with Cycles."""
+    """A process that renders one scene with Cycles."""
 
     process: subprocess.Popen[str]
     folder: Path
-    version: str = ""
+    found: dict[str, Any] = field(default_factory=dict)  # version, objects, lamps, images, missing
+
+    @property
+    def version(self) -> str:
+        """Blender's version."""
+        return str(self.found["version"])
 
     def answer(self) -> dict[str, Any]:
         """Return the next answer; skips Blender's own output."""
@@ -129,14 +134,14 @@ def run_step(command: list[str]) -> None:
 
 @contextmanager
 def blender(interpreter: Path, scene: Path) -> Iterator[Blender]:
-    """Open the clay scene in a Blender process."""
+    """Open the scene of the folder's `cycles.json` in a Blender process."""
     command = [str(interpreter), "-P", str(PROGRAM), str(scene / "cycles.json")]
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     )
     try:
         found = Blender(process, scene)
-        found.version = str(found.answer()["version"])
+        found.found = found.answer()
         yield found
     finally:
         assert process.stdin is not None

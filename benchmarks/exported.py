@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
-import subprocess
-from dataclasses import dataclass
+import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 
-from benchmarks.bench import ROOT, pixels
+from benchmarks.bench import pixels
+from benchmarks.clay import camera_for_blender, windows_of
+from benchmarks.cycles import blender
 from pbrnet.pipeline.passes.groundtruth import render_truth
 from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.render.scene import open_scene, set_variant
@@ -26,50 +25,39 @@ from pbrnet.pipeline.scene_export.export import export_scene
 from pbrnet.pipeline.views import View, load_cameras
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import luminance
-from pbrnet.scenes.contract import load_scene
-from pbrnet.scenes.files import temporary_folder
+from pbrnet.scenes.contract import Scene, load_scene
+from pbrnet.scenes.files import temporary_folder, write_json
 from pbrnet.scenes.photometry import LUMEN
 
-_PROGRAM = ROOT / "benchmarks" / "blender_export.py"
-# Mitsuba counts the segments from the camera to the light, Cycles the bounces between.
-_BOUNCES = GroundTruthParams().max_depth - 2
+_PASSING = "KHR_materials_diffuse_transmission"
 
 
-@dataclass(frozen=True)
-class Opened:
-    """The picture of Cycles in cd/m^2, (H, W, 3), and what Blender found in the file."""
-
-    image: Float64Array
-    found: dict[str, Any]  # version, objects, lamps, images, missing, seconds
-
-
-def in_blender(bpy: Path, glb: Path, view: View, spp: int, threads: int) -> Opened:
-    """Open a GLB in Blender and render the view, a camera of that name in the file.
-
-    Raises `RuntimeError` with Blender's last words if it fails.
-    """
+def write_job(scene: Scene, view: View, threads: int, folder: Path) -> None:
+    """Export a scene to the folder, with `cycles.json` for `benchmarks/blender_program.py`."""
+    glb = folder / f"{scene.scene_id}.glb"
+    export_scene(scene.folder, "glb", glb)
     sky = glb.with_name(f"{glb.stem}-sky.exr")
-    out, job = glb.with_suffix(".exr"), glb.with_suffix(".job")
-    content = {
+    description = {
         "glb": str(glb),
+        "thin": thin_sheets(glb.read_bytes()),
         "sky": str(sky) if sky.exists() else "",
-        "camera": view.view_id,
-        "fov_x": 2 * math.atan(0.5 * view.width / view.K[0][0]),
-        "width": view.width,
-        "height": view.height,
-        "spp": spp,
-        "bounces": _BOUNCES,
+        "camera": camera_for_blender(view),
+        "windows": windows_of(scene.portals),
+        "max_depth": GroundTruthParams().max_depth,
         "threads": threads,
-        "out": str(out),
     }
-    job.write_text(json.dumps(content), encoding="utf-8")
-    command = [str(bpy), "-P", str(_PROGRAM), str(job)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    answers = [line[1:] for line in done.stdout.splitlines() if line.startswith("@")]
-    if not answers:
-        raise RuntimeError((done.stderr or done.stdout)[-1000:])
-    with OpenEXR.File(str(out)) as file:
-        return Opened(np.array(file.channels()["RGB"].pixels, np.float64), json.loads(answers[0]))
+    write_json(folder / "cycles.json", description)
+
+
+def thin_sheets(glb: bytes) -> dict[str, float]:
+    """Return by material the share of diffuse light that passes; Blender does not read it."""
+    (size,) = struct.unpack_from("<I", glb, 12)
+    materials: list[dict[str, Any]] = json.loads(glb[20 : 20 + size]).get("materials", [])
+    return {
+        one["name"]: one["extensions"][_PASSING]["diffuseTransmissionFactor"]
+        for one in materials
+        if _PASSING in one.get("extensions", {})
+    }
 
 
 def in_pbrnet(folder: Path, view: View, spp: int) -> Float64Array:
@@ -91,12 +79,12 @@ def main() -> None:
     cameras = options.scene.parent.parent / "cameras" / f"{options.scene.name}.json"
     (view,) = [one for one in load_cameras(cameras).views if one.view_id == options.view]
     with temporary_folder() as work:
-        glb = work / f"{options.scene.name}.glb"
-        export_scene(options.scene, "glb", glb)
-        opened = in_blender(options.bpy, glb, view, options.spp, options.threads)
+        write_job(load_scene(options.scene), view, options.threads, work)
+        with blender(options.bpy, work) as other:
+            image, spent = other.picture(options.spp, 0)
+            print(json.dumps({**other.found, "seconds": spent.wall}))
     ours = in_pbrnet(options.scene, view, options.spp)
-    ratio = luminance(opened.image).mean() / luminance(ours).mean()
-    print(json.dumps(opened.found))
+    ratio = luminance(np.asarray(image, np.float64)).mean() / luminance(ours).mean()
     print(f"{options.scene.name} {view.view_id}: mean luminance of Cycles / pbrnet {ratio:.3f}")
 
 

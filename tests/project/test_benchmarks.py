@@ -2,6 +2,7 @@
 
 import json
 import os
+import struct
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -24,6 +25,7 @@ from benchmarks.budget_results import Point, cells
 from benchmarks.budgets import Measured, fitting
 from benchmarks.clay import _bare, windows_of
 from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_step
+from benchmarks.exported import thin_sheets
 from benchmarks.results import OtherLoad, Results, page_of
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.run import TOPICS, Topic, measure
@@ -330,6 +332,14 @@ def test_clay_has_no_panes_and_no_light_but_the_sky() -> None:
     clay = _bare(home, "clay", set())
     assert [portal.panes for portal in clay.portals] == [0]
     assert [light.kind for light in clay.lights] == ["environment"]
+
+
+def test_thin_sheets_of_a_glb_are_found_by_material() -> None:
+    passing = {"KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.4}}
+    materials = [{"name": "wood"}, {"name": "curtain", "extensions": passing}]
+    text = json.dumps({"materials": materials}).encode()
+    head = struct.pack("<IIIII", 0x46546C67, 2, 20 + len(text), len(text), 0x4E4F534A)
+    assert thin_sheets(head + text) == {"curtain": 0.4}
 
 
 def test_what_a_cut_off_run_has_measured_is_read_again(tmp_path: Path) -> None:
