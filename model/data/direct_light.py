@@ -4,9 +4,9 @@ The positions and intensities of the sources come from `pbrnet.pipeline.panorama
 shadows from `pbrnet.pipeline.passes.visibility` if the view has them. The result lacks indirect
 light and the light of lamps that are not visible from the camera position.
 
-Networks with `train.panorama: position` take it as an input, without shadows and colours, and with
-`colour` without shadows; the study of illumination shows it beside the others. What that input
-needs takes torch tensors, too, so that torch's exporter traces it.
+Networks with `train.panorama: position` take it as an input, with `mean_bounces`, without shadows
+and colours, and with `colour` without shadows; the study of illumination shows it beside the
+others. What that input needs takes torch tensors, too, so that torch's exporter traces it.
 """
 
 from __future__ import annotations
@@ -52,6 +52,18 @@ def reflected_light(view: Columns, albedo: float) -> ArrayOrTensor:
     points = pixel_rays(view) * view["depth"][..., None]
     reflected = albedo / np.pi * panorama_irradiance(view, points, panorama_radiance(view))
     return reflected * view["visibility"][..., None] if "visibility" in view else reflected
+
+
+def mean_bounces(reflected: torch.Tensor, valid: torch.Tensor, albedo: float) -> torch.Tensor:
+    """Radiance (N, C, 1, 1) that all further reflections add to matte surfaces of one albedo.
+
+    In a closed room each reflection leaves `albedo` of the light, spread over all surfaces as in an
+    integrating sphere. The mean over the surfaces in view stands for that over all. `reflected`
+    (N, C, H, W) is their light after one reflection, `valid` (N, 1, H, W) is 1 on surfaces.
+    """
+    surfaces = valid.sum((2, 3), keepdim=True).clamp(min=1)
+    mean = (reflected * valid).sum((2, 3), keepdim=True) / surfaces
+    return mean * (albedo / (1 - albedo))
 
 
 def lamps_in_view(view: Columns) -> torch.Tensor:

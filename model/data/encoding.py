@@ -22,7 +22,7 @@ from typing import Literal, TypeVar
 import numpy as np
 import torch
 
-from pbrnet.model.data.direct_light import lamps_in_view, reflected_light
+from pbrnet.model.data.direct_light import lamps_in_view, mean_bounces, reflected_light
 from pbrnet.model.data.display import log_average, luminance, tonemap_exposed
 from pbrnet.model.data.reader import PAPER, Columns, Example
 from pbrnet.model.methods import JOINS, MAX_SAMPLES, PAPER_INPUTS, Join
@@ -176,13 +176,16 @@ def _clamped_distance(view: Columns) -> ArrayOrTensor:
 
 
 def _direct(view: Columns, columns: Sequence[str], bands: int) -> ArrayOrTensor:
-    """Direct light of matte grey surfaces in its own exposure: display, logarithm; of `columns`.
+    """Light of matte grey surfaces in its own exposure: display, logarithm; of `columns`.
 
-    (H, W, 2 bands), of one band where the panorama is grey: without `tint`. `visibility` shadows
-    it.
+    It is direct light with the mean of its bounces. (H, W, 2 bands), of one band where the panorama
+    is grey: without `tint`. `visibility` shadows the direct light.
     """
     view = {name: view[name] for name in columns}
-    light = _stack([reflected_light(view, NEUTRAL)]) + lamps_in_view(view)
+    reflected = _stack([reflected_light(view, NEUTRAL)])
+    valid = _stack([view["valid"][..., None]])
+    reflected = reflected + valid * mean_bounces(reflected, valid, NEUTRAL)
+    light = reflected + lamps_in_view(view)
     level = light[:, :1] if bands == 1 else luminance(light)
     tone = ToneParams()
     scale = tone.key / log_average(level)
@@ -229,7 +232,8 @@ def _direct_input(join: Join) -> Input:
 #   intensity: relative to its mean over the sphere; all 0 if no light is visible
 #   distance: metres, at most `MAX_DEPTH`; the network takes the logarithms of intensity and
 #     distance itself, because it may average them first
-#   those of `JOINS`: direct light of the panorama in its own exposure: display, logarithm
+#   those of `JOINS`: direct light of the panorama and the mean of its bounces, in its own exposure:
+#     display, logarithm
 #   transport: direct light, indirect light, picture; linear, in the view's unit
 #   level: log average of direct + indirect light, bands alike
 #   materials: roughness, metalness, and 1 where they are known

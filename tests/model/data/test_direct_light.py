@@ -9,6 +9,7 @@ import torch
 from pbrnet.model.data.direct_light import (
     direct_shading,
     lamps_in_view,
+    mean_bounces,
     panorama_radiance,
     pixel_rays,
     reflected_light,
@@ -146,10 +147,33 @@ def lit_wall() -> Example:
     return view.having(valid=valid)
 
 
-def test_the_input_is_direct_light_in_its_own_exposure() -> None:
+def input_light(view: Example, share: np.ndarray | float = 1.0) -> np.ndarray:
+    """Direct light of which `share` arrives, half of it reflected on, and the sources in view."""
+    light = reflected_light(view.without("visibility"), 0.5) * share
+    light[view["valid"]] += light[view["valid"]].mean(0)
+    return light + lamps_in_view(view)[0].permute(1, 2, 0).numpy()
+
+
+@pytest.mark.parametrize("albedo", [0.2, 0.5, 0.9])
+def test_bounces_are_those_of_an_integrating_sphere(albedo: float) -> None:
+    """Of the flux F onto its wall A, a sphere has the radiance F albedo / (pi A (1 - albedo))."""
+    generator = np.random.default_rng(3)
+    onto = generator.exponential(size=(1, 3, 12, 16)).astype(np.float32)  # irradiance
+    valid = generator.random((1, 1, 12, 16)) < 0.7
+    mean = (onto * valid).sum((2, 3)) / valid.sum()
+    reflected, seen = torch.from_numpy(onto * albedo / np.pi), torch.from_numpy(valid).float()
+    found = mean_bounces(reflected, seen, albedo)[..., 0, 0].numpy() + mean * albedo / np.pi
+    assert found == pytest.approx(mean * albedo / (np.pi * (1 - albedo)), rel=1e-5)
+
+
+def test_without_surfaces_nothing_bounces() -> None:
+    nothing = torch.zeros(1, 1, 4, 4)
+    assert mean_bounces(torch.ones(1, 3, 4, 4), nothing, 0.5).eq(0).all()
+
+
+def test_the_input_is_light_of_a_grey_room_in_its_own_exposure() -> None:
     view = lit_wall()
-    light = reflected_light(view, 0.5)
-    light += lamps_in_view(view)[0].permute(1, 2, 0).numpy()
+    light = input_light(view)
     exposure = exposure_of(light, ToneParams())
     display, logarithm = encode([view], ("direct",))["direct"][0].numpy()
     assert (display + 1) / 2 == pytest.approx(tonemap(light, exposure)[..., 0], abs=1e-5)
@@ -175,8 +199,7 @@ def test_the_input_in_colour_is_direct_light_by_the_tints() -> None:
     same = encode([view.having(tint=white)], ("direct_colour",))["direct_colour"]
     assert torch.allclose(same, grey.repeat_interleave(3, dim=1), atol=1e-5)
     lit = view.having(tint=white * np.float32([2, 0.8, 0.1]), visibility=np.zeros(SIZE, np.float32))
-    light = reflected_light(lit.without("visibility"), 0.5)
-    light += lamps_in_view(lit)[0].permute(1, 2, 0).numpy()
+    light = input_light(lit)
     display = encode([lit], ("direct_colour",))["direct_colour"][0, :3].permute(1, 2, 0).numpy()
     expected = tonemap(light, exposure_of(light, ToneParams()))
     assert (display + 1) / 2 == pytest.approx(expected, abs=1e-5)
@@ -189,8 +212,7 @@ def test_the_input_with_shadows_is_direct_light_by_the_visibility() -> None:
     same = encode([view.having(visibility=share)], ("direct_shadows",))["direct_shadows"]
     assert torch.equal(same, plain)
     share[:, ::2] = 0.25
-    light = reflected_light(view, 0.5) * share[..., None]
-    light += lamps_in_view(view)[0].permute(1, 2, 0).numpy()
+    light = input_light(view, share[..., None])
     shaded = view.having(visibility=share)
     display = encode([shaded], ("direct_shadows",))["direct_shadows"][0, 0].numpy()
     expected = tonemap(light, exposure_of(light, ToneParams()))[..., 0]
