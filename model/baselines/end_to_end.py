@@ -28,7 +28,7 @@ class EndToEnd(nn.Module):
         # Straight-through clamp: the second network gets values in [0, 1] as in two stages, and
         # pixels outside of the range still get a gradient.
         hidden = hidden + (hidden.clamp(0, 1) - hidden).detach()
-        return self.composition(hidden, inputs["reflectance"])
+        return self.composition(self.composition.images(hidden, inputs["reflectance"]))
 
 
 def composition_of(architecture: Architecture) -> Architecture:

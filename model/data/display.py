@@ -30,6 +30,18 @@ def tonemap_exposed(scaled: torch.Tensor, white: torch.Tensor | float) -> torch.
     return encode_srgb((scaled * (1 + lum / white**2) / (1 + lum)).clamp(0, 1))
 
 
+def exposed(display: torch.Tensor, white: float) -> torch.Tensor:
+    """Display values (N, 3, H, W) in [0, 1] to exposed radiance: the inverse of `tonemap_exposed`.
+
+    `white` is the luminance that the display shows as white, as in
+    `pbrnet.pipeline.tonemap.untonemap`.
+    """
+    compressed = decode_srgb(display)
+    lum = luminance(compressed)
+    half = 0.5 * (1 - lum)
+    return compressed / (half + (half**2 + lum / white**2).sqrt()).clamp(min=1e-6)
+
+
 def log_average(lum: torch.Tensor) -> torch.Tensor:
     """Log-average luminance (N, 1, 1, 1) of luminance (N, 1, H, W).
 

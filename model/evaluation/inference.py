@@ -26,6 +26,7 @@ from pbrnet.model.data.encoding import (
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.product import linear_product, product, product_linear
 from pbrnet.model.methods import BASELINES, METHODS, PREDICTABLE, PRODUCTS, Method
+from pbrnet.model.networks.pbrnet import CompositionNet
 from pbrnet.model.networks.tiles import margin, tiled
 from pbrnet.model.training.store import ModelCard, load_model
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap, untonemap
@@ -102,11 +103,10 @@ class Networks:
             color = _PRODUCTS[method](reflectance, shading, example.exposure_shading, self.card)
             return Prediction(method, shading, color)
         network = self.modules["composition"]
-        composed = self._run(
-            "composition",
-            lambda inputs: network(inputs["shading"], inputs["reflectance"]),
-            {"shading": to_batch(shading), **encode([example], ("reflectance",))},
-        )
+        assert isinstance(network, CompositionNet)
+        (reflectance,) = encode([example], ("reflectance",)).values()
+        images = network.images(to_batch(shading), reflectance)
+        composed = self._run("composition", network, images)
         return Prediction(method, shading, to_image(composed))
 
     def radiance(self, example: Example, predicted: Prediction) -> Radiance:

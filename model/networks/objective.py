@@ -20,6 +20,7 @@ from torch import nn
 from pbrnet.model.data.display import tonemap_exposed
 from pbrnet.model.data.encoding import Tensors
 from pbrnet.model.networks.flip import Flip
+from pbrnet.model.networks.pbrnet import CompositionNet
 
 Criterion = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 
@@ -98,9 +99,11 @@ class PairedLoss(SingleLoss):
     def _predict(self, inputs: Tensors) -> torch.Tensor:
         if self.shading is None:
             return self.network(inputs)
+        assert isinstance(self.network, CompositionNet)
         with torch.no_grad():
             shading = self.shading(inputs).float().clamp(0, 1)
-        return self.network(shading, inputs["reflectance"])
+            images = self.network.images(shading, inputs["reflectance"])
+        return self.network(images)
 
 
 class ExposedLoss(SingleLoss):

@@ -14,9 +14,12 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.data.direct_light import look_up
-from pbrnet.model.data.encoding import Policy, Tensors, centred, input_named
+from pbrnet.model.data.display import exposed, log_average, luminance, tonemap_exposed
+from pbrnet.model.data.encoding import DEFAULT_WHITE, Policy, Tensors, centred, input_named
 from pbrnet.model.methods import JOINS, Panorama
+from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.scenes.checked import within
+from pbrnet.scenes.color import decode_srgb
 
 GRID = (32, 64)  # cells that a panorama of any size is averaged to before the `normal` join
 WIDEST = 8  # levels double their width up to this many times the first level's
@@ -44,7 +47,8 @@ def shading_network(architecture: Architecture) -> GuidedNet:
 
 def composition_network(architecture: Architecture) -> CompositionNet:
     """Build the second stage: colour from shading and reflectance."""
-    return CompositionNet(architecture.width, architecture.levels)
+    own = architecture.exposure == "own"
+    return CompositionNet(architecture.width, architecture.levels, own)
 
 
 class GuidedNet(nn.Module):
@@ -78,18 +82,45 @@ class GuidedNet(nn.Module):
 
 
 class CompositionNet(nn.Module):
-    """U-Net from concatenated shading and reflectance to colour."""
+    """U-Net from concatenated shading and reflectance to colour.
 
-    def __init__(self, width: int, levels: int) -> None:
+    Colour in its `own` exposure depends on an average over the image, which convolutions do not
+    compute: the product of both images, exposed in this way, is then a third one.
+    """
+
+    def __init__(self, width: int, levels: int, own: bool) -> None:
         super().__init__()
-        self.unet = UNet(6, width, levels)
+        self.own = own
+        self.unet = UNet(9 if own else 6, width, levels)
 
-    def forward(self, shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor:
-        """Display values of shading and the reflectance of `encode` to display values of colour.
+    def images(self, shading: torch.Tensor, reflectance: torch.Tensor) -> Tensors:
+        """The network's images by name, of display values of shading and `encode`'s reflectance.
 
-        All tensors are (N, 3, H, W).
+        All are (N, 3, H, W). The product is that of whole images: tiles have no average.
         """
-        return self.unet(torch.cat([centred(shading), reflectance], dim=1))
+        images = {"shading": centred(shading), "reflectance": reflectance}
+        if self.own:
+            images["product"] = centred(displayed_product(shading, reflectance))
+        return images
+
+    def forward(self, images: Tensors) -> torch.Tensor:
+        """The tensors of `images` to display values of colour (N, 3, H, W), not clamped."""
+        return self.unet(torch.cat(list(images.values()), dim=1))
+
+
+def displayed_product(shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor:
+    """Reflectance x shading in its own exposure, display values (N, 3, H, W).
+
+    Of display values of shading and the reflectance of `encode`. Shading's own white point is
+    unknown: `DEFAULT_WHITE` stands for it.
+    """
+    tone = ToneParams()
+    light = exposed(shading.float().clamp(0, 1), DEFAULT_WHITE)
+    linear = decode_srgb((reflectance.float() + 1) / 2) * light
+    level = luminance(linear)
+    scale = tone.key / log_average(level)
+    white = (scale * level).amax(dim=(1, 2, 3), keepdim=True) * (1 - tone.burn) ** 2
+    return tonemap_exposed(scale * linear, white.clamp(min=1e-6))
 
 
 class Branch(nn.Sequential):

@@ -21,7 +21,7 @@ from pbrnet.model.data.encoding import DEFAULT_WHITE, Tensors, encode, input_nam
 from pbrnet.model.data.reader import NOISY_SPP
 from pbrnet.model.evaluation.inference import Networks, needed
 from pbrnet.model.methods import JOINS, METHODS
-from pbrnet.model.networks.pbrnet import GRID
+from pbrnet.model.networks.pbrnet import GRID, CompositionNet
 from pbrnet.pipeline.channels import column_channel
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import MachineError
@@ -75,7 +75,9 @@ class ExportedMethod(nn.Module):
         if not JOINS[self.panorama].resized:
             inputs = averaged_panorama(inputs)
         shading = self.networks["shading"](inputs).clamp(0, 1)
-        return shading, self.networks["composition"](shading, inputs["reflectance"])
+        composition = self.networks["composition"]
+        assert isinstance(composition, CompositionNet)
+        return shading, composition(composition.images(shading, inputs["reflectance"]))
 
 
 def _pictures(*images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -8,11 +8,19 @@ import torch
 from torch import nn
 
 from pbrnet.model.data.direct_light import look_up
-from pbrnet.model.data.encoding import input_named
+from pbrnet.model.data.encoding import DEFAULT_WHITE, centred, input_named, to_batch, to_image
 from pbrnet.model.methods import JOINS, METHODS, Panorama
 from pbrnet.model.networks.build import build_network
-from pbrnet.model.networks.pbrnet import Architecture, NormalPanorama, averaged
+from pbrnet.model.networks.pbrnet import (
+    Architecture,
+    CompositionNet,
+    NormalPanorama,
+    averaged,
+    displayed_product,
+)
 from pbrnet.model.training.backbone import EfficientNetLite0, Vgg19
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
+from pbrnet.scenes.color import encode_srgb
 
 KINDS = tuple(dict.fromkeys(method.kind for method in METHODS.values()))
 
@@ -34,11 +42,11 @@ def inputs(
     return tensors
 
 
-def run(network: nn.Module, kind: str, given: dict[str, torch.Tensor]) -> torch.Tensor:
-    """The network's output, whatever its inputs are called."""
+def run(network: nn.Module, given: dict[str, torch.Tensor]) -> torch.Tensor:
+    """The network's output; the composition network takes reflectance for shading, too."""
     with torch.no_grad():
-        if kind == "composition":
-            return network(given["reflectance"], given["reflectance"])
+        if isinstance(network, CompositionNet):
+            given = network.images(given["reflectance"], given["reflectance"])
         return network(given)
 
 
@@ -99,18 +107,46 @@ def test_composition_is_the_shorter_network() -> None:
     assert composition.unet.down[0][0].in_channels == 6  # type: ignore[union-attr,index]
 
 
+def test_composition_in_its_own_exposure_gets_the_product_exposed_like_an_image() -> None:
+    """Exposed shading x reflectance, in the exposure that `exposure_of` gives the product."""
+    random = np.random.default_rng(5)
+    light = random.exponential(1.0, (40, 56, 1)).clip(0, 0.9 * DEFAULT_WHITE) * np.ones(3)
+    reflectance = random.uniform(0.02, 0.9, (40, 56, 3))
+    light[:9], reflectance[:, 20:] = light[:9] * 0.05, reflectance[:, 20:] * 0.1
+    display = tonemap(light.astype(np.float32), Exposure(1.0, DEFAULT_WHITE))
+    found = displayed_product(
+        to_batch(display), centred(to_batch(encode_srgb(reflectance.astype(np.float32))))
+    )
+    product = light * reflectance
+    assert to_image(found) == pytest.approx(
+        tonemap(product, exposure_of(product, ToneParams())), abs=2e-3
+    )
+    own = build_network(Architecture("composition", 8, 2, exposure="own"))
+    assert isinstance(own, CompositionNet)
+    images = own.images(to_batch(display), torch.zeros(1, 3, 40, 56))
+    assert list(images) == ["shading", "reflectance", "product"]
+    assert own(images).shape == (1, 3, 40, 56)
+
+
+def test_the_product_is_finite_in_the_dark_and_at_white() -> None:
+    for shading in (torch.zeros(1, 3, 16, 16), torch.ones(1, 3, 16, 16)):
+        for reflectance in (-torch.ones(1, 3, 16, 16), torch.ones(1, 3, 16, 16)):
+            found = displayed_product(shading, reflectance)
+            assert found.isfinite().all() and found.min() >= 0 and found.max() <= 1
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (17, 31), (48, 64)])
 def test_any_size_in_is_the_same_size_out(kind: str, size: tuple[int, int]) -> None:
     network = build_network(Architecture(kind, 4, 5))
-    assert run(network, kind, inputs(*size, kind=kind)).shape == (1, 3, *size)
+    assert run(network, inputs(*size, kind=kind)).shape == (1, 3, *size)
 
 
 @pytest.mark.parametrize("panorama", JOINS)
 @pytest.mark.parametrize("width", [8, 64, 130])
 def test_any_panorama_size_is_taken(panorama: Panorama, width: int) -> None:
     network = build_network(Architecture("shading", 4, 3, panorama))
-    assert run(network, "shading", inputs(12, 16, width, join=panorama)).shape == (1, 3, 12, 16)
+    assert run(network, inputs(12, 16, width, join=panorama)).shape == (1, 3, 12, 16)
 
 
 @pytest.mark.parametrize("panorama", JOINS)

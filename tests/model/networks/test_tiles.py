@@ -62,6 +62,16 @@ def test_tiles_give_the_whole_picture(
         assert np.abs(whole.shading - cut.shading).max() < 1e-4
 
 
+def test_tiles_share_the_exposure_of_the_whole_picture(example: Example, tmp_path: Path) -> None:
+    names = ("shading", "composition")
+    models = untrained_models(tmp_path / "models", names, levels=3, exposure="own")
+    whole, cut = (
+        load_networks(models, ["pbrnet"], tile=tile).predict("pbrnet", example) for tile in (0, 32)
+    )
+    assert whole.color.std() > 0.015
+    assert np.abs(whole.color - cut.color).max() < 1e-4
+
+
 def test_too_little_overlap_would_show(example: Example, tmp_path: Path,
                                        monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
     """The test above can fail: with a tenth of the margin, tiles differ from the whole."""
