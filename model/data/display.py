@@ -6,12 +6,15 @@ gradients everywhere and use only operators that ONNX has.
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch.nn import functional
 
 from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.scenes.color import REC709, encode_srgb
 
+WHITE_RANGE = (0.5, 200.0)  # white points between which that of an image is sought
 BLOCK = 8  # side in pixels of the blocks whose means the log average takes, see `exposure_of`
 
 
@@ -30,16 +33,29 @@ def tonemap_exposed(scaled: torch.Tensor, white: torch.Tensor | float) -> torch.
     return encode_srgb((scaled * (1 + lum / white**2) / (1 + lum)).clamp(0, 1))
 
 
-def exposed(display: torch.Tensor, white: float) -> torch.Tensor:
+def exposed(display: torch.Tensor, white: torch.Tensor | float) -> torch.Tensor:
     """Display values (N, 3, H, W) in [0, 1] to exposed radiance: the inverse of `tonemap_exposed`.
 
-    `white` is the luminance that the display shows as white, as in
-    `pbrnet.pipeline.tonemap.untonemap`.
+    `white`, a number or (N, 1, 1, 1), is the luminance that the display shows as white.
     """
     compressed = decode_srgb(display)
     lum = luminance(compressed)
     half = 0.5 * (1 - lum)
     return compressed / (half + (half**2 + lum / white**2).sqrt()).clamp(min=1e-6)
+
+
+def self_exposed(display: torch.Tensor, key: float) -> torch.Tensor:
+    """Exposed radiance (N, 3, H, W) of display values that their own log average exposed.
+
+    The white point is the one for which the log average is `key`, by bisection between
+    `WHITE_RANGE`.
+    """
+    low, high = (torch.full_like(display[:, :1, :1, :1], math.log(end)) for end in WHITE_RANGE)
+    for _ in range(12):
+        middle = (low + high) / 2
+        bright = log_average(luminance(exposed(display, middle.exp()))) > key
+        low, high = torch.where(bright, low, middle), torch.where(bright, middle, high)
+    return exposed(display, low.exp())
 
 
 def log_average(lum: torch.Tensor) -> torch.Tensor:

@@ -14,8 +14,8 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.data.direct_light import look_up
-from pbrnet.model.data.display import exposed, log_average, luminance, tonemap_exposed
-from pbrnet.model.data.encoding import DEFAULT_WHITE, Policy, Tensors, centred, input_named
+from pbrnet.model.data.display import log_average, luminance, self_exposed, tonemap_exposed
+from pbrnet.model.data.encoding import NEUTRAL, Policy, Tensors, centred, input_named
 from pbrnet.model.methods import JOINS, Panorama
 from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.scenes.checked import within
@@ -84,8 +84,8 @@ class GuidedNet(nn.Module):
 class CompositionNet(nn.Module):
     """U-Net from concatenated shading and reflectance to colour.
 
-    Colour in its `own` exposure depends on an average over the image, which convolutions do not
-    compute: the product of both images, exposed in this way, is then a third one.
+    Colour in its `own` exposure depends on averages over the image, which convolutions do not
+    compute: then `displayed_product` of both images is a third one.
     """
 
     def __init__(self, width: int, levels: int, own: bool) -> None:
@@ -96,7 +96,7 @@ class CompositionNet(nn.Module):
     def images(self, shading: torch.Tensor, reflectance: torch.Tensor) -> Tensors:
         """The network's images by name, of display values of shading and `encode`'s reflectance.
 
-        All are (N, 3, H, W). The product is that of whole images: tiles have no average.
+        All are (N, 3, H, W). The product is that of whole images: tiles have other averages.
         """
         images = {"shading": centred(shading), "reflectance": reflectance}
         if self.own:
@@ -111,12 +111,18 @@ class CompositionNet(nn.Module):
 def displayed_product(shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor:
     """Reflectance x shading in its own exposure, display values (N, 3, H, W).
 
-    Of display values of shading and the reflectance of `encode`. Shading's own white point is
-    unknown: `DEFAULT_WHITE` stands for it.
+    Of display values of shading, of surfaces with the albedo `NEUTRAL`, and the reflectance of
+    `encode`. In a closed room of albedo a, bounces are the share a of all light, a / (1 - a) times
+    the direct light, as in an integrating sphere. The product has the bounces of the image's mean
+    reflectance in each band in place of the grey ones: a room gets its brightness and its cast.
     """
     tone = ToneParams()
-    light = exposed(shading.float().clamp(0, 1), DEFAULT_WHITE)
-    linear = decode_srgb((reflectance.float() + 1) / 2) * light
+    light = self_exposed(shading.float().clamp(0, 1), tone.key)
+    bounces = light.clamp(max=NEUTRAL * tone.key)
+    surfaces = decode_srgb((reflectance.float() + 1) / 2)
+    mean = surfaces.mean((2, 3), keepdim=True).clamp(max=0.95)
+    gain = mean / (1 - mean) * ((1 - NEUTRAL) / NEUTRAL)
+    linear = surfaces * (light + (gain - 1) * bounces)
     level = luminance(linear)
     scale = tone.key / log_average(level)
     white = (scale * level).amax(dim=(1, 2, 3), keepdim=True) * (1 - tone.burn) ** 2
