@@ -12,7 +12,7 @@ import torch
 from torch.nn import functional
 
 from pbrnet.pipeline.tonemap import ToneParams
-from pbrnet.scenes.color import REC709, encode_srgb
+from pbrnet.scenes.color import REC709, decode_srgb, encode_srgb
 
 WHITE_RANGE = (0.5, 200.0)  # white points between which that of an image is sought
 BLOCK = 8  # side in pixels of the blocks whose means the log average takes, see `exposure_of`

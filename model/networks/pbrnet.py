@@ -105,7 +105,8 @@ class CompositionNet(nn.Module):
 
     def forward(self, images: Tensors) -> torch.Tensor:
         """The tensors of `images` to display values of colour (N, 3, H, W), not clamped."""
-        return self.unet(torch.cat(list(images.values()), dim=1))
+        names = ("shading", "reflectance", "product")
+        return self.unet(torch.cat([images[name] for name in names if name in images], dim=1))
 
 
 def displayed_product(shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor:

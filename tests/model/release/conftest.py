@@ -86,14 +86,18 @@ def views(tmp_path_factory: pytest.TempPathFactory) -> list[Example]:
 
 @pytest.fixture(scope="session")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., ExportedFile]:
-    """Export a method's networks, each once a session; `plus` is given materials."""
+    """Export a method's networks, each once a session.
+
+    `plus` is given materials; the two networks with shadows have colour in its own exposure.
+    """
     runtime = pytest.importorskip("onnxruntime", reason="the extra pbrnet[onnx] is not installed")
     pytest.importorskip("onnxscript", reason="the extra pbrnet[onnx] is not installed")
 
     @cache
     def make(method: str, panorama: Panorama) -> ExportedFile:
         folder = tmp_path_factory.mktemp("exported")
-        networks = untrained(folder / "models", method, panorama, materials=method == "plus")
+        exposure: Policy = "own" if panorama == "shadows" else "shared"
+        networks = untrained(folder / "models", method, panorama, exposure, method == "plus")
         path = folder / "file" / "model.onnx"
         path.parent.mkdir()
         export_onnx(networks, path)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from pbrnet.model.data.encoding import DEFAULT_WHITE
+from pbrnet.model.data.encoding import DEFAULT_WHITE, Policy
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.inference import Prediction
 from pbrnet.model.methods import JOINS, Panorama
@@ -34,19 +34,25 @@ def columns(example: Example, names: Sequence[str]) -> list[torch.Tensor]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("method", "panorama", "materials"),
+    ("method", "panorama", "exposure", "materials"),
     [
-        *(("pbrnet", panorama, False) for panorama in JOINS),
-        ("plus", "normal", False),
-        ("plus", "normal", True),
-        ("hybrid", "normal", True),
+        *(("pbrnet", panorama, "shared", False) for panorama in JOINS),
+        ("pbrnet", "normal", "own", False),
+        ("plus", "normal", "shared", False),
+        ("plus", "normal", "shared", True),
+        ("hybrid", "normal", "shared", True),
     ],
 )
 def test_the_exported_module_draws_what_the_method_draws(
-    method: str, panorama: Panorama, materials: bool, views: list[Example], tmp_path: Path
+    method: str,
+    panorama: Panorama,
+    exposure: Policy,
+    materials: bool,
+    views: list[Example],
+    tmp_path: Path,
 ) -> None:
     """Sky included: there the networks are shown a grey, not the dataset's black."""
-    networks = untrained(tmp_path, method, panorama, materials=materials)
+    networks = untrained(tmp_path, method, panorama, exposure, materials)
     names = exported_inputs(networks)
     assert ("intensity" in names, "roughness" in names) == (method == "pbrnet", materials)
     assert ("noisy_spp" in names) == (method == "hybrid")
