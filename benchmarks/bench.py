@@ -37,7 +37,7 @@ dataset: {{splits: {{test: 0, validation: 0}}, row_group: 16, checks: {{max_nois
 scenes: {{homes: {sizes.lit}, rooms_min: 3}}
 cameras: {{views_per_scene: 1}}
 """,
-    # Of a root seed of its own: homes that the committed weights have not seen.
+    # Of a root seed of its own: homes that the committed weights have not seen. One view is scored.
     "unseen": """
 seed: 37
 scenes: {{homes: {sizes.budget_homes}}}
@@ -63,10 +63,13 @@ class Sizes:
     clay: int = 512  # those of the clay's
     rows: int = 16  # views in the shards that are read
     rows_spp: int = 8
-    budget_homes: int = 2  # of the time budgets
+    budget_homes: int = 12  # of the time budgets, furnished
+    budget_clay: int = 6  # of these, also as clay
+    budget_trials: int = 4  # furnished scenes that choose the rivals' settings, beside one of clay
+    budget_tried: tuple[float, ...] = (0.5, 2)  # seconds, there
     # Sizes of their pictures; samples a pixel that each renderer gives the reference.
     budget_sizes: tuple[tuple[int, int], ...] = ((160, 120), (480, 360), (960, 720))
-    budget_spp: tuple[int, ...] = (1024, 256, 96)
+    budget_spp: tuple[int, ...] = (1024, 128, 48)
     budgets: tuple[float, ...] = (0.1, 0.2, 0.5, 1, 2, 5)  # seconds
 
     @property
@@ -79,8 +82,8 @@ FULL = Sizes()
 SMALL = Sizes(  # for trying the program: its figures mean nothing
     homes=2, lit=1, trials=1, views=1, spp=4, repeats=1, processes=1,
     large=(64, 48), middle=(48, 36), reference=32, clay=32, rows=2, rows_spp=1,
-    budget_homes=1, budget_sizes=((48, 36), (64, 48)), budget_spp=(64, 64),
-    budgets=(0.1, 0.2),
+    budget_homes=1, budget_clay=1, budget_trials=1, budget_tried=(0.2,),
+    budget_sizes=((48, 36), (64, 48)), budget_spp=(64, 64), budgets=(0.1, 0.5),
 )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
     python -P blender_program.py SCENE.json
 
 SCENE.json has a camera, the windows and the greatest depth. `benchmarks.clay` adds PLY meshes with
-a diffuse colour each and a constant sky, `benchmarks.exported` a GLB, the file of its sky or "",
+a diffuse colour each and a constant sky, `benchmarks.furnished` a GLB, the file of its sky or "",
 and its thin sheets: by material the share of diffuse light that passes. The program imports nothing
 of pbrnet.
 
@@ -108,7 +108,11 @@ def open_glb(file: str, thin: dict[str, float]) -> None:
         if through is not None:
             nodes.let_through(through)
         elif nodes.is_matt():
-            nodes.add_diffuse(dict(material.get("pbrnet") or {}).get("lift", 1.0))
+            stated = dict(material.get("pbrnet") or {})
+            if stated.get("bsdf") == "diffuse":
+                nodes.add_diffuse(nodes.input("Base Color"))
+            else:
+                nodes.add_diffuse(nodes.disney(stated.get("lift", 1.0)))
 
 
 class Nodes:
@@ -158,7 +162,7 @@ class Nodes:
             self.add(kind, color).outputs[0]
             for kind in ("ShaderNodeBsdfDiffuse", "ShaderNodeBsdfTranslucent")
         ]
-        self.replace(self.add("ShaderNodeMixShader", share, *sides).outputs[0])
+        self.add_lobe(self.add("ShaderNodeMixShader", share, *sides).outputs[0])
 
     def is_matt(self) -> bool:
         """Return whether the surface is opaque and no metal: its metallic image counts 0 times."""
@@ -172,16 +176,14 @@ class Nodes:
         opaque = self.input("Alpha") == 1.0 and self.input("Transmission Weight") == 0.0
         return bool(opaque and factor == 0.0)
 
-    def add_diffuse(self, lift: float) -> None:
-        """Add Disney's diffuse lobe to the specular one, as Mitsuba's `principled` does.
+    def disney(self, lift: float) -> Any:
+        """Return the colour of a Lambertian lobe with the albedo of Disney's in each direction.
 
-        It is Lambertian, scaled to the albedo of Disney's in each direction: within 0.4 %, and 2.3
-        % where it is dark, rough and seen at 75 degrees. `lift` is the factor by which the exported
-        base colour is greater.
+        Within 0.4 %, and 2.3 % where it is dark, rough and seen at 75 degrees. `lift` is the factor
+        by which the exported base colour is greater.
         """
-        rough, color, normal = (self.input(name) for name in ("Roughness", "Base Color", "Normal"))
-        normal = normal if isinstance(normal, bpy.types.NodeSocket) else None
-        far = self.add("ShaderNodeLayerWeight", 0.5, normal).outputs["Facing"]  # 1 - cosine
+        rough, color = self.input("Roughness"), self.input("Base Color")
+        far = self.add("ShaderNodeLayerWeight", 0.5, self.normal()).outputs["Facing"]  # 1 - cosine
         near = self.math("SUBTRACT", 1.0, far)
         # What grazing light and a grazing view gain or lose, by mean angles between them.
         light, view = (
@@ -196,11 +198,23 @@ class Nodes:
         scaled = self.add("ShaderNodeVectorMath", color if isinstance(color, bpy.types.NodeSocket)
                           else tuple(color)[:3], operation="SCALE")  # fmt: skip
         self.tree.links.new(factor, scaled.inputs["Scale"])
-        matt = self.add("ShaderNodeBsdfDiffuse", scaled.outputs[0], 0.0, normal).outputs[0]
+        return scaled.outputs[0]
+
+    def normal(self) -> Any:
+        """Return the socket of the normal map, or None."""
+        normal = self.input("Normal")
+        return normal if isinstance(normal, bpy.types.NodeSocket) else None
+
+    def add_diffuse(self, color: Any) -> None:
+        """Put a Lambertian lobe in the place of the surface's diffuse one."""
+        self.add_lobe(self.add("ShaderNodeBsdfDiffuse", color, 0.0, self.normal()).outputs[0])
+
+    def add_lobe(self, lobe: Any) -> None:
+        """Add a lobe to the specular one and the emission, as Mitsuba does, without the diffuse."""
         for link in list(self.surface.inputs["Base Color"].links):
             self.tree.links.remove(link)
         self.surface.inputs["Base Color"].default_value = (0.0, 0.0, 0.0, 1.0)
-        both = self.add("ShaderNodeAddShader", matt, self.surface.outputs["BSDF"])
+        both = self.add("ShaderNodeAddShader", lobe, self.surface.outputs["BSDF"])
         self.replace(both.outputs[0])
 
 

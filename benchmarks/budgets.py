@@ -1,18 +1,25 @@
 """Rows of the time budgets: the best picture in 0.1 to 5 s, by this project, Mitsuba and Cycles.
 
-Homes of a root seed of their own become clay scenes, which both renderers show alike: the
-reference of a view is the mean of the two denoised long renders, which must agree. A picture's
-seconds are those of one further view of an open scene, in a process that has rendered others of
-that size and number of samples before: light plan, transport, inputs, guides, samples, denoiser
-and networks all count; opening the scene, compiling and writing files do not. Blender Cycles gets
-the camera and keeps its data, and measures itself.
+Homes of a root seed of their own are shown as clay and furnished, alike by both renderers
+(`benchmarks.shown`): the reference of a view is the mean of the two denoised long renders. Where
+these do not agree at the smallest size, within `APART` and `BETWEEN`, the scene is left out by name.
 
-From two probes of a view that is not scored, each renderer gets the samples that fit into each
-budget. Then the methods take turns. Elapsed seconds count on a quiet machine; if others use it,
-processor seconds divided by the number of processors do.
+Cycles and Mitsuba run at their best. A trial on some scenes tries each combination of Cycles' path
+guiding, light tree, adaptive sampling and portals, and each of Mitsuba's samplers; the budgets then
+are measured with the best `BEST` of each kind of scene and budget, with three settings of the
+denoiser, and the one that errs least in a cell counts. From two probes of a view that is not
+scored, they get the samples that fit. This project's method and samples are those that `pbrnet
+predict --seconds` chooses on that view, without the truth.
+
+A picture's seconds are those of one further view of an open scene, in a process that has rendered
+others of that size and number of samples before: light plan, transport, inputs, guides, samples,
+denoiser and network all count; opening the scene, compiling and writing files do not, and are
+counted apart (`benchmarks.first_pictures`). Blender keeps its data, and measures itself. Elapsed
+seconds count on a quiet machine; if others use it, processor seconds divided by the number of
+processors do.
 
 Writes `data/budgets.json`, `images/budgets.png` and a sheet of pictures, `images/budgets.jpg`.
-Every home and size is kept in `build/bench/budgets` as soon as it is measured, and is not measured
+Every scene and size is kept in `build/bench/budgets` as soon as it is measured, and is not measured
 again by the same code with the same networks on the same machine: a run that was cut off goes on.
 """
 
@@ -21,226 +28,342 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
-from statistics import mean, median
+from statistics import median
 from typing import Any
 
 import numpy as np
 import torch
 
 from benchmarks.bench import ROOT, Bench, Reference, resized
-from benchmarks.budget_results import GROUPS, QUICK, Point, budget_plot, cells
-from benchmarks.clay import write_clay
-from benchmarks.cycles import (
-    AGREE,
-    Blender,
-    BlenderMissing,
-    Denoise,
-    apart,
-    blender,
-    blender_python,
-    views_by_light,
+from benchmarks.budget_results import (
+    CYCLES,
+    GROUPS,
+    OURS,
+    PATH,
+    Measured,
+    Point,
+    best_options,
+    budget_plot,
+    cells,
+)
+from benchmarks.cycles import Blender, BlenderMissing, apart, blender, blender_python
+from benchmarks.first_pictures import FirstPicture, first_pictures
+from benchmarks.renderers import (
+    DENOISERS,
+    QUALITIES,
+    SAMPLERS,
+    CyclesOptions,
+    Ours,
+    Way,
+    all_options,
+    cycles_way,
+    mitsuba_way,
 )
 from benchmarks.results import OtherLoad, measured_on
 from benchmarks.rows import Row, at_least, at_most, missing
-from benchmarks.timing import Clock, Spent, spread, timed
+from benchmarks.shown import Kind, Shown, show
+from benchmarks.timing import Clock, Spent, spread
+from pbrnet.model.evaluation.budget import HYBRID
 from pbrnet.model.evaluation.inference import Networks, available, load_networks
 from pbrnet.model.evaluation.metrics import flip_map, ssim
-from pbrnet.model.evaluation.predict import ViewRenderer, example_of
-from pbrnet.model.methods import MAX_SAMPLES
 from pbrnet.pipeline.farm.versions import processor
-from pbrnet.pipeline.frames import Channels, stacked
 from pbrnet.pipeline.images import contact_sheet, jpeg_bytes
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.denoise import Quality, denoise
-from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
-from pbrnet.pipeline.passes.settings import GroundTruthParams
-from pbrnet.pipeline.passes.transport import transport_of
-from pbrnet.pipeline.passes.truth import sample_guides
-from pbrnet.pipeline.render.scene import RenderScene, open_scene
 from pbrnet.pipeline.tonemap import exposure_of, to_bytes, tonemap
-from pbrnet.pipeline.transport.settings import TRANSPORT_SAMPLES
-from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
-from pbrnet.scenes.files import atomic_file, digest_bytes, digest_file, write_json
+from pbrnet.scenes.files import atomic_file, digest_bytes, digest_file, read_json, write_json
 
-NAME = "ours in every time budget"
-# Most samples of the methods that take samples.
-MOST = {
-    method: {"hybrid": MAX_SAMPLES}.get(method, 1 << 12)
-    for methods in GROUPS.values()
-    for method in methods
-    if method != "plus"
-}
-# Numbers of samples, of methods that take only some.
-ALLOWED = dict.fromkeys(("radiosity", "radiosity_quick"), TRANSPORT_SAMPLES)
-_CYCLES: dict[str, Denoise] = {"fast": "FAST", "quick": "QUICK"}  # by the end of the name
-_BLOCK = 16  # most samples of one block
+NAME = "cells in which ours is first"
+APART, BETWEEN = 0.02, 0.05  # of two long renders: relative difference of means, and FLIP
+BEST = 2  # combinations of options that a kind of scene and budget keeps from the trial
+_FIRST = 0.8  # share of the cells
+_MOST = 1 << 12  # samples
 _QUIET = 0.1  # processors in use by others
 _LISTEN = 3.0  # seconds
 _PROBES = (1, 4)  # samples
 _MARGIN = 0.97  # of a budget, for which samples are chosen
 _LONG = 1.5  # seconds; longer pictures have one turn
 _SHEET = 1.0  # seconds; budget of the pictures on the sheet
-
-Picture = tuple[Float32Array, Spent]  # linear (H, W, 3)
-Way = Callable[[View, int, int], Picture]  # view, samples, seed
+_LONG_WAY = CyclesOptions(portals=True, light_tree=True)  # of the reference
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Parameters, networks and clock, which all homes share."""
+    """Parameters, network and clock, which all scenes share, and the folder of what is kept."""
 
     params: Params
-    networks: dict[str, Networks]  # by method
+    hybrid: Networks | None
     clock: Clock
     processors: int
+    kept: Path
 
     def seconds(self, spent: Spent) -> float:
         """Return the seconds by which budgets are kept."""
         return spent.wall if self.clock == "wall" else spent.cpu / self.processors
 
 
+@dataclass(frozen=True)
+class Chosen:
+    """What the trial chose: combinations of Cycles' options by kind of scene, and samplers."""
+
+    cycles: Mapping[Kind, Sequence[CyclesOptions]]
+    samplers: Mapping[Kind, Sequence[str]]
+
+
 def budget_rows(bench: Bench) -> Iterator[Row]:
-    """Yield agreement of the renderers by home, and in how many budgets ours is the best."""
+    """Yield agreement of the renderers by scene, and in how many cells ours is the best."""
     try:
         interpreter = blender_python(bench.tools, bench.bpy)
     except BlenderMissing as error:
-        yield missing(NAME, "budgets in which the lowest FLIP is ours", str(error))
+        yield missing(NAME, "image sizes and budgets with the lowest FLIP", str(error))
         return
     weights = ROOT / "weights"
-    networks: dict[str, Networks] = {
-        name: load_networks(weights, [name])
-        for name in ("plus", "hybrid")
-        if name in available(weights)
-    }
+    known = HYBRID in available(weights)
     processors = len(os.sched_getaffinity(0))
     torch.set_num_threads(processors)
-    setting = Setting(bench.params_of("unseen"), networks, clock(), processors)
+    hybrid = load_networks(weights, [HYBRID]) if known else None
+    setting = Setting(bench.params_of("unseen"), hybrid, clock(), processors, bench.tools)
     kept = bench.tools / "budgets" / _signature(bench, setting, weights)
     kept.mkdir(parents=True, exist_ok=True)
-    homes: list[list[Measured]] = []
-    for name in list(bench.unseen)[: bench.sizes.budget_homes]:
-        homes.append([])
-        for one in _measured(bench, setting, name, interpreter, kept):
-            homes[-1].append(one)
-            yield one.agreement(name)
-    yield from _rows(_written(bench, setting, homes))
+    setting = replace(setting, kept=kept)
+    chosen, tried = _trial(bench, setting, interpreter)
+    scenes: list[list[Measured]] = []
+    for kind, name in _scenes(bench):
+        found = list(_measured(bench, setting, chosen, (kind, name), interpreter))
+        yield agreement(found[0])
+        if found[0].agrees(APART, BETWEEN):
+            scenes.append(found)
+    starts = first_pictures(bench, setting.params, interpreter)
+    yield from _rows(_written(bench, setting, scenes, tried, starts))
+
+
+def _scenes(bench: Bench) -> list[tuple[Kind, str]]:
+    """Return kind and name of the scenes; the furnished ones are in each kind of light in turn."""
+    names, sizes = list(bench.unseen), bench.sizes
+    clay: list[tuple[Kind, str]] = [("clay", name) for name in names[: sizes.budget_clay]]
+    return clay + [("furnished", name) for name in names[: sizes.budget_homes]]
 
 
 def _signature(bench: Bench, setting: Setting, weights: Path) -> str:
-    """Return a name for all that figures depend on: machine, code, sizes, clock and networks."""
-    files = {name: digest_file(weights / f"{name}.safetensors") for name in setting.networks}
-    about = [measured_on(bench.sizes.label), repr(bench.sizes), setting.clock, files]
+    """Return a name for all that figures depend on: machine, code, sizes, clock and network."""
+    file = weights / f"{HYBRID}.safetensors"
+    network = digest_file(file) if setting.hybrid else ""
+    about = [measured_on(bench.sizes.label), repr(bench.sizes), setting.clock, network]
     return digest_bytes(json.dumps(about, sort_keys=True).encode())[:16]
 
 
+def _trial(
+    bench: Bench, setting: Setting, interpreter: Path
+) -> tuple[Chosen, dict[str, dict[str, float]]]:
+    """Return the best options and samplers, and the FLIP of all of them by kind and budget."""
+    size, spp = bench.sizes.budget_sizes[0], bench.sizes.budget_spp[0]
+    ways = [*map(str, all_options()), *SAMPLERS]
+    found: dict[Kind, list[dict[str, float]]] = {}
+    scenes = _scenes(bench)
+    number = bench.sizes.budget_trials
+    furnished = [scene for scene in scenes if scene[0] == "furnished"][:number]
+    for kind, name in [*scenes[:1], *furnished]:
+        file = setting.kept / f"trial-{kind}-{name}.json"
+        if not file.is_file():
+            with contest(bench, setting, (kind, name), interpreter) as make:
+                write_json(file, make(size, spp).tried(bench.sizes.budget_tried))
+        found.setdefault(kind, []).append(read_json(file))
+    tried = {
+        f"{kind}, {budget:g} s": {
+            way: float(np.mean([scene[f"{budget:g} {way}"] for scene in scenes_of]))
+            for way in ways
+            if all(f"{budget:g} {way}" in scene for scene in scenes_of)
+        }
+        for kind, scenes_of in found.items()
+        for budget in bench.sizes.budget_tried
+    }
+    by_name = {str(options): options for options in all_options()}
+    cycles: dict[Kind, list[CyclesOptions]] = {}
+    samplers: dict[Kind, list[str]] = {}
+    for kind in found:
+        mine = [flips for title, flips in tried.items() if title.startswith(kind)]
+        cycles[kind] = [by_name[name] for name in best_options(mine, list(by_name), BEST)]
+        samplers[kind] = best_options(mine, list(SAMPLERS), 1)
+    return Chosen(cycles, samplers), tried
+
+
+@contextmanager
+def contest(
+    bench: Bench, setting: Setting, scene: tuple[Kind, str], interpreter: Path
+) -> Iterator[Any]:
+    """Open a scene in both renderers; yield a function that makes the `Contest` of a size."""
+    shown = show(bench, *scene)
+    with blender(interpreter, shown.folder) as other:
+        yield lambda size, spp: Contest(shown, setting, other, size, spp)
+
+
 def _measured(
-    bench: Bench, setting: Setting, name: str, interpreter: Path, kept: Path
+    bench: Bench, setting: Setting, chosen: Chosen, scene: tuple[Kind, str], interpreter: Path
 ) -> Iterator[Measured]:
-    """Yield what is measured of a home at each size: kept files first, the others anew."""
+    """Yield what is measured of a scene at each size: kept files first, the others anew.
+
+    A scene whose long renders do not agree is measured at the smallest size alone.
+    """
     sizes = dict(zip(bench.sizes.budget_sizes, bench.sizes.budget_spp, strict=True))
-    files = {size: kept / f"{name}-{size[0]}x{size[1]}.npz" for size in sizes}
+    title = "-".join(scene)
+    files = {size: setting.kept / f"{title}-{size[0]}x{size[1]}.npz" for size in sizes}
     if all(file.is_file() for file in files.values()):
-        yield from (Measured.load(file) for file in files.values())
+        yield from map(Measured.load, files.values())
         return
-    home = Home(bench, setting, name)
-    with blender(interpreter, home.folder) as other:
+    with contest(bench, setting, scene, interpreter) as make:
         for size, spp in sizes.items():
             if not files[size].is_file():
                 load, started = OtherLoad(), time.monotonic()
-                view = ClayView(home, other, size, spp)
-                view.measure(bench.sizes.budgets, bench.sizes.repeats)
+                found = make(size, spp).measure(chosen, bench.sizes)
                 others = load.processors(time.monotonic() - started)
-                view.measured(other.version, others).save(files[size])
-            yield Measured.load(files[size])
+                replace(found, others=others).save(files[size])
+            measured = Measured.load(files[size])
+            yield measured
+            if not measured.agrees(APART, BETWEEN) and size == next(iter(sizes)):
+                return
 
 
-def _written(
-    bench: Bench, setting: Setting, views: Sequence[Sequence[Measured]]
-) -> list[dict[str, Any]]:
-    """Write the files of what was measured, by home and size; return the cells."""
-    budgets = bench.sizes.budgets
-    homes = [[point for view in home for point in view.points] for home in views]
-    found = cells(homes, budgets)
-    sizes = list(zip(*views, strict=True))  # of all homes each
-    each_view = [view for home in views for view in home]
-    record = {
-        "blender": each_view[0].blender,
-        "others_busy": round(max(view.others for view in each_view), 2),
-        "sizes": bench.sizes.label,
-        "homes": len(views),
-        "clock": setting.clock,
-        "processors": setting.processors,
-        "processor": processor(),
-        "trained_views": {name: each.card.data.views for name, each in setting.networks.items()},
-        "reference_spp": {each[0].size: each[0].spp for each in sizes},
-        "halves_flip": {each[0].size: mean(view.between for view in each) for each in sizes},
-        "halves_apart": max(view.apart for each in sizes for view in each),
-        "points": [[asdict(point) for point in points] for points in homes],
-        "cells": [
-            {**row, **{group: row[group] and asdict(row[group]) for group in GROUPS}}
-            for row in found
-        ],
-    }
-    write_json(bench.docs / "data" / "budgets.json", record)
-    words = f"Lowest FLIP in so much time; mean of {len(views)} homes as clay, a view of each"
-    large = "{}x{}".format(*bench.sizes.large)
-    sheet = next(view for view in views[0] if view.size == large).sheet
-    labels = tuple(label for label, _ in sheet)
-    pictures = contact_sheet([to_bytes(image) for _, image in sheet], 2, labels)
-    for file, data in (
-        ("budgets.png", budget_plot(homes, budgets, words)),
-        ("budgets.jpg", jpeg_bytes(pictures)),
-    ):
-        with atomic_file(bench.docs / "images" / file) as partial_file:
-            partial_file.write_bytes(data)
-    return found
+class Contest:
+    """The scored view of a scene at one image size, with its reference, for all renderers."""
 
+    def __init__(
+        self, shown: Shown, setting: Setting, other: Blender, size: tuple[int, int], spp: int
+    ) -> None:
+        self.shown, self.setting, self.other, self.spp = shown, setting, other, spp
+        self.size = f"{size[0]}x{size[1]}"
+        first, *others = (resized(view, size) for view in shown.views)
+        self.view, self.others = first, (others or [first])
+        self.ours = Ours(shown, setting.params, setting.hybrid)
+        file = setting.kept / f"long-{shown.kind}-{shown.name}-{self.size}.npz"
+        if not file.is_file():
+            mine = self.ours.long(first, spp, 1)
+            theirs, _ = cycles_way(shown, other, _LONG_WAY, "ACCURATE")(first, spp, 1)
+            with atomic_file(file) as partial, partial.open("wb") as opened:
+                np.savez(opened, mine=mine, theirs=theirs)
+        with np.load(file, allow_pickle=False) as pair:
+            mine, theirs = pair["mine"], pair["theirs"]
+        self.reference = Reference(mine, theirs)
+        self.apart = apart(self.reference, theirs, mine)
+        self.exposure = exposure_of(self.reference.image, setting.params.tone)
+        self.truth = self._displayed(self.reference.image)
+        self.between = self._flip(self._displayed(mine), self._displayed(theirs))
+        self.best: dict[str, tuple[float, str, Float32Array]] = {}  # of the sheet, by group
 
-@dataclass(frozen=True)
-class Measured:
-    """Times and qualities of a view of a home at one image size."""
+    def tried(self, budgets: Sequence[float]) -> dict[str, float]:
+        """Return the FLIP of Cycles' options and Mitsuba's samplers, by budget and name."""
+        ways = {
+            **{str(o): cycles_way(self.shown, self.other, o, "FAST") for o in all_options()},
+            **{
+                name: mitsuba_way(self.shown.scene, self.setting.params, name, "high")
+                for name in SAMPLERS
+            },
+        }
+        found: dict[str, float] = {}
+        for name, way in ways.items():
+            for budget, spp in self._fitting(way, budgets).items():
+                if spp:
+                    found[f"{budget:g} {name}"] = self._point(CYCLES, name, way, spp, 1).flip
+        return found
 
-    size: str  # WIDTHxHEIGHT
-    spp: int  # of the long renders
-    between: float  # FLIP of the two long renders
-    apart: float  # largest difference of their means, relative
-    points: tuple[Point, ...]
-    sheet: tuple[tuple[str, Float32Array], ...]  # labels and pictures, display values
-    blender: str
-    others: float  # processors that other programs used
+    def measure(self, chosen: Chosen, sizes: Any) -> Measured:
+        """Time and score all renderers, with the samples that fit into the budgets."""
+        budgets, turns = sizes.budgets, sizes.repeats
+        ours: dict[str, Point] = {}
+        efforts = self.ours.chosen(self.others[0], budgets)
+        timed = {
+            effort: self._point(
+                OURS, str(effort.method), self.ours.way(effort), effort.spp, turns, warm=True
+            )
+            for effort in dict.fromkeys(efforts.values())
+        }
+        for budget, effort in efforts.items():
+            ours[f"{budget:g}"] = timed[effort]
+        rivals: list[Point] = []
+        kind = self.shown.kind
+        for sampler in chosen.samplers[kind]:
+            ways = [
+                mitsuba_way(self.shown.scene, self.setting.params, sampler, q) for q in QUALITIES
+            ]
+            rivals += self._within(PATH, dict(zip(QUALITIES, ways, strict=True)), budgets, turns)
+        for options in chosen.cycles[kind]:
+            named = {
+                f"{options}; denoiser {denoiser.lower()}": cycles_way(
+                    self.shown, self.other, options, denoiser
+                )
+                for denoiser in DENOISERS
+            }
+            rivals += self._within(CYCLES, named, budgets, turns)
+        sheet = (("reference", self.truth), *((words, image) for _, words, image in
+                 (self.best[group] for group in GROUPS if group in self.best)))  # fmt: skip
+        return Measured(
+            self.shown.kind, self.shown.name, self.shown.lighting, self.size, self.spp,
+            self.between, self.apart, ours, tuple(rivals), sheet, self.other.version, 0.0,
+        )  # fmt: skip
 
-    def agreement(self, home: str) -> Row:
-        """Return the row that compares the two long renders."""
-        return Row(
-            f"Cycles' mean / ours - 1, {home}, {self.size}",
-            "largest difference of the means of the two denoised long renders, over three bands",
-            spread([self.apart]),
-            goal=at_most(AGREE),
-        )
+    def _within(
+        self, group: str, ways: Mapping[str, Way], budgets: Sequence[float], turns: int
+    ) -> list[Point]:
+        """Measure the ways with the samples that fit; the last only where no other way fits."""
+        *usual, (last, quickest) = ways.items()
+        points: list[Point] = []
+        missed = set(budgets)
+        for name, way in usual:
+            fit = self._fitting(way, budgets)
+            missed -= {budget for budget, spp in fit.items() if spp}
+            counts = sorted({*fit.values()} - {0})
+            points += [self._point(group, name, way, spp, turns) for spp in counts]
+        counts = sorted({*self._fitting(quickest, sorted(missed)).values()} - {0}) if missed else []
+        return points + [self._point(group, last, quickest, spp, turns) for spp in counts]
 
-    def save(self, path: Path) -> None:
-        """Write to an .npz file."""
-        about = asdict(replace(self, sheet=()))
-        about["labels"] = [label for label, _ in self.sheet]
-        pictures = {f"picture-{n}": image for n, (_, image) in enumerate(self.sheet)}
-        with atomic_file(path) as partial_file, partial_file.open("wb") as file:
-            np.savez(file, about=np.array(json.dumps(about)), **pictures)
+    def _fitting(self, way: Way, budgets: Sequence[float]) -> dict[float, int]:
+        """Return the samples that fit into each budget by probes of another view."""
+        probes = [(spp, self._probe(way, spp)) for spp in _PROBES]
+        found: dict[float, int] = {}
+        for budget in budgets:
+            spp = min(fitting(probes, budget), _MOST)
+            if spp > _PROBES[-1] and (seconds := self._probe(way, spp, 1)) < 0.6 * budget:
+                spp = min(fitting([(1, probes[0][1]), (spp, seconds)], budget), _MOST)
+            found[budget] = spp
+        return found
 
-    @classmethod
-    def load(cls, path: Path) -> Measured:
-        """Read a file that `save` wrote."""
-        with np.load(path, allow_pickle=False) as file:
-            about = json.loads(str(file["about"]))
-            labels = about.pop("labels")
-            about["sheet"] = tuple((label, file[f"picture-{n}"]) for n, label in enumerate(labels))
-        about["points"] = tuple(Point(**point) for point in about["points"])
-        return cls(**about)
+    def _probe(self, way: Way, spp: int, warm: int = 2) -> float:
+        """Seconds of a picture of another view, after some that compile."""
+        views = (self.others * 3)[: warm + 1]
+        return [self.setting.seconds(way(view, spp, n)[1]) for n, view in enumerate(views)][-1]
+
+    def _point(
+        self, group: str, name: str, way: Way, spp: int, turns: int, warm: bool = False
+    ) -> Point:
+        """Median seconds of some turns, and the quality of the first."""
+        if group != CYCLES and (warm or turns > 1):
+            for turn, view in enumerate((self.others * 2)[:2]):  # until launches are recorded
+                way(view, spp, turn)
+        seconds: list[float] = []
+        flip = quality = 0.0
+        for turn in range(turns):
+            image, spent = way(self.view, spp, 10 + turn)
+            seconds.append(self.setting.seconds(spent))
+            if turn == 0:
+                display = self._displayed(image)
+                flip, quality = self._flip(self.truth, display), ssim(self.truth, display)
+                words = f"{group}: {name} {spp}, FLIP {flip:.3f}"
+                if seconds[0] <= _SHEET and flip < self.best.get(group, (np.inf,))[0]:
+                    self.best[group] = (flip, words, display)
+            if seconds[0] > _LONG:
+                break
+        return Point(group, name, spp, median(seconds), flip, quality)
+
+    def _displayed(self, image: np.ndarray) -> Float32Array:
+        """Display values under the exposure of the reference."""
+        return tonemap(np.asarray(image, np.float32), self.exposure)
+
+    @staticmethod
+    def _flip(truth: Float32Array, image: Float32Array) -> float:
+        return float(flip_map(truth, image).mean())
 
 
 def clock() -> Clock:
@@ -264,212 +387,80 @@ def fitting(probes: Sequence[tuple[int, float]], budget: float) -> int:
     return power + power // 2 if power > 1 and most >= 1.5 * power else power
 
 
-class Home:
-    """A clay scene of a home, and the ways to render its views in this process."""
-
-    def __init__(self, bench: Bench, setting: Setting, name: str) -> None:
-        self.setting, self.params, self.name = setting, setting.params, name
-        self.folder = bench.folder / f"clay-{name}"
-        self.sheet_width = bench.sizes.large[0]
-        home = bench.open(name, "unseen")
-        depth = self.params.groundtruth.max_depth
-        self.views = views_by_light(
-            home, bench.unseen[name], bench.folder / f"probe-{name}", self.params.groundtruth
-        )
-        self.clay: RenderScene = open_scene(write_clay(home, self.views[0], depth, self.folder))
-
-    def ways(self) -> dict[str, Way]:
-        """Ways of this process by method; networks without weights are left out."""
-        found: dict[str, Callable[[View, int, int], Float32Array]] = {
-            "radiosity": self._radiosity,
-            "planned_denoised": self.planned,
-            "mitsuba_denoised": self._path,
-            "radiosity_quick": partial(self._radiosity, quality="fast"),
-            "planned_quick": partial(self.planned, quality="fast"),
-            "mitsuba_quick": partial(self._path, quality="fast"),
-            **{name: partial(self._net, name) for name in self.setting.networks},
-        }
-        return {name: partial(_timed, render) for name, render in found.items()}
-
-    def planned(self, view: View, spp: int, seed: int, quality: Quality = "high") -> Float32Array:
-        """Colour by this project's path tracer, denoised."""
-        color, _ = render_color(self.clay, view, self._settings(spp), seed)
-        return self._denoised(view, color, quality)
-
-    def _path(self, view: View, spp: int, seed: int, quality: Quality = "high") -> Float32Array:
-        """Colour by Mitsuba's `path`, with the same guides and denoiser."""
-        color, _ = render_truth(self.clay.neutral(None), view, self._settings(spp), seed)
-        return self._denoised(view, color, quality)
-
-    def _denoised(self, view: View, color: Channels, quality: Quality) -> Float32Array:
-        return stacked(denoise(color, *sample_guides(self.clay, view), quality))
-
-    def _settings(self, spp: int) -> GroundTruthParams:
-        return replace(self.params.groundtruth, spp=spp, block_spp=min(spp, _BLOCK), denoise="none")
-
-    def _radiosity(
-        self, view: View, spp: int, seed: int, quality: Quality = "high"
-    ) -> Float32Array:
-        """The picture of light transport; with few samples, from fewer surfels."""
-        settings = self.params.transport.reduced(spp)
-        return transport_of(self.clay, view, settings, seed, quality=quality).color
-
-    def _net(self, name: str, view: View, spp: int, seed: int) -> Float32Array:
-        """The picture of `pbrnet predict`, in the unit of the scene."""
-        networks, params = self.setting.networks[name], replace(self.params, seed=seed)
-        given = ViewRenderer(self.clay, params).inputs(view, [networks.card], spp)
-        example = example_of(view, given, networks.card, None)
-        found = networks.predict(name, example).linear
-        assert found is not None
-        return found
+def agreement(found: Measured) -> Row:
+    """Return the row that compares the two long renders of a scene."""
+    return Row(
+        f"Cycles' mean / ours - 1, {found.title}, {found.size}",
+        "largest difference of the means of the two denoised long renders, over three bands; their "
+        f"FLIP is {found.between:.3f}, and the scene is left out above {BETWEEN} of it",
+        spread([found.apart]),
+        goal=at_most(APART),
+    )
 
 
-class ClayView:
-    """The measured view of a home at one image size, with its reference."""
-
-    def __init__(self, home: Home, other: Blender, size: tuple[int, int], spp: int) -> None:
-        self.home, self.setting, self.spp = home, home.setting, spp
-        self.size = f"{size[0]}x{size[1]}"
-        first, *others = (resized(view, size) for view in home.views)
-        self.view, self.others = first, (others or [first])
-        self.ways = {**home.ways(), **_cycles(other)}
-        ours = home.planned(self.view, spp, 1)
-        theirs, _ = self.ways["cycles_portals"](self.view, spp, 1)
-        self.reference = Reference(ours, theirs)
-        self.apart = apart(self.reference, theirs, ours)
-        self.exposure = exposure_of(self.reference.image, home.params.tone)
-        self.truth = self._shown(self.reference.image)
-        self.between = self._flip(self._shown(ours), self._shown(theirs))
-        self.spent: dict[tuple[str, int], list[float]] = defaultdict(list)
-        self.quality: dict[tuple[str, int], tuple[float, float]] = {}
-        self.kept: dict[tuple[str, int], Float32Array] = {}
-
-    def measure(self, budgets: Sequence[float], turns: int) -> None:
-        """Time and score all methods, with the samples that fit into the budgets."""
-        jobs = self._jobs(budgets)
-        here = [job for job in jobs if job[0] not in GROUPS["cycles"]]
-        for turn, view in enumerate((self.others * 2)[:2]):  # until all launches are recorded
-            for method, spp in here:
-                self.ways[method](view, spp, turn)
-        for turn in range(turns):
-            for job in jobs:
-                if turn == 0 or self.spent[job][0] < _LONG:
-                    self._turn(job, turn)
-
-    def measured(self, version: str, others: float) -> Measured:
-        """Return medians of the turns, the quality of the first, and the sheet of the large size.
-
-        `version` is Blender's, `others` the processors that other programs used meanwhile.
-        """
-        points = (
-            Point(self.size, method, spp, median(seconds), *self.quality[method, spp])
-            for (method, spp), seconds in self.spent.items()
-        )
-        sheet = tuple(self.sheet()) if self.kept else ()
-        known = (self.size, self.spp, self.between, self.apart)
-        return Measured(*known, tuple(points), sheet, version, others)
-
-    def sheet(self) -> list[tuple[str, Float32Array]]:
-        """Reference and best picture of each group in `_SHEET` seconds: labels, display values."""
-        shown = [("reference", self.truth)]
-        for group, methods in GROUPS.items():
-            jobs = [
-                job
-                for job, seconds in self.spent.items()
-                if job[0] in methods and median(seconds) <= _SHEET
-            ]
-            if jobs:
-                best = min(jobs, key=lambda job: self.quality[job][0])
-                name = f"{best[0]} {best[1]}" if best[1] else best[0]
-                words = f"{group}: {name}, FLIP {self.quality[best][0]:.3f}"
-                shown.append((words, self.kept[best]))
-        return shown
-
-    def _jobs(self, budgets: Sequence[float]) -> list[tuple[str, int]]:
-        """Methods and samples to measure."""
-        jobs: list[tuple[str, int]] = []
-        missed: dict[str, list[float]] = {}  # budgets by methods that have no picture in them
-        for method, way in self.ways.items():
-            due = missed[QUICK[method]] if method in QUICK else budgets
-            if method not in MOST:
-                jobs.append((method, 0))
-            if method not in MOST or not due:
-                continue
-            probes = [(spp, self._probe(way, spp)) for spp in _PROBES]
-            fit = {budget: min(fitting(probes, budget), MOST[method]) for budget in due}
-            missed[method] = [budget for budget, samples in fit.items() if not samples]
-            chosen = set(fit.values()) - {0}
-            if method in ALLOWED:
-                chosen = {max(n for n in ALLOWED[method] if n <= most) for most in chosen}
-            jobs += [(method, spp) for spp in sorted(chosen)]
-        return jobs
-
-    def _probe(self, way: Way, spp: int) -> float:
-        """Seconds of a picture of another view, after two that compile."""
-        views = (self.others * 3)[:3]
-        return [self.setting.seconds(way(view, spp, n)[1]) for n, view in enumerate(views)][-1]
-
-    def _turn(self, job: tuple[str, int], turn: int) -> None:
-        method, spp = job
-        image, spent = self.ways[method](self.view, spp, 10 + turn)
-        self.spent[job].append(self.setting.seconds(spent))
-        if job not in self.quality:
-            shown = self._shown(image)
-            self.quality[job] = self._flip(self.truth, shown), ssim(self.truth, shown)
-            if self.view.width == self.home.sheet_width:
-                self.kept[job] = shown
-
-    def _shown(self, image: np.ndarray) -> Float32Array:
-        """Display values under the exposure of the reference."""
-        return tonemap(np.asarray(image, np.float32), self.exposure)
-
-    @staticmethod
-    def _flip(truth: Float32Array, image: Float32Array) -> float:
-        return float(flip_map(truth, image).mean())
-
-
-def _timed(
-    render: Callable[[View, int, int], Float32Array], view: View, spp: int, seed: int
-) -> Picture:
-    return timed(lambda: render(view, spp, seed))
-
-
-def _cycles(other: Blender) -> dict[str, Way]:
-    """Ways of Cycles, denoised: as Blender does and quickly, with portals in the windows or not."""
-
-    def picture(
-        portals: bool, denoise: Denoise, view: View, spp: int, seed: int
-    ) -> tuple[np.ndarray, Spent]:
-        return other.picture(spp, seed, portals, view, denoise)
-
-    return {
-        name: partial(picture, "portals" in name, _CYCLES.get(name.split("_")[-1], "ACCURATE"))
-        for name in GROUPS["cycles"]
+def _written(
+    bench: Bench,
+    setting: Setting,
+    scenes: Sequence[Sequence[Measured]],
+    tried: Mapping[str, Mapping[str, float]],
+    starts: Sequence[FirstPicture],
+) -> list[dict[str, Any]]:
+    """Write the files of what was measured; return the cells."""
+    found = cells(scenes, bench.sizes.budgets)
+    every = [one for scene in scenes for one in scene]
+    kept = {one.title for one in every}
+    everything = [f"{kind} {name}" for kind, name in _scenes(bench)]
+    record = {
+        "blender": every[0].blender if every else "",
+        "others_busy": round(max((one.others for one in every), default=0.0), 2),
+        "sizes": bench.sizes.label,
+        "left_out": [title for title in everything if title not in kept],
+        "clock": setting.clock,
+        "processors": setting.processors,
+        "processor": processor(),
+        "trained_views": setting.hybrid.card.data.views if setting.hybrid else 0,
+        "tried": tried,
+        "first_pictures": [asdict(one) for one in starts],
+        "measured": [asdict(replace(one, sheet=())) for one in every],
+        "cells": found,
     }
+    write_json(bench.docs / "data" / "budgets.json", record)
+    pictures: list[tuple[str, bytes]] = [("budgets.png", budget_plot(found))]
+    sheets = [one.sheet for one in every if one.kind == "furnished" and len(one.sheet) > 1]
+    if sheets:
+        labels, images = zip(*sheets[-1], strict=True)
+        made = contact_sheet([to_bytes(image) for image in images], 2, labels)
+        pictures.append(("budgets.jpg", jpeg_bytes(made)))
+    for file, data in pictures:
+        with atomic_file(bench.docs / "images" / file) as partial:
+            partial.write_bytes(data)
+    return found
 
 
-def _rows(found: Sequence[dict[str, Any]]) -> Iterator[Row]:
-    """Yield in how many budgets ours is the best, and by how much at each image size."""
-    tried = [row for row in found if row["first"]]
+def _rows(found: Sequence[Mapping[str, Any]]) -> Iterator[Row]:
+    """Yield in how many cells ours is first, and by how much by kind of scene and size."""
+    tried = [cell for cell in found if cell["first"]]
+    mine = sum(cell["first"] == OURS for cell in tried)
     yield Row(
         NAME,
-        f"budgets, of {len(found)} (image sizes x seconds), in which the lowest FLIP is ours, as a "
-        "mean over the homes; budgets without any renderer's image of every home are not counted",
-        spread([sum(row["first"] == "ours" for row in tried)]),
+        f"share of the cells, of {len(found)} (kinds of scene x image sizes x seconds), in which "
+        "the lowest mean FLIP over the scenes is ours; cells without any renderer's image of every "
+        "scene are not counted",
+        spread([mine / max(len(tried), 1)]),
         unit=f"of {len(tried)}",
-        goal=at_least(len(tried)),
+        goal=at_least(_FIRST),
     )
-    for size in dict.fromkeys(row["size"] for row in found):
+    for kind, size in dict.fromkeys((cell["kind"], cell["size"]) for cell in found):
         ratios = [
-            min(other.flip for other in others) / row["ours"].flip
-            for row in found
-            if row["size"] == size
-            and row["ours"]
-            and (others := [row[group] for group in ("path", "cycles") if row[group]])
+            min(other["flip"] for other in others) / cell[OURS]["flip"]
+            for cell in found
+            if (cell["kind"], cell["size"]) == (kind, size)
+            and cell[OURS]
+            and (others := [cell[group] for group in (PATH, CYCLES) if cell[group]])
         ]
-        name = f"FLIP of the best other / ours, {size}"
+        name = f"FLIP of the best other / ours, {kind}, {size}"
         meaning = "over the budgets in which ours and another renderer finish an image"
         if ratios:
             yield Row(name, meaning, spread(ratios))
         else:
-            yield missing(name, meaning, "in no budget")
+            yield missing(name, meaning, "no budget has pictures of two renderers")

@@ -77,15 +77,17 @@ class Blender:
         portals: bool = False,
         view: View | None = None,
         denoise: Denoise = "",
+        **options: bool | float,
     ) -> tuple[np.ndarray, Spent]:
         """Return an image (H, W, 3) and the renderer's own seconds.
 
         Of `view`, or of the last one. `denoise`: as Cycles prefilters the guides of its denoiser;
-        QUICK is FAST with the denoiser's quality fast, too.
+        QUICK is FAST with the denoiser's quality fast, too. `options`: `guiding`, `light_tree` and
+        `noise` of `benchmarks/blender_program.py`.
         """
         out = self.folder / "cycles.exr"
-        job: dict[str, Any] = {"spp": spp, "seed": seed, "portals": portals, "out": str(out)}
-        job["denoise"] = denoise
+        job: dict[str, Any] = {"spp": spp, "seed": seed, "portals": portals, "denoise": denoise}
+        job |= {"out": str(out), **options}
         if view is not None:
             job["camera"] = camera_for_blender(view)
         assert self.process.stdin is not None
