@@ -27,7 +27,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from study_tables import clay_budget_table, clay_budget_words, photographs_table, study_tables
+from study_tables import (
+    first_picture_table,
+    photographs_table,
+    rival_table,
+    rival_words,
+    study_tables,
+    tried_table,
+)
 
 from pbrnet.model.benchmark.pictures import Task
 from pbrnet.model.benchmark.score import METRICS as METRICS_OF_TASK
@@ -122,14 +129,23 @@ def benchmark_table(found: dict[str, Any], task: Task) -> str:
 
 
 def budget_parts() -> str:
-    """Words, table and plots of the time budgets on clay scenes."""
+    """Words, tables and plots of the time budgets."""
     if not BUDGETS.is_file():
         return "Not measured for this version yet: `make bench ONLY=budgets`."
     found = json.loads(BUDGETS.read_text())
-    plot = "![Lowest FLIP within each time budget, at three sizes](images/budgets.png)"
+    plot = "![Lowest FLIP within each time budget, by kind of scene and size](images/budgets.png)"
     sheet = "![Reference and the best image of each renderer within a second](images/budgets.jpg)"
-    words = clay_budget_words(found)
-    return f"{words}\n\n{_table(clay_budget_table(found))}\n\n{plot}\n\n{sheet}"
+    parts = [
+        rival_words(found),
+        _table(rival_table(found)),
+        plot,
+        sheet,
+        "What the rivals' settings were chosen from, FLIP by kind of scene and budget:",
+        _table(tried_table(found)),
+        "Until the first picture, from the start of a process, 160x120:",
+        _table(first_picture_table(found)),
+    ]
+    return "\n\n".join(parts)
 
 
 def realism_table(found: dict[str, Any]) -> str:

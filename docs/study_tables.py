@@ -187,21 +187,26 @@ def _point(point: dict[str, Any]) -> str:
     return f"{point['flip']:.3f} (`{point['method']}{samples}`)"
 
 
-def clay_budget_table(found: dict[str, Any]) -> Rows:
-    """Rows of sizes and budgets on clay scenes: FLIP and SSIM of the best pictures."""
-    groups = {"ours": "ours", "path": "`path`, denoised", "cycles": "Blender Cycles, denoised"}
-    table = [["size", "seconds", *groups.values()]]
+RENDERERS = {"ours": "ours", "path": "`path`, denoised", "cycles": "Blender Cycles, denoised"}
+
+
+def rival_table(found: dict[str, Any]) -> Rows:
+    """Rows of kinds of scenes, sizes and budgets: FLIP of the best pictures of each renderer."""
+    table = [["scenes", "size", "seconds", *RENDERERS.values(), "best other - ours"]]
     for cell in found["cells"]:
-        row = [cell["size"], f"{cell['budget']:g}"]
-        for group in groups:
-            point = cell[group]
-            if point is None:
+        row = [f"{cell['scenes']} {cell['kind']}", cell["size"], f"{cell['budget']:g}"]
+        for group in RENDERERS:
+            picture = cell[group]
+            if picture is None:
                 row.append("–")
                 continue
-            flip = f"{point['flip']:.3f}"
+            flip = f"{picture['flip']:.3f}"
             flip = f"**{flip}**" if group == cell["first"] else flip
-            samples = f" {_range(point['spp'])}" if any(point["spp"]) else ""
-            row.append(f"{flip}, {point['ssim']:.3f} (`{point['method']}{samples}`)")
+            row.append(f"{flip} ({', '.join(picture['methods'])}; {_range(picture['spp'])})")
+        ahead = cell["ahead"]
+        row.append(
+            with_interval(ahead["mean"], ahead["low"], ahead["high"], 3, "+") if ahead else ""
+        )
         table.append(row)
     return table
 
@@ -211,29 +216,47 @@ def _range(numbers: list[int]) -> str:
     return f"{few}" if few == many else f"{few} to {many}"
 
 
-def clay_budget_words(found: dict[str, Any]) -> str:
-    """Sentences on conditions, and on the budgets in which this project's picture is not first."""
-    sizes = ", ".join(found["reference_spp"])
-    spp = ", ".join(str(number) for number in found["reference_spp"].values())
-    apart = ", ".join(f"{value:.3f}" for value in found["halves_flip"].values())
-    processors = f"{found['processors']} processors ({found['processor']})"
+def rival_words(found: dict[str, Any]) -> str:
+    """Sentences on conditions, and on the cells in which this project's picture is not first."""
+    every = found["measured"]
+    sizes = dict.fromkeys(one["size"] for one in every)
+    references = (
+        f"at {size} {max(one['spp'] for one in every if one['size'] == size)} samples, FLIP "
+        f"{mean(one['between'] for one in every if one['size'] == size):.3f}"
+        for size in sizes
+    )
     clock = "elapsed" if found["clock"] == "wall" else "processor"
+    left_out = ", ".join(found["left_out"]) or "none"
     trained = found["trained_views"]
-    views = ", ".join(f"`{name}` on {number}" for name, number in trained.items())
-    if len(trained) == 2 and len({*trained.values()}) == 1:
-        views = f"both on {max(trained.values())}"
     sentences = [
         "" if found["sizes"] == "full" else "**A trial run; its figures mean nothing.**",
-        f"One view each of {found['homes']} homes; {clock} seconds of {processors}, of which other "
-        f"programs used {found['others_busy']:.1f}; Blender {found['blender']}.",
-        f"The reference at {sizes} has 2 x {spp} samples per pixel; FLIP between its halves is "
-        f"{apart}, and their means agree within {100 * found['halves_apart']:.1f} %.",
-        f"The networks were trained on other homes, {views} views." if trained else "",
-        "Times are those of one further view of an open scene, with light plan, transport, guides, "
-        "denoiser and network, but without opening the scene and compiling.",
+        f"One view of each scene; {clock} seconds of {found['processors']} processors "
+        f"({found['processor']}), of which other programs used {found['others_busy']:.1f}; Blender "
+        f"{found['blender']}.",
+        f"Samples of each long render, and FLIP between the two: {'; '.join(references)}.",
+        f"Scenes left out because the renderers disagree: {left_out}.",
+        f"`hybrid` was trained on other homes, on {trained} views." if trained else "",
         _not_first(found["cells"]),
     ]
     return " ".join(filter(None, sentences))
+
+
+def tried_table(found: dict[str, Any]) -> Rows:
+    """Rows of what the rivals' settings were chosen from: FLIP by kind of scene and budget."""
+    tried: dict[str, dict[str, float]] = found["tried"]
+    names = dict.fromkeys(name for flips in tried.values() for name in flips)
+    return [["setting", *tried]] + [
+        [name, *(f"{flips[name]:.3f}" if name in flips else "–" for flips in tried.values())]
+        for name in names
+    ]
+
+
+def first_picture_table(found: dict[str, Any]) -> Rows:
+    """Rows of the seconds until a renderer's first picture."""
+    return [["renderer", "elapsed seconds", "processor seconds"]] + [
+        [one["renderer"], f"{one['wall']:.1f}", f"{one['cpu']:.1f}"]
+        for one in found["first_pictures"]
+    ]
 
 
 def _not_first(cells: list[dict[str, Any]]) -> str:
@@ -241,17 +264,21 @@ def _not_first(cells: list[dict[str, Any]]) -> str:
     lost = [cell for cell in cells if cell["first"] not in ("ours", None)]
     nobody = [cell for cell in cells if cell["first"] is None]
     tried = len(cells) - len(nobody)
-    text = f"**Ours is first in {len(ours)} of {tried} budgets in which any renderer finishes.**"
+    text = f"**Ours is first in {len(ours)} of {tried} cells in which any renderer finishes.**"
     if lost:
-        words = (f"{cell['size']} in {cell['budget']:g} s ({cell['first']})" for cell in lost)
+        words = (f"{_place(cell)} in {cell['budget']:g} s ({cell['first']})" for cell in lost)
         text += f" It is not first at {', '.join(words)}."
     budgets: dict[str, list[str]] = {}
     for cell in nobody:
-        budgets.setdefault(cell["size"], []).append(f"{cell['budget']:g}")
+        budgets.setdefault(_place(cell), []).append(f"{cell['budget']:g}")
     if nobody:
-        words = (f"{size} in {', '.join(times)} s" for size, times in budgets.items())
-        text += f" No renderer finishes an image of every home at {'; '.join(words)}."
+        words = (f"{place} in {', '.join(times)} s" for place, times in budgets.items())
+        text += f" No renderer finishes an image of every scene at {'; '.join(words)}."
     return text
+
+
+def _place(cell: dict[str, Any]) -> str:
+    return f"{cell['kind']} {cell['size']}"
 
 
 def flicker_table(moves: list[dict[str, Any]]) -> Rows:

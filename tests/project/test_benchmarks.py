@@ -5,9 +5,10 @@ import os
 import struct
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import astuple, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,14 +19,15 @@ import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from defusedxml import ElementTree
 
 from benchmarks import cycles, farm, sets
-from benchmarks.bench import SMALL, Bench, Reference
-from benchmarks.budget_results import Point, cells
-from benchmarks.budgets import Measured, fitting
+from benchmarks.bench import SMALL, Bench, Reference, pixels
+from benchmarks.budget_results import Measured, Point, best_options, budget_plot, cells
+from benchmarks.budgets import fitting
 from benchmarks.clay import _bare, windows_of
 from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_step
-from benchmarks.exported import thin_sheets
+from benchmarks.furnished import blender_folder, thin_sheets, write_furnished
 from benchmarks.results import OtherLoad, Results, page_of
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.run import TOPICS, Topic, measure
@@ -45,11 +47,15 @@ from pbrnet.model.data.reader import Dataset
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.pipeline.params import Params
-from pbrnet.pipeline.passes.settings import LightParams
+from pbrnet.pipeline.passes.groundtruth import render_truth
+from pbrnet.pipeline.passes.settings import GroundTruthParams, LightParams
+from pbrnet.pipeline.render.scene import open_scene
 from pbrnet.pipeline.splits import SplitParams
 from pbrnet.scenes.contract import Light, Portal, Scene
 from pbrnet.scenes.errors import InputError
-from tests.fixtures.dataset import make_data, small_params
+from pbrnet.scenes.params import SceneParams
+from pbrnet.scenes.procedural.home import make_home
+from tests.fixtures.dataset import make_data, make_view, small_params
 from tests.fixtures.model import box_rows, write_shard
 from tests.fixtures.paths import ROOT
 
@@ -342,14 +348,25 @@ def test_thin_sheets_of_a_glb_are_found_by_material() -> None:
     assert thin_sheets(head + text) == {"curtain": 0.4}
 
 
+def measured(
+    name: str, ours: dict[str, Point], *rivals: Point, kind: str = "clay", size: str = "4x3"
+) -> Measured:
+    return Measured(kind, name, "day", size, 256, 0.01, 0.002, ours, rivals, (), "5.1", 0.03)
+
+
+def ours(seconds: float, flip: float, spp: int = 1) -> Point:
+    return Point("ours", "radiosity", spp, seconds, flip, 0.9)
+
+
+def path(seconds: float, flip: float, method: str = "multijitter") -> Point:
+    return Point("path", method, 8, seconds, flip, 0.9)
+
+
 def test_what_a_cut_off_run_has_measured_is_read_again(tmp_path: Path) -> None:
-    points = (Point("8x6", "hybrid", 4, 0.5, 0.1, 0.9), Point("8x6", "cycles", 2, 0.4, 0.2, 0.8))
     pictures = [np.full((6, 8, 3), value, dtype=np.float32) for value in (0.25, 0.5)]
     sheet = tuple(zip(("reference", "ours: hybrid 4, FLIP 0.100"), pictures, strict=True))
-    for one in (
-        Measured("8x6", 256, 0.01, 0.002, points, sheet, "5.1", 0.03),
-        Measured("4x3", 256, 0.01, 0.002, points[:1], (), "5.1", 0.0),
-    ):
+    whole = measured("home", {"0.5": ours(0.5, 0.1), "1": ours(0.9, 0.08)}, path(0.4, 0.2))
+    for one in (replace(whole, sheet=sheet), replace(whole, size="8x6", rivals=())):
         file = tmp_path / "new" / f"{one.size}.npz"
         file.parent.mkdir(exist_ok=True)
         one.save(file)
@@ -366,36 +383,75 @@ def test_a_budget_gets_the_samples_that_fit() -> None:
     assert [fitting(probes, budget) for budget in (0.2, 0.26, 0.5, 1, 5)] == [0, 1, 4, 12, 64]
 
 
-def test_the_best_picture_in_time_is_found_in_each_budget() -> None:
-    points = [
-        Point("4x3", "radiosity", 0, 0.1, 0.20, 0.9),
-        Point("4x3", "hybrid", 2, 0.52, 0.10, 0.9),
-        Point("4x3", "cycles", 4, 0.4, 0.15, 0.9),
-        Point("4x3", "cycles_fast", 8, 0.5, 0.11, 0.9),
-        Point("4x3", "mitsuba_denoised", 64, 0.9, 0.05, 0.9),
-    ]
-    rows = cells([points], (0.05, 0.2, 0.5, 1))
-    assert [row["first"] for row in rows] == [None, "ours", "ours", "path"]
-    assert rows[1]["cycles"] is None and rows[2]["cycles"].spp == (8,)
-    assert rows[2]["ours"].method == "hybrid"  # 0.52 s are 0.5 s within the clock's noise
+def test_ours_is_what_was_chosen_and_not_what_the_truth_prefers() -> None:
+    one = measured("home", {"0.5": ours(0.52, 0.3, 1), "1": ours(1.2, 0.1, 4), "2": ours(1.9, 0.2)})
+    assert one.chosen(0.2) is None
+    assert one.chosen(0.5) == ours(0.52, 0.3, 1)  # 0.52 s are 0.5 s within the clock's noise
+    assert one.chosen(1) == ours(0.52, 0.3, 1)  # what was chosen for 1 s takes too long
+    assert one.chosen(2) == ours(1.9, 0.2)  # 0.1 was not chosen for it
 
 
-def test_a_picture_of_each_home_counts_with_the_samples_that_fit_there() -> None:
-    quick = [
-        Point("4x3", "planned_denoised", 8, 0.4, 0.20, 0.9),
-        Point("4x3", "planned_denoised", 16, 0.9, 0.10, 0.9),
-        Point("4x3", "cycles", 4, 0.1, 0.05, 0.9),
+def test_a_rival_has_its_best_method_where_each_scene_has_a_picture() -> None:
+    quick = measured(
+        "quick", {"1": ours(0.4, 0.2)}, path(0.4, 0.1), path(0.9, 0.05), path(0.1, 0.01, "fast")
+    )
+    slow = measured("slow", {"1": ours(0.9, 0.3)}, path(0.8, 0.3), path(0.9, 0.31))
+    early, late = cells([[quick], [slow]], (0.5, 1))
+    assert (early["first"], early["ours"], early["path"]) == (None, None, None)
+    assert late["path"]["flip"] == pytest.approx((0.05 + 0.3) / 2)  # "fast" has none of `slow`
+    assert late["path"]["methods"] == ["multijitter"]
+    assert late["ours"]["flip"] == pytest.approx(0.25)
+    assert late["first"] == "path" and late["cycles"] is None
+    assert late["ahead"]["mean"] == pytest.approx(-0.075)
+    assert late["ahead"]["low"] == pytest.approx(-0.15) and late["ahead"]["high"] <= 0
+
+
+def test_kinds_and_sizes_have_cells_of_their_own_and_a_panel() -> None:
+    scenes = [
+        [measured("a", {"1": ours(0.4, 0.2)}, kind=kind, size=size) for size in ("4x3", "8x6")]
+        for kind in ("clay", "furnished")
     ]
-    slow = [
-        Point("4x3", "planned_denoised", 4, 0.8, 0.28, 0.8),
-        Point("4x3", "cycles", 4, 0.7, 0.35, 0.8),
+    found = cells(scenes, (0.2, 1))
+    assert [(cell["kind"], cell["size"], cell["budget"]) for cell in found] == [
+        (kind, size, budget)
+        for kind in ("clay", "furnished")
+        for size in ("4x3", "8x6")
+        for budget in (0.2, 1)
     ]
-    rows = cells([quick, slow], (0.2, 0.5, 0.7, 1))
-    assert [row["first"] for row in rows] == [None, None, "cycles", "ours"]
-    theirs, ours = rows[2]["cycles"], rows[3]["ours"]
-    assert (theirs.spp, ours.spp) == ((4, 4), (16, 4))
-    assert astuple(theirs)[2:] == pytest.approx((0.4, 0.20, 0.85))
-    assert astuple(ours)[2:] == pytest.approx((0.85, 0.19, 0.85))
+    assert [cell["first"] for cell in found] == 4 * [None, "ours"]
+    assert budget_plot(found).startswith(b"\x89PNG")
+
+
+def test_the_best_settings_of_each_budget_are_kept() -> None:
+    tried = [{"a": 0.3, "b": 0.1, "c": 0.2}, {"a": 0.1, "c": 0.2}]
+    assert best_options(tried, ["a", "b", "c"], 1) == ["a", "b"]
+    assert best_options(tried, ["a", "b", "c"], 2) == ["a", "b", "c"]
+    assert best_options(tried, ["c"], 1) == ["c"]
+
+
+def test_a_furnished_home_keeps_what_both_renderers_show_alike(tmp_path: Path) -> None:
+    params = SceneParams(rooms_max=1, texture_size=64)
+    home = make_home(tmp_path / "home", "home", params.home(3, "night"))
+    view = make_view(small_params(), "home", 0)
+    shown = write_furnished(home, view, 11, tmp_path / "shown")
+    before, after = (ElementTree.parse(scene.xml).getroot() for scene in (home, shown))
+    kinds = Counter(str(bsdf.get("type")) for bsdf in after.iter("bsdf"))
+    assert {"normalmap", "bumpmap"} & {bsdf.get("type") for bsdf in before.iter("bsdf")}
+    assert not {"normalmap", "bumpmap"} & {*kinds}
+    assert kinds["diffuse"] > 10 < kinds["principled"]  # rough ones, and those with highlights
+    assert after.find(".//float[@name='sheen']") is None
+    clear = {one.get("id") for one in after.iter("bsdf") if one.get("type") == "thindielectric"}
+    shapes = [[ref.get("id") for ref in shape.iter("ref")] for shape in after.findall("shape")]
+    assert not any(clear & {*ids} for ids in shapes)
+    lamps = [shape for shape in after.findall("shape") if shape.find("emitter") is not None]
+    assert len(lamps) == len(before.findall("shape/emitter")) > 0
+    assert all(lamp.find("boolean[@name='face_normals']") is not None for lamp in lamps)
+    assert {portal.panes for portal in shown.portals} == {0}
+    files = json.loads((blender_folder(shown.folder) / "cycles.json").read_text())
+    assert Path(files["glb"]).is_file() and Path(files["sky"]).is_file()
+    assert files["camera"]["width"] == view.width
+    image = pixels(render_truth(open_scene(shown), view, GroundTruthParams().sampled(4), 0))
+    assert image.mean() > 0
 
 
 def test_shards_and_frames_are_read_to_the_same_images(tmp_path: Path) -> None:
