@@ -1,8 +1,8 @@
 """Rows of the time budgets: the best picture in 0.1 to 5 s, by this project, Mitsuba and Cycles.
 
 Homes of a root seed of their own are shown as clay and furnished, alike by both renderers
-(`benchmarks.shown`): the reference of a view is the mean of the two denoised long renders. Where
-these do not agree at the smallest size, within `APART` and `BETWEEN`, the scene is left out by name.
+(`benchmarks.shown`): the reference of a view is the mean of the two denoised long renders. A scene
+is left out by name where these do not agree at the smallest size, within `APART` and `BETWEEN`.
 
 Cycles and Mitsuba run at their best. A trial on some scenes tries each combination of Cycles' path
 guiding, light tree, adaptive sampling and portals, and each of Mitsuba's samplers; the budgets then
@@ -60,6 +60,7 @@ from benchmarks.renderers import (
     Ours,
     Way,
     all_options,
+    allowed_samples,
     cycles_way,
     mitsuba_way,
 )
@@ -86,7 +87,7 @@ _QUIET = 0.1  # processors in use by others
 _LISTEN = 3.0  # seconds
 _PROBES = (1, 4)  # samples
 _MARGIN = 0.97  # of a budget, for which samples are chosen
-_LONG = 1.5  # seconds; longer pictures have one turn
+_LONG = 0.4  # seconds; longer pictures have one turn
 _SHEET = 1.0  # seconds; budget of the pictures on the sheet
 _LONG_WAY = CyclesOptions(portals=True, light_tree=True)  # of the reference
 
@@ -264,8 +265,8 @@ class Contest:
         }
         found: dict[str, float] = {}
         for name, way in ways.items():
-            for budget, spp in self._fitting(way, budgets).items():
-                if spp:
+            for budget, most in self._fitting(way, budgets).items():
+                if spp := allowed_samples(name, most) if name in SAMPLERS else most:
                     found[f"{budget:g} {name}"] = self._point(CYCLES, name, way, spp, 1).flip
         return found
 
@@ -285,10 +286,13 @@ class Contest:
         rivals: list[Point] = []
         kind = self.shown.kind
         for sampler in chosen.samplers[kind]:
-            ways = [
-                mitsuba_way(self.shown.scene, self.setting.params, sampler, q) for q in QUALITIES
-            ]
-            rivals += self._within(PATH, dict(zip(QUALITIES, ways, strict=True)), budgets, turns)
+            ways = {
+                f"{sampler}; denoiser {quality}": mitsuba_way(
+                    self.shown.scene, self.setting.params, sampler, quality
+                )
+                for quality in QUALITIES
+            }
+            rivals += self._within(PATH, ways, budgets, turns, sampler)
         for options in chosen.cycles[kind]:
             named = {
                 f"{options}; denoiser {denoiser.lower()}": cycles_way(
@@ -305,7 +309,12 @@ class Contest:
         )  # fmt: skip
 
     def _within(
-        self, group: str, ways: Mapping[str, Way], budgets: Sequence[float], turns: int
+        self,
+        group: str,
+        ways: Mapping[str, Way],
+        budgets: Sequence[float],
+        turns: int,
+        sampler: str = SAMPLERS[0],
     ) -> list[Point]:
         """Measure the ways with the samples that fit; the last only where no other way fits."""
         *usual, (last, quickest) = ways.items()
@@ -314,9 +323,10 @@ class Contest:
         for name, way in usual:
             fit = self._fitting(way, budgets)
             missed -= {budget for budget, spp in fit.items() if spp}
-            counts = sorted({*fit.values()} - {0})
+            counts = sorted({allowed_samples(sampler, spp) for spp in fit.values()} - {0})
             points += [self._point(group, name, way, spp, turns) for spp in counts]
-        counts = sorted({*self._fitting(quickest, sorted(missed)).values()} - {0}) if missed else []
+        fit = self._fitting(quickest, sorted(missed)) if missed else {}
+        counts = sorted({allowed_samples(sampler, spp) for spp in fit.values()} - {0})
         return points + [self._point(group, last, quickest, spp, turns) for spp in counts]
 
     def _fitting(self, way: Way, budgets: Sequence[float]) -> dict[float, int]:

@@ -25,7 +25,8 @@ from pbrnet.pipeline.render.scene import RenderScene
 from pbrnet.pipeline.views import View
 from pbrnet.scenes.arrays import Float32Array
 
-SAMPLERS = ("independent", "stratified", "multijitter", "orthogonal", "ldsampler")
+# Mitsuba's samplers; the last two take powers of four.
+SAMPLERS = ("independent", "multijitter", "stratified", "ldsampler")
 QUALITIES: tuple[Quality, ...] = ("high", "fast")
 DENOISERS: tuple[Denoise, ...] = ("ACCURATE", "FAST", "QUICK")
 _NOISE = 0.01  # Blender's threshold of adaptive sampling
@@ -56,6 +57,13 @@ class CyclesOptions:
 def all_options() -> list[CyclesOptions]:
     """Return every combination of the options."""
     return [CyclesOptions(*on) for on in product((False, True), repeat=4)]
+
+
+def allowed_samples(sampler: str, spp: int) -> int:
+    """Return the greatest number of samples up to `spp` that one of `SAMPLERS` takes."""
+    if sampler in SAMPLERS[:2] or spp < 1:
+        return spp
+    return int(4 ** ((spp.bit_length() - 1) // 2))
 
 
 def cycles_way(shown: Shown, other: Blender, options: CyclesOptions, denoiser: Denoise) -> Way:
