@@ -25,6 +25,16 @@ class TrainingError(PbrnetError):
     """A training loss is not finite."""
 
 
+def step_format(device: torch.device) -> torch.memory_format:
+    """Return the memory format in which a training step is fastest.
+
+    Channels last, but where the processor's widest instructions are AVX2: gradients of convolutions
+    take 1.6 times as long with it there.
+    """
+    narrow = device.type == "cpu" and torch.backends.cpu.get_cpu_capability() == "AVX2"
+    return torch.contiguous_format if narrow else torch.channels_last
+
+
 class Run:
     """Training run: an objective, an optimiser for each of its modules, and their settings."""
 
@@ -95,7 +105,7 @@ class Run:
             module.train(training)
 
     def _put(self, value: torch.Tensor) -> torch.Tensor:
-        return value.to(self.device, memory_format=torch.channels_last)
+        return value.to(self.device, memory_format=step_format(self.device))
 
 
 def train_steps(

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, TypeVar
 
 import torch
 from torch import nn
@@ -27,11 +27,11 @@ from pbrnet.model.data.reader import NOISY_SPP, Dataset, Example
 from pbrnet.model.methods import METHODS, Method
 from pbrnet.model.networks.build import build_network, revision_of
 from pbrnet.model.networks.objective import Objective, Setting
-from pbrnet.model.networks.pbrnet import Architecture, channels_last
+from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.settings import StageTrainParams, TrainParams
 from pbrnet.model.training.backbone import Backbone, load_backbone
 from pbrnet.model.training.checkpoint import Checkpoint, CurvePoint
-from pbrnet.model.training.loop import Run, train_steps
+from pbrnet.model.training.loop import Run, step_format, train_steps
 from pbrnet.model.training.loss import PerceptualLoss
 from pbrnet.model.training.store import ModelCard, TrainingData, load_model, save_model
 from pbrnet.pipeline.params import Params
@@ -40,6 +40,8 @@ from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file, write_json, write_text
 from pbrnet.scenes.seeds import derive32
+
+M = TypeVar("M", bound=nn.Module)
 
 VALIDATION_VIEWS = 32  # maximum number of views for the validation loss
 LICENCE = "MIT"
@@ -86,7 +88,6 @@ def train_network(
     stage: StageTrainParams = getattr(params.train, name)
     dataset = Dataset(folders.data / "dataset", "train", method.columns, only)
     backbone = load_backbone(folders.backbone)
-    channels_last(backbone)
     shading, needs = _fixed_shading(method, params.tone, folders)
     device = choose_device(params.train)
     precision = choose_precision(params.train, device)
@@ -103,9 +104,9 @@ def train_network(
         *(plain(backbone.card), needs, started_from or "", steps, precision),
     )
     setting = Setting(
-        channels_last(network.to(device)),
-        PerceptualLoss(backbone.to(device), params.train.loss),
-        shading if shading is None else shading.to(device),
+        _placed(network, device),
+        PerceptualLoss(_placed(backbone, device), params.train.loss),
+        shading if shading is None else _placed(shading, device),
         architecture.width,
         _autocast(device, precision),
     )
@@ -229,8 +230,13 @@ def _objective(method: Method, setting: Setting, seed: int, device: torch.device
         torch.manual_seed(seed)
         objective = method.objective(setting)
     for module in objective.modules.values():
-        channels_last(module.to(device))
+        _placed(module, device)
     return objective
+
+
+def _placed(module: M, device: torch.device) -> M:
+    """The same module on the device, its weights in the memory format of a training step."""
+    return module.to(device, memory_format=step_format(device))  # type: ignore[call-overload,no-any-return]
 
 
 def _autocast(device: torch.device, precision: str) -> Callable[[], torch.autocast]:
