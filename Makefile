@@ -2,7 +2,8 @@
 # make quick   lint, and tests without clusters, trainings and long renders
 # make test    formatting, lint, types, tests (PROCESSES=2 of them at once, 2 GiB each)
 # make check   tests that take longer: thousands of homes, hundreds of kills
-# make bench   benchmarks and their goals, to docs/benchmarks.md: an hour on 2 idle cores
+# make bench   benchmarks and their goals, to docs/benchmarks.md: an hour on 2 idle cores, and
+#              hours for the topic budgets, which goes on where it was cut off
 #              (ONLY="shards farm" selects topics; list: python -m benchmarks.run --help)
 # make records checksums of releases, the sample, the open benchmark, the plan of a large release;
 #              run it after a change of the renderer's pixels

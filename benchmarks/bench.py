@@ -48,7 +48,7 @@ cameras: {{views_per_scene: 4}}
 
 @dataclass(frozen=True)
 class Sizes:
-    """Amounts of work; `FULL` takes about an hour on two idle cores."""
+    """Amounts of work; `FULL` takes an hour on two idle cores, and hours for `budgets`."""
 
     homes: int = 6  # more than workers, as in any dataset
     lit: int = 6  # more homes, for equal-time error

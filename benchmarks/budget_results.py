@@ -47,6 +47,7 @@ class Measured:
     size: str  # WIDTHxHEIGHT
     spp: int  # of the long renders
     between: float  # FLIP of the two long renders
+    limit: float  # that of infinitely many samples
     apart: float  # largest difference of their means, relative
     ours: Mapping[str, Point]  # by budget, in the order of their method's choice
     rivals: tuple[Point, ...]
@@ -61,7 +62,7 @@ class Measured:
 
     def agrees(self, apart: float, between: float) -> bool:
         """Return whether both renderers show the same scene."""
-        return self.apart <= apart and self.between <= between
+        return self.apart <= apart and self.limit <= between
 
     def chosen(self, budget: float) -> Point | None:
         """Return this project's picture for a budget: that chosen for it, if it kept to it.

@@ -1,9 +1,9 @@
 """Benchmarks of docs/benchmarks.md: `make bench`, or `python -m benchmarks.run`.
 
 Writes benchmarks/results.json and docs/benchmarks.md after every row; the topic `budgets` also
-docs/data/budgets.json and two pictures, for docs/results.md. All topics take about an hour on two
-idle cores. Blender Cycles is installed into build/bench/ if it is missing (a download of 370 MB);
-its topics are skipped where that fails.
+docs/data/budgets.json and two pictures, for docs/results.md. All topics but `budgets`, which takes
+hours, take about an hour on two idle cores. Blender Cycles is installed into build/bench/ if it is
+missing (a download of 370 MB); its topics are skipped where that fails.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """The benchmark program: rows computed on clocks that are known, and what it writes."""
 
 import json
+import math
 import os
 import struct
 import subprocess
@@ -24,7 +25,7 @@ from defusedxml import ElementTree
 from benchmarks import cycles, farm, sets
 from benchmarks.bench import SMALL, Bench, Reference, pixels
 from benchmarks.budget_results import Measured, Point, best_options, budget_plot, cells
-from benchmarks.budgets import fitting
+from benchmarks.budgets import fitting, without_noise
 from benchmarks.clay import _bare, windows_of
 from benchmarks.cycles import BlenderMissing, blender_python, cycles_rows, run_step
 from benchmarks.furnished import blender_folder, thin_sheets, write_furnished
@@ -351,7 +352,7 @@ def test_thin_sheets_of_a_glb_are_found_by_material() -> None:
 def measured(
     name: str, ours: dict[str, Point], *rivals: Point, kind: str = "clay", size: str = "4x3"
 ) -> Measured:
-    return Measured(kind, name, "day", size, 256, 0.01, 0.002, ours, rivals, (), "5.1", 0.03)
+    return Measured(kind, name, "day", size, 256, 0.06, 0.04, 0.002, ours, rivals, (), "5.1", 0.03)
 
 
 def ours(seconds: float, flip: float, spp: int = 1) -> Point:
@@ -420,6 +421,16 @@ def test_kinds_and_sizes_have_cells_of_their_own_and_a_panel() -> None:
     ]
     assert [cell["first"] for cell in found] == 4 * [None, "ours"]
     assert budget_plot(found).startswith(b"\x89PNG")
+
+
+def test_noise_does_not_count_when_renderers_are_compared() -> None:
+    """0.03 whatever the samples, and 0.64 over the root of their number."""
+    half, whole = (0.03 + 0.64 / math.sqrt(spp) for spp in (512, 1024))
+    assert without_noise(whole, half) == pytest.approx(0.03)
+    assert without_noise(0.02, 0.09) == 0
+    one = measured("home", {})
+    assert one.agrees(0.002, 0.04)
+    assert not one.agrees(0.001, 0.04) and not one.agrees(0.002, 0.03)
 
 
 def test_the_best_settings_of_each_budget_are_kept() -> None:
