@@ -71,7 +71,7 @@ from benchmarks.results import OtherLoad, measured_on
 from benchmarks.rows import Row, at_least, at_most, missing
 from benchmarks.shown import Kind, Shown, show
 from benchmarks.timing import Clock, Spent, spread
-from pbrnet.model.evaluation.budget import HYBRID
+from pbrnet.model.evaluation.budget import HYBRID, Effort
 from pbrnet.model.evaluation.inference import Networks, available, load_networks
 from pbrnet.model.evaluation.metrics import flip_map, ssim
 from pbrnet.pipeline.farm.versions import processor
@@ -241,7 +241,7 @@ class Contest:
         self.size = f"{size[0]}x{size[1]}"
         first, *others = (resized(view, size) for view in shown.views)
         self.view, self.others = first, (others or [first])
-        self.ours = Ours(shown, setting.params, setting.hybrid)
+        self.ours = Ours(shown, setting.params, setting.hybrid, setting.seconds)
         file = setting.kept / f"long-{shown.kind}-{shown.name}-{self.size}.npz"
         if not file.is_file():
             cycles = cycles_way(shown, other, _LONG_WAY, "ACCURATE")
@@ -283,9 +283,7 @@ class Contest:
         ours: dict[str, Point] = {}
         efforts = self.ours.chosen(self.others[0], budgets)
         timed = {
-            effort: self._point(
-                OURS, str(effort.method), self.ours.way(effort), effort.spp, turns, warm=True
-            )
+            effort: self._point(OURS, _named(effort), self.ours.way(effort), effort.spp, turns)
             for effort in dict.fromkeys(efforts.values())
         }
         for budget, effort in efforts.items():
@@ -352,11 +350,9 @@ class Contest:
         views = (self.others * 3)[: warm + 1]
         return [self.setting.seconds(way(view, spp, n)[1]) for n, view in enumerate(views)][-1]
 
-    def _point(
-        self, group: str, name: str, way: Way, spp: int, turns: int, warm: bool = False
-    ) -> Point:
+    def _point(self, group: str, name: str, way: Way, spp: int, turns: int) -> Point:
         """Median seconds of some turns, and the quality of the first."""
-        if group != CYCLES and (warm or turns > 1):
+        if group != CYCLES:
             for turn, view in enumerate((self.others * 2)[:2]):  # until launches are recorded
                 way(view, spp, turn)
         seconds: list[float] = []
@@ -381,6 +377,10 @@ class Contest:
     @staticmethod
     def _flip(truth: Float32Array, image: Float32Array) -> float:
         return float(flip_map(truth, image).mean())
+
+
+def _named(effort: Effort) -> str:
+    return effort.method + ("" if effort.quality == "high" else "; denoiser fast")
 
 
 def without_noise(whole: float, half: float) -> float:

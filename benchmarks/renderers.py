@@ -13,7 +13,7 @@ from benchmarks.cycles import Blender, Denoise
 from benchmarks.rendering import plain_render
 from benchmarks.shown import Shown
 from benchmarks.timing import Spent, timed
-from pbrnet.model.evaluation.budget import HYBRID, Effort, choose, efforts_for, stopwatch
+from pbrnet.model.evaluation.budget import HYBRID, Effort, choose, efforts_for
 from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.evaluation.predict import ViewRenderer, example_of
 from pbrnet.model.evaluation.previews import PREVIEWS, RADIOSITY, denoised, radiosity
@@ -29,6 +29,7 @@ from pbrnet.scenes.arrays import Float32Array
 SAMPLERS = ("independent", "multijitter", "stratified", "ldsampler")
 QUALITIES: tuple[Quality, ...] = ("high", "fast")
 DENOISERS: tuple[Denoise, ...] = ("ACCURATE", "FAST", "QUICK")
+_TURNS = 2  # of a probe; kernels are compiled and launches recorded in the first
 _NOISE = 0.01  # Blender's threshold of adaptive sampling
 
 Picture = tuple[Float32Array, Spent]  # linear (H, W, 3), in the scene's unit
@@ -99,8 +100,14 @@ def mitsuba_way(scene: RenderScene, params: Params, sampler: str, quality: Quali
 class Ours:
     """This project, which chooses method and samples as `pbrnet predict --seconds` does."""
 
-    def __init__(self, shown: Shown, params: Params, networks: Networks | None) -> None:
-        self._shown, self._networks = shown, networks
+    def __init__(
+        self,
+        shown: Shown,
+        params: Params,
+        networks: Networks | None,
+        seconds: Callable[[Spent], float],
+    ) -> None:
+        self._shown, self._networks, self._seconds = shown, networks, seconds
         self._renderer = ViewRenderer(shown.scene, params)
         self._methods = (*PREVIEWS, *((HYBRID,) if networks else ()))
 
@@ -108,8 +115,12 @@ class Ours:
         """Return the effort for each budget, as measured on a view that is not scored."""
         pixels = view.width * view.height
         efforts = efforts_for(pixels, self._methods)
-        seconds = stopwatch(self._renderer, view, self._networks)
         known: dict[str, float] = {}
+
+        def seconds(effort: Effort) -> float:
+            way = self.way(effort)
+            return [self._seconds(way(view, effort.spp, turn)[1]) for turn in range(_TURNS)][-1]
+
         found: dict[float, Effort] = {}
         for budget in sorted(budgets, reverse=True):  # the long ones tell about the short ones
             choice = choose(budget, efforts, seconds, pixels, known)
