@@ -112,7 +112,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Chosen:
-    """What the trial chose: combinations of Cycles' options by kind of scene, and samplers."""
+    """Choice of the trial: combinations of Cycles' options by kind of scene, and samplers."""
 
     cycles: Mapping[Kind, Sequence[CyclesOptions]]
     samplers: Mapping[Kind, Sequence[str]]
