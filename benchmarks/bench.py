@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -176,6 +179,17 @@ def python(*arguments: str, seconds: float | None = None) -> str:
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(arguments)} failed:\n{done.stderr[-2000:]}")
     return done.stdout
+
+
+@contextmanager
+def kernels_below(folder: str) -> Iterator[None]:
+    """Let processes that are started inside keep Dr.Jit's kernels below a folder."""
+    before = os.environ.get("HOME", "")
+    os.environ["HOME"] = folder  # kernels are in ~/.drjit
+    try:
+        yield
+    finally:
+        os.environ["HOME"] = before
 
 
 def pixels(truth: Truth) -> Float64Array:

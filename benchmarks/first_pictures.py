@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
-import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmarks.bench import Bench, python, resized
+from benchmarks.bench import Bench, kernels_below, python, resized
 from benchmarks.cycles import blender
 from benchmarks.renderers import CyclesOptions, cycles_way, mitsuba_way
 from benchmarks.shown import HOMES, show
@@ -50,9 +48,9 @@ def first_pictures(bench: Bench, params: Params, interpreter: Path) -> list[Firs
             *("-m", "benchmarks.first_pictures", method, str(shown.scene.scene.folder)),
             *(str(cameras), view.view_id, f"{size[0]}x{size[1]}"),
         )
-        with TemporaryDirectory(prefix="pbrnet-bench-home-") as home:
+        with TemporaryDirectory(prefix="pbrnet-bench-home-") as home, kernels_below(home):
             for kernels in ("compiled", "on disk"):
-                spent = spend(partial(_in_home, home, command))
+                spent = spend(partial(python, *command))
                 found.append(FirstPicture(f"{title}, kernels {kernels}", spent.wall, spent.cpu))
 
     def cycles() -> None:
@@ -64,20 +62,9 @@ def first_pictures(bench: Bench, params: Params, interpreter: Path) -> list[Firs
     return [*found, FirstPicture("Blender Cycles", spent.wall, spent.cpu)]
 
 
-def _in_home(home: str, command: tuple[str, ...]) -> None:
-    """Run this interpreter with Dr.Jit's kernels below a folder."""
-    before = os.environ.get("HOME", "")
-    os.environ["HOME"] = home
-    try:
-        python(*command)
-    finally:
-        os.environ["HOME"] = before
-
-
 def main() -> None:
     """Render one view: METHOD SCENE CAMERAS VIEW WIDTHxHEIGHT."""
     method, scene, cameras, view_id, size = sys.argv[1:]
-    started = time.perf_counter()
     set_variant()
     params = Params()
     opened = open_scene(load_scene(Path(scene)))
@@ -88,7 +75,6 @@ def main() -> None:
         Preview(ViewRenderer(opened, params)).render(view)
     else:
         mitsuba_way(opened, params, "independent", "high")(view, _SPP, 0)
-    print(f"{time.perf_counter() - started:.2f} s")
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from benchmarks.timing import Spent, timed
 from pbrnet.model.evaluation.budget import HYBRID, Effort, choose, efforts_for
 from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.evaluation.predict import ViewRenderer, example_of
-from pbrnet.model.evaluation.previews import PREVIEWS, RADIOSITY, denoised, radiosity
+from pbrnet.model.evaluation.previews import DENOISED, PREVIEWS, Preview
 from pbrnet.pipeline.frames import banded, stacked
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import Quality, denoise
@@ -107,7 +107,7 @@ class Ours:
         networks: Networks | None,
         seconds: Callable[[Spent], float],
     ) -> None:
-        self._shown, self._networks, self._seconds = shown, networks, seconds
+        self._networks, self._seconds = networks, seconds
         self._renderer = ViewRenderer(shown.scene, params)
         self._methods = (*PREVIEWS, *((HYBRID,) if networks else ()))
 
@@ -134,17 +134,13 @@ class Ours:
 
     def long(self, view: View, spp: int, seed: int) -> Float32Array:
         """Return a long render, denoised."""
-        params = self._renderer.params.groundtruth
-        return denoised(self._shown.scene, view, params, seed, spp).color
+        return self._picture(Effort(DENOISED, spp), view, seed)
 
     def _picture(self, effort: Effort, view: View, seed: int) -> Float32Array:
-        params, scene = self._renderer.params, self._shown.scene
-        if effort.method == RADIOSITY:
-            return radiosity(scene, view, params.transport, seed, effort.spp, effort.quality).color
-        if effort.method != HYBRID:
-            return denoised(scene, view, params.groundtruth, seed, effort.spp, effort.quality).color
+        renderer = replace(self._renderer, params=replace(self._renderer.params, seed=seed))
+        if effort.method in PREVIEWS:
+            return Preview(renderer, effort.method, effort.spp, effort.quality).render(view).color
         assert self._networks is not None
-        renderer = replace(self._renderer, params=replace(params, seed=seed))
         given = renderer.inputs(view, [self._networks.card], effort.spp)
         example = example_of(view, given, self._networks.card, None)
         found = self._networks.predict(HYBRID, example).linear

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmarks.bench import Bench, python
+from benchmarks.bench import Bench, kernels_below, python
 from benchmarks.rows import Row, at_most
 from benchmarks.timing import Spent, Spread, spend, spread
 from pbrnet.pipeline.views import load_cameras
@@ -71,13 +70,9 @@ def _home_in_a_run(bench: Bench) -> float:
 def _picture(bench: Bench, home: str) -> None:
     """Predict a view with Dr.Jit's kernels below the folder `home`."""
     view = bench.views[bench.home][0]
-    before = os.environ.get("HOME", "")
-    os.environ["HOME"] = home  # Dr.Jit keeps kernels in ~/.drjit
-    try:
+    with kernels_below(home):
         python(
             *("-m", "pbrnet.pipeline.cli", "predict", str(bench.data / "scenes" / bench.home)),
             *("--view", view.view_id, "--method", "radiosity", "--data", str(bench.data)),
             *("--params", str(bench.parameters), "--out", f"{home}/picture.png"),
         )
-    finally:
-        os.environ["HOME"] = before
