@@ -21,8 +21,9 @@ _EPILOG = """\b
 Examples:
 {examples}
 
-{notes}An interrupted study resumes when the command is run again. Writes
-metrics/studies/{name}.json and {name}.png."""
+{notes}An interrupted study resumes when the command is run again. Commands that
+run at the same time share the trials. Writes metrics/studies/{name}.json and
+{name}.png."""
 
 
 @dataclass(frozen=True)

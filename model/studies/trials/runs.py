@@ -33,7 +33,7 @@ from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.keys import raised
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import digest_bytes, read_json, sweep, write_json
+from pbrnet.scenes.files import digest_bytes, exclusive, read_json, sweep, write_json
 
 Log = Callable[[str], None]
 SHEET_VIEWS = 4
@@ -54,25 +54,52 @@ def run(
 ) -> list[TrialRecord]:
     """Train and score every unfinished trial; return the records of all, in the same order.
 
-    Raises as `train_network`; finished work is kept then.
+    Processes that run a study at the same time share its trials: each takes those that no other one
+    has taken, then waits for the rest. Raises as `train_network`; finished work is kept then.
     """
     sweep(folders.metrics / "studies")
     fingerprints = _Fingerprints(folders, trials[0].params.evaluate.split)
-    records = []
-    for number, trial in enumerate(trials, start=1):
-        folder = folder_of(study, trial, folders)
-        record = fingerprints.kept(trial, folder) or TrialRecord(fingerprints.training(trial))
-        heading = f"study {study.name}: trial {number} of {len(trials)}, {trial.name}"
-        if record.measured == fingerprints.scoring(trial):
-            log(f"{heading}: kept")
-        else:
-            log(f"{heading}: {trial.views} views, {sum(trial.steps.values())} steps")
-            _train(study, trial, record, folder, folders)
-            _measure(study, trial, record, folder, folders)
-            record.measured = fingerprints.scoring(trial)
-            write_json(folder / "trial.json", plain(record))
-        records.append(record)
-    return records
+    records: dict[str, TrialRecord] = {}
+    for wait in (False, True):
+        for number, trial in enumerate(trials, start=1):
+            name, start = trial.name, trial.start
+            if name in records or (start is not None and start.name not in records):
+                continue
+            heading = f"study {study.name}: trial {number} of {len(trials)}, {name}"
+            with exclusive(_lock_of(study, trial, folders), wait) as held:
+                if held:
+                    records[name] = _finished(study, trial, folders, fingerprints, heading, log)
+                else:
+                    log(f"{heading}: taken by another process")
+    return [records[trial.name] for trial in trials]
+
+
+def _lock_of(study: TrialStudy, trial: Trial, folders: Folders) -> Path:
+    """Lock file of a trial; one for all trials whose training split is written before them."""
+    name = f".{trial.name}.lock" if trial.source is None else ".lock"
+    return folder_of(study, trial, folders).with_name(name)
+
+
+def _finished(
+    study: TrialStudy,
+    trial: Trial,
+    folders: Folders,
+    fingerprints: _Fingerprints,
+    heading: str,
+    log: Log,
+) -> TrialRecord:
+    """Train and score a trial, unless its record is current; return the record."""
+    folder = folder_of(study, trial, folders)
+    record = fingerprints.kept(trial, folder) or TrialRecord(fingerprints.training(trial))
+    if record.measured == fingerprints.scoring(trial):
+        log(f"{heading}: kept")
+        return record
+    log(f"{heading}: {trial.views} views, {sum(trial.steps.values())} steps")
+    _train(study, trial, record, folder, folders)
+    _measure(study, trial, record, folder, folders)
+    record.measured = fingerprints.scoring(trial)
+    write_json(folder / "trial.json", plain(record))
+    return record
 
 
 def states(study: TrialStudy, trials: Sequence[Trial], folders: Folders) -> list[str]:

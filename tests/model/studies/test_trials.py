@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from pbrnet.model.studies.loss import loss_study
 from pbrnet.model.studies.trials.learning_curve import extrapolations, power_law
 from pbrnet.model.studies.trials.plan import TrialConfig, TrialStudy, plan, subset
 from pbrnet.model.studies.trials.results import MetricEstimate, TrialsResult, TrialsRow
-from pbrnet.model.studies.trials.runs import Log
+from pbrnet.model.studies.trials.runs import Log, run
 from pbrnet.model.studies.trials.scores import busiest_window, figures
 from pbrnet.model.studies.trials.summary import run_and_summarise
 from pbrnet.model.training.store import load_model
@@ -32,7 +33,7 @@ from pbrnet.pipeline.images import read_picture
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import read_json
+from pbrnet.scenes.files import exclusive, read_json
 from tests.fixtures.command import Run
 from tests.fixtures.model import box_rows, write_shard
 from tests.fixtures.study import report_in, result_in, section_of
@@ -274,6 +275,26 @@ def test_finished_trials_are_kept_and_the_stopped_one_goes_on(
     for name in ("loss.json", "loss.png", "loss/fifth-0/composition.safetensors"):
         ours, theirs = (f.metrics / "studies" / name for f in (stopped, undisturbed))
         assert ours.read_bytes() == theirs.read_bytes(), name
+
+
+def test_a_trial_of_another_process_is_waited_for_after_all_others(folders: Folders) -> None:
+    trials = plan(loss_study(), PARAMS, folders, TrialConfig(steps=1))
+    said: list[str] = []
+    with ExitStack() as other:
+        lock = folders.metrics / "studies" / "loss" / f".{trials[1].name}.lock"
+        assert other.enter_context(exclusive(lock, wait=False))
+
+        def log(line: str) -> None:
+            said.append(line)
+            if trials[-1].name in line:  # the other process is killed
+                other.close()
+
+        records = run(loss_study(), trials, folders, log)
+    order = [line.split(", ")[1].split(": ") for line in said]
+    first, taken, *others = (trial.name for trial in trials)
+    assert [name for name, _ in order] == [first, taken, *others, taken]
+    assert order[1] == [taken, "taken by another process"]
+    assert all(set(record.trained) == {"shading", "composition"} for record in records)
 
 
 @pytest.mark.slow
