@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,14 @@ from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.keys import raised
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import digest_bytes, exclusive, read_json, sweep, write_json
+from pbrnet.scenes.files import (
+    atomic_file,
+    digest_bytes,
+    exclusive,
+    read_json,
+    sweep,
+    write_json,
+)
 
 Log = Callable[[str], None]
 SHEET_VIEWS = 4
@@ -45,6 +53,7 @@ class TrialRecord:
 
     fingerprint: str  # of everything that determines the weights
     trained: tuple[str, ...] = ()  # finished networks
+    weights: dict[str, str] = field(default_factory=dict)  # network -> its own fingerprint
     measured: str = ""  # fingerprint of everything that determines the scores
     scores: tuple[Score, ...] = ()
 
@@ -95,7 +104,7 @@ def _finished(
         log(f"{heading}: kept")
         return record
     log(f"{heading}: {trial.views} views, {sum(trial.steps.values())} steps")
-    _train(study, trial, record, folder, folders)
+    _train(study, trial, record, folder, folders, fingerprints, log)
     _measure(study, trial, record, folder, folders)
     record.measured = fingerprints.scoring(trial)
     write_json(folder / "trial.json", plain(record))
@@ -155,8 +164,10 @@ class _Fingerprints:
         """Fingerprint of the dataset's training split."""
         return Dataset(self.dataset, "train").fingerprint()
 
-    def training(self, trial: Trial) -> str:
-        """Fingerprint of everything that determines a trial's weights."""
+    def training(self, trial: Trial, last: str = "") -> str:
+        """Fingerprint of everything that determines a trial's weights, up to the network `last`."""
+        names = trial.variant.networks
+        names = names[: names.index(last) + 1] if last else names
         params = trial.params
         unused = {"checkpoint_steps", "device", "baselines"}
         shared = {
@@ -164,7 +175,7 @@ class _Fingerprints:
             for name, value in plain(params.train).items()
             if name not in unused and not _is_stage(params.train, name)
         }
-        stages = {name: plain(getattr(params.train, name)) for name in trial.variant.networks}
+        stages = {name: plain(getattr(params.train, name)) for name in names}
         # Networks of their first form have none: trials made before revisions counted stay valid.
         forms = {name: revision_of(METHODS[name].kind) for name in stages}
         revised = {name: number for name, number in forms.items() if number > 1} | raised("train")
@@ -173,9 +184,9 @@ class _Fingerprints:
         whole = self.train if trial.source is None else trial.source.fingerprint
         subset = subset_fingerprint(whole, trial.scenes)
         own = digest_bytes(*(repr(part).encode() for part in (parts, subset, self.backbone)))
-        return (
-            digest_bytes(own.encode(), self.training(trial.start).encode()) if trial.start else own
-        )
+        if trial.start is None:
+            return own
+        return digest_bytes(own.encode(), self.training(trial.start, last).encode())
 
     def scoring(self, trial: Trial) -> str:
         """Fingerprint of everything that determines a trial's scores."""
@@ -200,9 +211,18 @@ class _Fingerprints:
 
 
 def _train(
-    study: TrialStudy, trial: Trial, record: TrialRecord, folder: Path, folders: Folders
+    study: TrialStudy,
+    trial: Trial,
+    record: TrialRecord,
+    folder: Path,
+    folders: Folders,
+    fingerprints: _Fingerprints,
+    log: Log,
 ) -> None:
-    """Train the missing networks in order; first delete a folder with another fingerprint."""
+    """Train the missing networks in order; first delete a folder with another fingerprint.
+
+    A network that another trial trained alike, of this study or another one, is copied.
+    """
     record_file = folder / "trial.json"
     if record_file.is_file() and read_json(record_file).get("fingerprint") != record.fingerprint:
         shutil.rmtree(folder)
@@ -223,9 +243,34 @@ def _train(
                     f"{start}: no such model, but {trial.name} fine-tunes it; delete "
                     f"{start.parent} to train it again"
                 )
-        train_network(name, trial.params, trial_folders, start, trial.scenes)
+        weights = fingerprints.training(trial, name)
+        twin = _twin(folders.metrics / "studies", name, weights)
+        if twin is None:
+            train_network(name, trial.params, trial_folders, start, trial.scenes)
+        else:
+            log(f"{name}: as in {twin.parent.name}/{twin.name}")
+            for file in _files_of(name):
+                with atomic_file(folder / file) as partial:
+                    shutil.copyfile(twin / file, partial)
         record.trained = (*(one for one in record.trained if one != name), name)
+        record.weights = {**record.weights, name: weights}
         write_json(record_file, plain(record))
+
+
+def _twin(studies: Path, network: str, weights: str) -> Path | None:
+    """Return the folder of a trial that has this network with this fingerprint, if there is one."""
+    for record in sorted(studies.glob("*/*/trial.json")):
+        with suppress(InputError):
+            alike = read_json(record).get("weights", {}).get(network) == weights
+            if alike and all((record.parent / file).is_file() for file in _files_of(network)):
+                return record.parent
+    return None
+
+
+def _files_of(network: str) -> tuple[str, ...]:
+    """Names of the files of a trained network in a trial's folder."""
+    curve = f"train_{network}"
+    return f"{network}.safetensors", f"{network}.json", f"{curve}.csv", f"{curve}.json"
 
 
 def _measure(

@@ -21,6 +21,7 @@ from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.studies.composition import composition_study
 from pbrnet.model.studies.decomposition import decomposition_study
 from pbrnet.model.studies.loss import loss_study
+from pbrnet.model.studies.table import table_study
 from pbrnet.model.studies.trials.learning_curve import extrapolations, power_law
 from pbrnet.model.studies.trials.plan import TrialConfig, TrialStudy, plan, subset
 from pbrnet.model.studies.trials.results import MetricEstimate, TrialsResult, TrialsRow
@@ -295,6 +296,30 @@ def test_a_trial_of_another_process_is_waited_for_after_all_others(folders: Fold
     assert [name for name, _ in order] == [first, taken, *others, taken]
     assert order[1] == [taken, "taken by another process"]
     assert all(set(record.trained) == {"shading", "composition"} for record in records)
+
+
+def test_what_another_study_trained_alike_is_copied(
+    folders: Folders, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loss, table, config = loss_study(), table_study(["can"]), TrialConfig(steps=1)
+    run_all(table, PARAMS, folders, config)
+    with monkeypatch.context() as context:
+        steps = stop_at(context, 10**9)
+        said: list[str] = []
+        run_all(loss, PARAMS, folders, config, said.append)
+        assert steps() == 2 * (len(loss.variants) - 1)  # two networks of all variants but `part`
+    studies = folders.metrics / "studies"
+    assert [line for line in said if "as in" in line] == [
+        f"{network}: as in table/pbrnet-0" for network in ("shading", "composition")
+    ]
+    for name in ("shading.safetensors", "composition.json", "train_composition.csv"):
+        ours, theirs = studies / "loss" / "part-0" / name, studies / "table" / "pbrnet-0" / name
+        assert ours.read_bytes() == theirs.read_bytes(), name
+    # another seed or size is another training
+    with monkeypatch.context() as context:
+        steps = stop_at(context, 10**9)
+        run_all(composition_study(), replace(PARAMS, seed=PARAMS.seed + 1), folders, config)
+        assert steps() == 2 * 2
 
 
 @pytest.mark.slow
