@@ -210,22 +210,6 @@ def _lock(handle: int, how: int) -> bool:
     return True
 
 
-@contextmanager
-def exclusive(path: Path, wait: bool) -> Iterator[bool]:
-    """Yield whether this process holds the lock file `path`, which it makes and releases after.
-
-    With `wait` it waits for another process that holds the lock. A killed process holds none.
-    """
-    with machine_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-        handle = os.open(path, flags, 0o644)
-    try:
-        yield _lock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-    finally:
-        os.close(handle)
-
-
 def copy_files(source: Path, target: Path) -> None:
     """Copy the plain files below `source` into the folder `target`; links are left out.
 

@@ -22,6 +22,7 @@ from pbrnet.model.evaluation.metrics import find_lpips
 from pbrnet.model.methods import METHODS, columns_of
 from pbrnet.model.networks.build import revision_of
 from pbrnet.model.settings import StageTrainParams, TrainParams
+from pbrnet.model.studies.files import exclusive
 from pbrnet.model.studies.trials.plan import Trial, TrialStudy
 from pbrnet.model.studies.trials.scores import (
     load_predictors,
@@ -37,7 +38,6 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import (
     atomic_file,
     digest_bytes,
-    exclusive,
     read_json,
     sweep,
     write_json,

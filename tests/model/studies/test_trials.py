@@ -20,6 +20,7 @@ from pbrnet.model.networks.build import build_network
 from pbrnet.model.networks.pbrnet import Architecture
 from pbrnet.model.studies.composition import composition_study
 from pbrnet.model.studies.decomposition import decomposition_study
+from pbrnet.model.studies.files import exclusive
 from pbrnet.model.studies.loss import loss_study
 from pbrnet.model.studies.table import table_study
 from pbrnet.model.studies.trials.learning_curve import extrapolations, power_law
@@ -34,7 +35,7 @@ from pbrnet.pipeline.images import read_picture
 from pbrnet.pipeline.params import Params
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError, ParameterError
-from pbrnet.scenes.files import exclusive, read_json
+from pbrnet.scenes.files import read_json
 from tests.fixtures.command import Run
 from tests.fixtures.model import box_rows, write_shard
 from tests.fixtures.study import report_in, result_in, section_of
