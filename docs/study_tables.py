@@ -24,13 +24,13 @@ FURTHER = {"detail": ("detail, dB", 1), "grid": ("grid", 2), "specular_flip": ("
 Rows = list[list[str]]
 
 
-def study_tables(folder: Path) -> dict[str, Rows]:
+def study_tables(folder: Path, prefix: str = "study") -> dict[str, Rows]:
     """Rows of each table by its name in the text; without those whose file is missing."""
     sources: dict[str, Callable[[Any], Rows]] = dict.fromkeys(COMPARISONS, trials_table)
     sources["illumination"] = illumination_table
     sources |= {f"time-{size}": time_table for size in SIZES}
     tables = {
-        f"study-{name}": table(json.loads(path.read_text()))
+        f"{prefix}-{name}": table(json.loads(path.read_text()))
         for name, table in sources.items()
         if (path := folder / f"{name}.json").is_file()
     }
@@ -39,11 +39,12 @@ def study_tables(folder: Path) -> dict[str, Rows]:
         for size in SIZES
         if (path := folder / f"time-{size}.json").is_file()
     }
-    tables["study-budgets"] = budget_table(times)
-    tables["study-equal-time"] = equal_time_table(times)
+    if times:
+        tables[f"{prefix}-budgets"] = budget_table(times)
+        tables[f"{prefix}-equal-time"] = equal_time_table(times)
     moves = [json.loads(path.read_text()) for path in sorted(folder.glob("flicker-*.json"))]
     if moves:
-        tables["study-flicker"] = flicker_table(moves)
+        tables[f"{prefix}-flicker"] = flicker_table(moves)
     return tables
 
 

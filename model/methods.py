@@ -49,6 +49,7 @@ JOINS = {
     "position": Join("direct"),
     "colour": Join("direct_colour", ("tint",), 3),
     "shadows": Join("direct_shadows", ("visibility",)),
+    "product": Join("direct_product", ("visibility",)),
 }
 if TYPE_CHECKING:
     Panorama = str

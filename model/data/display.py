@@ -77,3 +77,26 @@ def log_average(lum: torch.Tensor) -> torch.Tensor:
     number = lit.sum(dim=(1, 2, 3), keepdim=True)
     average = torch.exp((logs * lit).sum(dim=(1, 2, 3), keepdim=True) / number.clamp(min=1))
     return torch.where(number > 0, average, torch.full_like(average, ToneParams().key))
+
+
+def displayed_product(
+    shading: torch.Tensor, reflectance: torch.Tensor, albedo: float
+) -> torch.Tensor:
+    """Reflectance x shading in its own exposure, display values (N, 3, H, W).
+
+    Of display values of shading, of surfaces with one albedo, and the reflectance of `encode`. In a
+    closed room of albedo a, bounces are the share a of all light, a / (1 - a) times the direct
+    light, as in an integrating sphere. The product has the bounces of the image's mean reflectance
+    in each band in place of the grey ones: a room gets its brightness and its cast.
+    """
+    tone = ToneParams()
+    light = self_exposed(shading.float().clamp(0, 1), tone.key)
+    bounces = light.clamp(max=albedo * tone.key)
+    surfaces = decode_srgb((reflectance.float() + 1) / 2)
+    mean = surfaces.mean((2, 3), keepdim=True).clamp(max=0.95)
+    gain = mean / (1 - mean) * ((1 - albedo) / albedo)
+    linear = surfaces * (light + (gain - 1) * bounces)
+    level = luminance(linear)
+    scale = tone.key / log_average(level)
+    white = (scale * level).amax(dim=(1, 2, 3), keepdim=True) * (1 - tone.burn) ** 2
+    return tonemap_exposed(scale * linear, white.clamp(min=1e-6))

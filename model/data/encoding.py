@@ -23,7 +23,12 @@ import numpy as np
 import torch
 
 from pbrnet.model.data.direct_light import lamps_in_view, mean_bounces, reflected_light
-from pbrnet.model.data.display import log_average, luminance, tonemap_exposed
+from pbrnet.model.data.display import (
+    displayed_product,
+    log_average,
+    luminance,
+    tonemap_exposed,
+)
 from pbrnet.model.data.reader import PAPER, Columns, Example
 from pbrnet.model.methods import JOINS, MAX_SAMPLES, PAPER_INPUTS, Join
 from pbrnet.pipeline.channels import column_channel
@@ -39,6 +44,7 @@ NEUTRAL = 0.5  # reflectance input where there is no surface; albedo of the shad
 DEFAULT_WHITE = 20.0  # exposed luminance that maps to white if it is unknown; typical indoors
 # Metres: depths and distances are clamped to [MIN, MAX], and depth is relative to REFERENCE.
 MIN_DEPTH, REFERENCE_DEPTH, MAX_DEPTH = 0.05, 2.5, 100.0
+_DIRECT = ("depth", "valid", "normal", "intensity", "distance", "K")  # columns of direct light
 DIRECT_RANGE = (1e-3, 1e3)  # of exposed direct light before its logarithm
 
 
@@ -197,6 +203,15 @@ def _direct(view: Columns, columns: Sequence[str], bands: int) -> ArrayOrTensor:
     return image if array_namespace(view["depth"]) is torch else image.numpy()
 
 
+def _direct_product(view: Columns) -> ArrayOrTensor:
+    """Shadowed `_direct`, then its product with reflectance, (H, W, 5)."""
+    direct = input_named("direct_shadows").of(view)
+    shading, reflectance = _stack([direct[..., :1]]), _stack([_reflectance(view)])
+    product = displayed_product((shading + 1).expand_as(reflectance) / 2, reflectance, NEUTRAL)
+    image = torch.cat([_stack([direct]), centred(product)], 1)[0].permute(1, 2, 0)
+    return image if array_namespace(view["depth"]) is torch else image.numpy()
+
+
 def _level(view: Columns) -> ArrayOrTensor:
     light = torch.cat([_stack([view[f"transport_{part}"]]) for part in ("direct", "indirect")], 1)
     level = log_average((light[:, :3] + light[:, 3:]).mean(1, keepdim=True))[0]
@@ -222,7 +237,7 @@ def _images(*columns: str, optional: bool = False) -> Input:
 
 
 def _direct_input(join: Join) -> Input:
-    columns = ("depth", "valid", "normal", "intensity", "distance", "K", *join.columns)
+    columns = (*_DIRECT, *join.columns)
     return Input(columns, 2 * join.bands, partial(_direct, columns=columns, bands=join.bands))
 
 
@@ -233,7 +248,7 @@ def _direct_input(join: Join) -> Input:
 #   distance: metres, at most `MAX_DEPTH`; the network takes the logarithms of intensity and
 #     distance itself, because it may average them first
 #   those of `JOINS`: direct light of the panorama and the mean of its bounces, in its own exposure:
-#     display, logarithm
+#     display, logarithm; `direct_product` also its `displayed_product` with reflectance
 #   transport: direct light, indirect light, picture; linear, in the view's unit
 #   level: log average of direct + indirect light, bands alike
 #   materials: roughness, metalness, and 1 where they are known
@@ -241,6 +256,7 @@ def _direct_input(join: Join) -> Input:
 #   samples: ln(samples per pixel) / ln(`MAX_SAMPLES`)
 INPUTS = {
     **{join.direct: _direct_input(join) for join in JOINS.values() if join.direct},
+    "direct_product": Input((*_DIRECT, "reflectance", "visibility"), 5, _direct_product),
     "depth": Input(("depth", "valid"), 2, _depth),
     "reflectance": Input(("reflectance", "valid"), 3, _reflectance),
     "intensity": Input(("intensity",), 1, _relative_intensity, whole=True),

@@ -14,12 +14,10 @@ from torch import nn
 from torch.nn import functional
 
 from pbrnet.model.data.direct_light import look_up
-from pbrnet.model.data.display import log_average, luminance, self_exposed, tonemap_exposed
+from pbrnet.model.data.display import displayed_product
 from pbrnet.model.data.encoding import NEUTRAL, Policy, Tensors, centred, input_named
 from pbrnet.model.methods import JOINS, Panorama
-from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.scenes.checked import within
-from pbrnet.scenes.color import decode_srgb
 
 GRID = (32, 64)  # cells that a panorama of any size is averaged to before the `normal` join
 WIDEST = 8  # levels double their width up to this many times the first level's
@@ -100,34 +98,13 @@ class CompositionNet(nn.Module):
         """
         images = {"shading": centred(shading), "reflectance": reflectance}
         if self.own:
-            images["product"] = centred(displayed_product(shading, reflectance))
+            images["product"] = centred(displayed_product(shading, reflectance, NEUTRAL))
         return images
 
     def forward(self, images: Tensors) -> torch.Tensor:
         """The tensors of `images` to display values of colour (N, 3, H, W), not clamped."""
         names = ("shading", "reflectance", "product")
         return self.unet(torch.cat([images[name] for name in names if name in images], dim=1))
-
-
-def displayed_product(shading: torch.Tensor, reflectance: torch.Tensor) -> torch.Tensor:
-    """Reflectance x shading in its own exposure, display values (N, 3, H, W).
-
-    Of display values of shading, of surfaces with the albedo `NEUTRAL`, and the reflectance of
-    `encode`. In a closed room of albedo a, bounces are the share a of all light, a / (1 - a) times
-    the direct light, as in an integrating sphere. The product has the bounces of the image's mean
-    reflectance in each band in place of the grey ones: a room gets its brightness and its cast.
-    """
-    tone = ToneParams()
-    light = self_exposed(shading.float().clamp(0, 1), tone.key)
-    bounces = light.clamp(max=NEUTRAL * tone.key)
-    surfaces = decode_srgb((reflectance.float() + 1) / 2)
-    mean = surfaces.mean((2, 3), keepdim=True).clamp(max=0.95)
-    gain = mean / (1 - mean) * ((1 - NEUTRAL) / NEUTRAL)
-    linear = surfaces * (light + (gain - 1) * bounces)
-    level = luminance(linear)
-    scale = tone.key / log_average(level)
-    white = (scale * level).amax(dim=(1, 2, 3), keepdim=True) * (1 - tone.burn) ** 2
-    return tonemap_exposed(scale * linear, white.clamp(min=1e-6))
 
 
 class Branch(nn.Sequential):

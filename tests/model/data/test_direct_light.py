@@ -219,6 +219,22 @@ def test_the_input_with_shadows_is_direct_light_by_the_visibility() -> None:
     assert (display + 1) / 2 == pytest.approx(expected, abs=1e-5)
 
 
+def test_the_product_of_a_grey_wall_is_its_direct_light() -> None:
+    view = lit_wall().having(visibility=np.ones(SIZE, np.float32))
+    shadowed = encode([view], ("direct_shadows",))["direct_shadows"]
+    both = encode([view], ("direct_product",))["direct_product"]
+    assert torch.equal(both[:, :2], shadowed)
+    # but for what the display of direct light clips
+    assert torch.allclose(both[:, 2:], shadowed[:, :1].expand_as(both[:, 2:]), atol=0.06)
+    half = view["reflectance"].copy()
+    half[:, : SIZE[1] // 2, 0] = 0.1  # little red on the left
+    tinted = encode([view.having(reflectance=half)], ("direct_product",))["direct_product"]
+    left, _ = tinted[0, 2:].split(SIZE[1] // 2, dim=2)
+    assert torch.equal(tinted[:, :2], shadowed)
+    assert torch.allclose(left[1], left[2], atol=1e-5)
+    assert (left[0] <= left[1]).all() and (left[0] < left[1]).float().mean() > 0.5
+
+
 def test_a_mirrored_view_has_the_mirrored_input() -> None:
     view = lit_wall()
     plain, turned = (encode([one], ("direct",))["direct"] for one in (view, mirrored(view)))

@@ -8,8 +8,14 @@ import torch
 from torch import nn
 
 from pbrnet.model.data.direct_light import look_up
-from pbrnet.model.data.display import log_average, luminance, self_exposed, tonemap_exposed
-from pbrnet.model.data.encoding import centred, input_named, to_batch, to_image
+from pbrnet.model.data.display import (
+    displayed_product,
+    log_average,
+    luminance,
+    self_exposed,
+    tonemap_exposed,
+)
+from pbrnet.model.data.encoding import NEUTRAL, centred, input_named, to_batch, to_image
 from pbrnet.model.methods import JOINS, METHODS, Panorama
 from pbrnet.model.networks.build import build_network
 from pbrnet.model.networks.pbrnet import (
@@ -17,7 +23,6 @@ from pbrnet.model.networks.pbrnet import (
     CompositionNet,
     NormalPanorama,
     averaged,
-    displayed_product,
 )
 from pbrnet.model.training.backbone import EfficientNetLite0, Vgg19
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of, tonemap
@@ -117,7 +122,7 @@ def test_composition_in_its_own_exposure_gets_the_product_exposed_like_an_image(
     exposure = exposure_of(light, ToneParams())
     display = tonemap(light.astype(np.float32), exposure)
     encoded = centred(to_batch(encode_srgb(reflectance.astype(np.float32))))
-    found = displayed_product(to_batch(display), encoded)
+    found = displayed_product(to_batch(display), encoded, NEUTRAL)
     mean = reflectance.mean((0, 1))
     exposed = light * exposure.scale
     product = reflectance * (exposed + (mean / (1 - mean) - 1) * exposed.clip(max=0.4))
@@ -147,7 +152,7 @@ def test_the_white_point_of_an_exposed_image_is_found(white: float) -> None:
 def test_the_product_is_finite_in_the_dark_and_at_white() -> None:
     for shading in (torch.zeros(1, 3, 16, 16), torch.ones(1, 3, 16, 16)):
         for reflectance in (-torch.ones(1, 3, 16, 16), torch.ones(1, 3, 16, 16)):
-            found = displayed_product(shading, reflectance)
+            found = displayed_product(shading, reflectance, NEUTRAL)
             assert found.isfinite().all() and found.min() >= 0 and found.max() <= 1
 
 
