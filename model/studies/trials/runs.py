@@ -112,14 +112,16 @@ def _finished(
 
 
 def states(study: TrialStudy, trials: Sequence[Trial], folders: Folders) -> list[str]:
-    """Return the state of every trial: `train`, `resume`, `measure` or `kept`."""
+    """Return the state of every trial: `train`, `copy`, `resume`, `measure` or `kept`."""
     fingerprints = _Fingerprints(folders, trials[0].params.evaluate.split)
     found = []
     for trial in trials:
         folder = folder_of(study, trial, folders)
         record = fingerprints.kept(trial, folder)
         if record is None:
-            found.append("train")
+            last = trial.variant.networks[-1]
+            twin = _twin(folders.metrics / "studies", last, fingerprints.training(trial, last))
+            found.append("copy" if twin else "train")
         elif record.measured == fingerprints.scoring(trial):
             found.append("kept")
         else:

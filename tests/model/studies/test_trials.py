@@ -26,7 +26,7 @@ from pbrnet.model.studies.table import table_study
 from pbrnet.model.studies.trials.learning_curve import extrapolations, power_law
 from pbrnet.model.studies.trials.plan import TrialConfig, TrialStudy, plan, subset
 from pbrnet.model.studies.trials.results import MetricEstimate, TrialsResult, TrialsRow
-from pbrnet.model.studies.trials.runs import Log, run
+from pbrnet.model.studies.trials.runs import Log, run, states
 from pbrnet.model.studies.trials.scores import busiest_window, figures
 from pbrnet.model.studies.trials.summary import run_and_summarise
 from pbrnet.model.training.store import load_model
@@ -304,6 +304,7 @@ def test_what_another_study_trained_alike_is_copied(
 ) -> None:
     loss, table, config = loss_study(), table_study(["can"]), TrialConfig(steps=1)
     run_all(table, PARAMS, folders, config)
+    assert states(loss, plan(loss, PARAMS, folders, config), folders) == [*["train"] * 3, "copy"]
     with monkeypatch.context() as context:
         steps = stop_at(context, 10**9)
         said: list[str] = []
