@@ -83,13 +83,13 @@ class CompositionNet(nn.Module):
     """U-Net from concatenated shading and reflectance to colour.
 
     Colour in its `own` exposure depends on averages over the image, which convolutions do not
-    compute: then `displayed_product` of both images is a third one.
+    compute: then `displayed_product` of both images is a third one, which the U-Net corrects.
     """
 
     def __init__(self, width: int, levels: int, own: bool) -> None:
         super().__init__()
         self.own = own
-        self.unet = UNet(9 if own else 6, width, levels)
+        self.unet = UNet(9 if own else 6, width, levels, start=0.0 if own else 0.5)
 
     def images(self, shading: torch.Tensor, reflectance: torch.Tensor) -> Tensors:
         """The network's images by name, of display values of shading and `encode`'s reflectance.
@@ -104,7 +104,8 @@ class CompositionNet(nn.Module):
     def forward(self, images: Tensors) -> torch.Tensor:
         """The tensors of `images` to display values of colour (N, 3, H, W), not clamped."""
         names = ("shading", "reflectance", "product")
-        return self.unet(torch.cat([images[name] for name in names if name in images], dim=1))
+        found = self.unet(torch.cat([images[name] for name in names if name in images], dim=1))
+        return found + (images["product"] + 1) / 2 if self.own else found
 
 
 class Branch(nn.Sequential):
@@ -207,11 +208,13 @@ class UNet(nn.Module):
 
     Each level has two 3x3 convolutions with ReLU in the encoder and two in the decoder. The encoder
     halves by 2x2 max pooling. The decoder doubles by a 1x1 convolution and bilinear upsampling. A
-    1x1 convolution makes the outputs; its bias starts at mid-grey. There is no normalisation: with
-    batch 1 it would remove the brightness of each image.
+    1x1 convolution makes the outputs; its bias starts at `start`, by default mid-grey. There is no
+    normalisation: with batch 1 it would remove the brightness of each image.
     """
 
-    def __init__(self, inputs: int, width: int, levels: int, outputs: int = 3) -> None:
+    def __init__(
+        self, inputs: int, width: int, levels: int, outputs: int = 3, start: float = 0.5
+    ) -> None:
         super().__init__()
         widths = [width * min(2**level, WIDEST) for level in range(levels)]
         self.levels = levels
@@ -225,7 +228,7 @@ class UNet(nn.Module):
         self.up = nn.ModuleList(DoubleConv(2 * wide, wide) for wide in widths[:-1])
         self.out = nn.Conv2d(width, outputs, 1)
         nn.init.normal_(self.out.weight, std=0.01)
-        nn.init.constant_(self.out.bias, 0.5)  # type: ignore[arg-type]
+        nn.init.constant_(self.out.bias, start)  # type: ignore[arg-type]
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """(N, inputs, H, W) to (N, outputs, H, W); pads by repeating the edge, then crops."""
