@@ -6,15 +6,13 @@ gradients everywhere and use only operators that ONNX has.
 
 from __future__ import annotations
 
-import math
-
 import torch
 from torch.nn import functional
 
 from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.scenes.color import REC709, decode_srgb, encode_srgb
 
-WHITE_RANGE = (0.5, 200.0)  # white points between which that of an image is sought
+DEFAULT_WHITE = 20.0  # exposed luminance that maps to white if it is unknown; typical indoors
 BLOCK = 8  # side in pixels of the blocks whose means the log average takes, see `exposure_of`
 
 
@@ -44,20 +42,6 @@ def exposed(display: torch.Tensor, white: torch.Tensor | float) -> torch.Tensor:
     return compressed / (half + (half**2 + lum / white**2).sqrt()).clamp(min=1e-6)
 
 
-def self_exposed(display: torch.Tensor, key: float) -> torch.Tensor:
-    """Exposed radiance (N, 3, H, W) of display values that their own log average exposed.
-
-    The white point is the one for which the log average is `key`, by bisection between
-    `WHITE_RANGE`.
-    """
-    low, high = (torch.full_like(display[:, :1, :1, :1], math.log(end)) for end in WHITE_RANGE)
-    for _ in range(12):
-        middle = (low + high) / 2
-        bright = log_average(luminance(exposed(display, middle.exp()))) > key
-        low, high = torch.where(bright, low, middle), torch.where(bright, middle, high)
-    return exposed(display, low.exp())
-
-
 def log_average(lum: torch.Tensor) -> torch.Tensor:
     """Log-average luminance (N, 1, 1, 1) of luminance (N, 1, H, W).
 
@@ -84,13 +68,15 @@ def displayed_product(
 ) -> torch.Tensor:
     """Reflectance x shading in its own exposure, display values (N, 3, H, W).
 
-    Of display values of shading, of surfaces with one albedo, and the reflectance of `encode`. In a
-    closed room of albedo a, bounces are the share a of all light, a / (1 - a) times the direct
-    light, as in an integrating sphere. The product has the bounces of the image's mean reflectance
-    in each band in place of the grey ones: a room gets its brightness and its cast.
+    Of display values of shading with the white point `DEFAULT_WHITE`, of surfaces with one albedo,
+    and the reflectance of `encode`. In a closed room of albedo a, bounces are the share a of all
+    light, a / (1 - a) times the direct light, as in an integrating sphere. The product has the
+    bounces of the image's mean reflectance in each band in place of the grey ones: a room gets its
+    brightness and its cast.
     """
     tone = ToneParams()
-    light = self_exposed(shading.float().clamp(0, 1), tone.key)
+    light = exposed(shading.float().clamp(0, 1), DEFAULT_WHITE)
+    light = light * (tone.key / log_average(luminance(light)))
     bounces = light.clamp(max=albedo * tone.key)
     surfaces = decode_srgb((reflectance.float() + 1) / 2)
     mean = surfaces.mean((2, 3), keepdim=True).clamp(max=0.95)

@@ -24,6 +24,7 @@ import torch
 
 from pbrnet.model.data.direct_light import lamps_in_view, mean_bounces, reflected_light
 from pbrnet.model.data.display import (
+    DEFAULT_WHITE,
     displayed_product,
     log_average,
     luminance,
@@ -41,7 +42,6 @@ Policy = Literal["own", "shared"]
 Tensors = dict[str, torch.Tensor]
 
 NEUTRAL = 0.5  # reflectance input where there is no surface; albedo of the shading frames
-DEFAULT_WHITE = 20.0  # exposed luminance that maps to white if it is unknown; typical indoors
 # Metres: depths and distances are clamped to [MIN, MAX], and depth is relative to REFERENCE.
 MIN_DEPTH, REFERENCE_DEPTH, MAX_DEPTH = 0.05, 2.5, 100.0
 _DIRECT = ("depth", "valid", "normal", "intensity", "distance", "K")  # columns of direct light
@@ -100,7 +100,7 @@ def input_columns(inputs: Iterable[str]) -> tuple[str, ...]:
 def targets(examples: Sequence[Example], policy: Policy) -> Tensors:
     """Display values in [0, 1], float32 (N, 3, H, W): `shading` and `color`."""
     return {
-        "shading": _stack([tonemap(e["shading"], e.exposure_shading) for e in examples]),
+        "shading": _stack([tonemap(e["shading"], shading_exposure(e, policy)) for e in examples]),
         "color": _stack([tonemap(e["color"], color_exposure(e, policy)) for e in examples]),
     }
 
@@ -116,6 +116,16 @@ def radiances(examples: Sequence[Example], policy: Policy) -> Tensors:
         "color": _stack([example["color"] for example in examples]),
         "exposure": _stack([np.array([[[e.scale, e.white]]]) for e in exposures]),
     }
+
+
+def shading_exposure(example: Example, policy: Policy) -> Exposure:
+    """Exposure of shading: its own; under the policy `own` with the white point `DEFAULT_WHITE`.
+
+    The white point of an image depends on its brightest pixel, which a network cannot know well.
+    Only under the policy `shared` does it determine colour.
+    """
+    exposure = example.exposure_shading
+    return exposure if policy == "shared" else Exposure(exposure.scale, DEFAULT_WHITE)
 
 
 def color_exposure(example: Example, policy: Policy) -> Exposure:
@@ -182,7 +192,7 @@ def _clamped_distance(view: Columns) -> ArrayOrTensor:
 
 
 def _direct(view: Columns, columns: Sequence[str], bands: int) -> ArrayOrTensor:
-    """Light of matte grey surfaces in its own exposure: display, logarithm; of `columns`.
+    """Light of matte grey surfaces, its log average exposed: display, logarithm; of `columns`.
 
     It is direct light with the mean of its bounces. (H, W, 2 bands), of one band where the panorama
     is grey: without `tint`. `visibility` shadows the direct light.
@@ -193,11 +203,9 @@ def _direct(view: Columns, columns: Sequence[str], bands: int) -> ArrayOrTensor:
     reflected = reflected + valid * mean_bounces(reflected, valid, NEUTRAL)
     light = reflected + lamps_in_view(view)
     level = light[:, :1] if bands == 1 else luminance(light)
-    tone = ToneParams()
-    scale = tone.key / log_average(level)
+    scale = ToneParams().key / log_average(level)
     exposed = scale * light
-    white = (scale * level).amax(dim=(1, 2, 3), keepdim=True) * (1 - tone.burn) ** 2
-    display = tonemap_exposed(exposed, white.clamp(min=1e-6))[:, :bands]
+    display = tonemap_exposed(exposed, DEFAULT_WHITE)[:, :bands]
     logarithm = exposed[:, :bands].clamp(*DIRECT_RANGE).log() / 4
     image = torch.cat([centred(display), logarithm], 1)[0].permute(1, 2, 0)
     return image if array_namespace(view["depth"]) is torch else image.numpy()

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from pbrnet.model.data.encoding import color_exposure, input_named
+from pbrnet.model.data.encoding import color_exposure, input_named, shading_exposure
 from pbrnet.model.data.reader import NOISY_SPP, Dataset, Example, Split, image_columns
 from pbrnet.model.evaluation.inference import Networks, available, load_networks
 from pbrnet.model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
@@ -315,7 +315,8 @@ def image_of(
     for `denoised` if the view has no noisy samples, for `radiosity` if it has no transport.
     """
     if method == "ceiling":
-        method, shading = "product", tonemap(example["shading"], example.exposure_shading)
+        exposure = shading_exposure(example, networks.card.exposure)
+        method, shading = "product", tonemap(example["shading"], exposure)
     if method in RENDERED:
         exposure = color_exposure(example, networks.card.exposure)
         return tonemap(example[RENDERED[method]], exposure)

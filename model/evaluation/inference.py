@@ -20,6 +20,7 @@ from pbrnet.model.data.encoding import (
     encode,
     input_named,
     neutral_background,
+    shading_exposure,
     to_batch,
     to_image,
 )
@@ -100,7 +101,8 @@ class Networks:
             shading = self.shading(example)
         if method in PRODUCTS:
             reflectance = neutral_background(example, self.card.albedo)
-            color = _PRODUCTS[method](reflectance, shading, example.exposure_shading, self.card)
+            exposure = shading_exposure(example, self.card.exposure)
+            color = _PRODUCTS[method](reflectance, shading, exposure, self.card)
             return Prediction(method, shading, color)
         network = self.modules["composition"]
         assert isinstance(network, CompositionNet)
@@ -123,13 +125,14 @@ class Networks:
             return Radiance(predicted.linear, None, unclipped, exposure, known=True)
         display = predicted.color
         shading: AnyArray | None = None
+        of_shading = shading_exposure(example, self.card.exposure)
         if predicted.shading is not None:
-            shading = untonemap(predicted.shading, example.exposure_shading)
+            shading = untonemap(predicted.shading, of_shading)
         if predicted.method in PRODUCTS and predicted.shading is not None:
             reflectance = neutral_background(example, self.card.albedo)
             display = predicted.shading
-            color = linear_product(reflectance, display, example.exposure_shading, self.card)
-            exposure = example.exposure_shading
+            color = linear_product(reflectance, display, of_shading, self.card)
+            exposure = of_shading
         else:
             color = untonemap(display, exposure)
         clipped = np.any(display >= _WHITE, axis=-1)

@@ -16,8 +16,8 @@ from typing import Any
 import torch
 from torch import nn
 
-from pbrnet.model.data.display import log_average, luminance, tonemap_exposed
-from pbrnet.model.data.encoding import DEFAULT_WHITE, Tensors, encode, input_named
+from pbrnet.model.data.display import DEFAULT_WHITE, log_average, luminance, tonemap_exposed
+from pbrnet.model.data.encoding import Tensors, encode, input_named
 from pbrnet.model.data.reader import NOISY_SPP
 from pbrnet.model.evaluation.inference import Networks, needed
 from pbrnet.model.methods import JOINS, METHODS

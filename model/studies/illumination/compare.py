@@ -15,7 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbrnet.model.data.direct_light import direct_shading
-from pbrnet.model.data.encoding import NEUTRAL, neutral_background
+from pbrnet.model.data.encoding import (
+    NEUTRAL,
+    color_exposure,
+    neutral_background,
+    shading_exposure,
+)
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.inference import Networks
 from pbrnet.model.evaluation.predict import images_of
@@ -167,10 +172,9 @@ def predictions(networks: Networks, example: Example, scale: float) -> Images:
     because the white point of a light that was not rendered is unknown.
     """
     card = networks.card
-    exposure = Exposure(1.0, example.exposure_shading.white)
-    of_color = exposure
-    if card.exposure == "own":
-        of_color = Exposure(1.0, example.exposure_color.white)
+    exposure, of_color = (
+        Exposure(1.0, of(example, card.exposure).white) for of in (shading_exposure, color_exposure)
+    )
     shading = networks.shading(example)
     images = {
         "shading": untonemap(shading, exposure),

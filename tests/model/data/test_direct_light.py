@@ -1,5 +1,6 @@
 """Direct light from a panorama, against what can be worked out by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,19 @@ from pbrnet.model.data.direct_light import (
     pixel_rays,
     reflected_light,
 )
-from pbrnet.model.data.encoding import DIRECT_RANGE, encode, solid_angles
+from pbrnet.model.data.display import DEFAULT_WHITE
+from pbrnet.model.data.encoding import (
+    DIRECT_RANGE,
+    encode,
+    shading_exposure,
+    solid_angles,
+    targets,
+    to_image,
+)
 from pbrnet.model.data.reader import Dataset, Example, mirrored
 from pbrnet.pipeline.panorama_lights import panorama_directions, sources
-from pbrnet.pipeline.tonemap import ToneParams, exposure_of, tonemap
+from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
+from pbrnet.scenes.arrays import FloatingArray
 from pbrnet.scenes.color import luminance
 from tests.fixtures.model import box_dataset, made_example
 
@@ -171,12 +181,17 @@ def test_without_surfaces_nothing_bounces() -> None:
     assert mean_bounces(torch.ones(1, 3, 4, 4), nothing, 0.5).eq(0).all()
 
 
+def displayed(light: FloatingArray) -> FloatingArray:
+    """Display values of light whose log average is exposed, with the fixed white point."""
+    return tonemap(light, Exposure(exposure_of(light, ToneParams()).scale, DEFAULT_WHITE))
+
+
 def test_the_input_is_light_of_a_grey_room_in_its_own_exposure() -> None:
     view = lit_wall()
     light = input_light(view)
     exposure = exposure_of(light, ToneParams())
     display, logarithm = encode([view], ("direct",))["direct"][0].numpy()
-    assert (display + 1) / 2 == pytest.approx(tonemap(light, exposure)[..., 0], abs=1e-5)
+    assert (display + 1) / 2 == pytest.approx(displayed(light)[..., 0], abs=1e-5)
     exposed = np.clip(exposure.scale * light[..., 0], *DIRECT_RANGE)
     assert logarithm == pytest.approx(np.log(exposed) / 4, abs=1e-5)
 
@@ -201,7 +216,7 @@ def test_the_input_in_colour_is_direct_light_by_the_tints() -> None:
     lit = view.having(tint=white * np.float32([2, 0.8, 0.1]), visibility=np.zeros(SIZE, np.float32))
     light = input_light(lit)
     display = encode([lit], ("direct_colour",))["direct_colour"][0, :3].permute(1, 2, 0).numpy()
-    expected = tonemap(light, exposure_of(light, ToneParams()))
+    expected = displayed(light)
     assert (display + 1) / 2 == pytest.approx(expected, abs=1e-5)
 
 
@@ -215,7 +230,7 @@ def test_the_input_with_shadows_is_direct_light_by_the_visibility() -> None:
     light = input_light(view, share[..., None])
     shaded = view.having(visibility=share)
     display = encode([shaded], ("direct_shadows",))["direct_shadows"][0, 0].numpy()
-    expected = tonemap(light, exposure_of(light, ToneParams()))[..., 0]
+    expected = displayed(light)[..., 0]
     assert (display + 1) / 2 == pytest.approx(expected, abs=1e-5)
 
 
@@ -224,8 +239,9 @@ def test_the_product_of_a_grey_wall_is_its_direct_light() -> None:
     shadowed = encode([view], ("direct_shadows",))["direct_shadows"]
     both = encode([view], ("direct_product",))["direct_product"]
     assert torch.equal(both[:, :2], shadowed)
-    # but for what the display of direct light clips
-    assert torch.allclose(both[:, 2:], shadowed[:, :1].expand_as(both[:, 2:]), atol=0.06)
+    light = input_light(view)
+    expected = tonemap(light, exposure_of(light, ToneParams()))
+    assert to_image((both[:, 2:] + 1) / 2) == pytest.approx(expected, abs=5e-3)
     half = view["reflectance"].copy()
     half[:, : SIZE[1] // 2, 0] = 0.1  # little red on the left
     tinted = encode([view.having(reflectance=half)], ("direct_product",))["direct_product"]
@@ -263,3 +279,15 @@ def test_a_lamp_in_view_is_where_its_panorama_has_it() -> None:
     row, column = np.unravel_index(seen.argmax(), SIZE)
     assert (column + 0.5, row + 0.5) == pytest.approx((40 + 64 * 0.3, 30 + 64 * 0.2), abs=1.5)
     assert (seen > 0).mean() < 0.01  # three by three pixels of the panorama
+
+
+def test_shading_has_a_fixed_white_point_unless_colour_shares_its_exposure() -> None:
+    light = np.random.default_rng(3).exponential(1.0, (*SIZE, 3)).astype(np.float32)
+    own = exposure_of(light, ToneParams())
+    view = replace(wall().having(shading=light), exposure_shading=own)
+    assert shading_exposure(view, "shared") == own
+    assert shading_exposure(view, "own") == Exposure(own.scale, DEFAULT_WHITE)
+    assert own.white != pytest.approx(DEFAULT_WHITE, rel=0.2)
+    for policy in ("shared", "own"):
+        expected = tonemap(light, shading_exposure(view, policy))
+        assert to_image(targets([view], policy)["shading"]) == pytest.approx(expected)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from pbrnet.model.data.encoding import DEFAULT_WHITE, Policy
+from pbrnet.model.data.display import DEFAULT_WHITE
+from pbrnet.model.data.encoding import Policy
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.inference import Prediction
 from pbrnet.model.methods import JOINS, Panorama

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pbrnet.model.data.encoding import DEFAULT_WHITE
+from pbrnet.model.data.display import DEFAULT_WHITE
 from pbrnet.model.evaluation.predict import from_frames
 from pbrnet.pipeline.images import read_picture
 from pbrnet.pipeline.tonemap import Exposure, ToneParams, exposure_of, tonemap
