@@ -54,7 +54,8 @@ class GuidedNet(nn.Module):
 
     With the images depth and normal this is the paper's shading network. With reflectance as a
     third image it predicts colour directly: the baseline `unet`. Some joins of the panorama add
-    another image.
+    another image. Where that shows what the network predicts, direct light for shading and the
+    product for colour, the U-Net corrects it.
     """
 
     def __init__(
@@ -62,21 +63,31 @@ class GuidedNet(nn.Module):
     ) -> None:
         super().__init__()
         branch = max(1, width // 2)
-        images = (*images, *JOINS[panorama].inputs)
+        join = JOINS[panorama]
+        colour = "reflectance" in images
+        shown = slice(2, 5) if colour else slice(0, join.bands)  # channels of display values
+        corrects = join.direct == "direct_product" or (bool(join.direct) and not colour)
+        self.corrected = (join.direct, shown) if corrects else None
+        images = (*images, *join.inputs)
         self.images = images
         self.branches = nn.ModuleDict(
             {name: Branch(input_named(name).channels, branch) for name in images}
         )
         self.panorama: nn.Module = (
-            ResizedPanorama(branch) if JOINS[panorama].resized else NormalPanorama(branch)
+            ResizedPanorama(branch) if join.resized else NormalPanorama(branch)
         )
-        self.unet = UNet((len(images) + 2) * branch, width, levels)
+        start = 0.0 if corrects else 0.5
+        self.unet = UNet((len(images) + 2) * branch, width, levels, start=start)
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
         """Tensors of `encode` to display values (N, 3, H, W), not clamped."""
         features = [self.branches[name](inputs[name]) for name in self.images]
         features.append(self.panorama(inputs))
-        return self.unet(torch.cat(features, dim=1))
+        found = self.unet(torch.cat(features, dim=1))
+        if self.corrected is None:
+            return found
+        name, shown = self.corrected
+        return found + (inputs[name][:, shown] + 1) / 2
 
 
 class CompositionNet(nn.Module):
