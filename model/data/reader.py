@@ -47,7 +47,7 @@ ImageType = tuple[np.dtype[Any], tuple[int, ...]]  # of a column: NumPy type and
 PAPER = ("depth", "normal", "reflectance", "valid", "intensity", "distance", "shading", "color")
 # Images that are read where a dataset has them, and only if asked for must be there.
 OPTIONAL = (
-    *(column for join in JOINS.values() for column in join.columns),
+    *dict.fromkeys(column for join in JOINS.values() for column in join.columns),
     *("transport_direct", "transport_indirect", "transport_color"),
     *("roughness", "metalness", "material_known"),
 )

@@ -123,6 +123,11 @@ def test_composition_in_its_own_exposure_gets_the_product_exposed_like_an_image(
     expected = tonemap(product, exposure_of(product, ToneParams()))
     apart = np.abs(to_image(found) - expected)  # most where the display is nearly white
     assert apart.mean() < 1e-3 and np.quantile(apart, 0.99) < 5e-3
+    # shading that was predicted too bright is exposed anew
+    brighter = Exposure(1.4 * exposure.scale, DEFAULT_WHITE)
+    predicted = tonemap(light.astype(np.float32), brighter)
+    same = displayed_product(to_batch(predicted), encoded, NEUTRAL)
+    assert torch.allclose(same, found, atol=0.01)
     own = build_network(Architecture("composition", 8, 2, exposure="own"))
     assert isinstance(own, CompositionNet)
     images = own.images(to_batch(display), encoded)
