@@ -5,6 +5,7 @@
     part of                      from                              which this writes
     results.md, README.md        metrics/reference.json, docs/data  pbrnet study all --docs docs
       the paper's light          metrics/pbrs.json                 pbrnet reference --out FILE
+                                 docs/data/pbrs                    the command stated there
       time budgets               docs/data/budgets.json            make bench ONLY=budgets
       time of the quick start    docs/data/quick-start.json        this, with --quick-start
     photographs.md, README.md    metrics/photographs.json          pbrnet study photographs
@@ -240,6 +241,7 @@ def main() -> int:
     reference = json.loads((ROOT / "metrics" / "reference.json").read_text())
     photographs = json.loads((ROOT / "metrics" / "photographs.json").read_text())
     tables = study_tables(ROOT / "docs" / "data")
+    tables |= study_tables(ROOT / "docs" / "data" / "pbrs", "pbrs")
     readme, results = ROOT / "README.md", ROOT / "docs" / "results.md"
     wanted = {
         readme: filled(
