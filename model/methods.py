@@ -35,6 +35,7 @@ class Join:
     direct: str = ""
     columns: tuple[str, ...] = ()
     bands: int = 1
+    product: bool = False  # its last three channels display a product of light and reflectance
     resized: bool = False  # features of the panorama, to the image; else looked up by normals
 
     @property
@@ -49,7 +50,7 @@ JOINS = {
     "position": Join("direct"),
     "colour": Join("direct_colour", ("tint",), 3),
     "shadows": Join("direct_shadows", ("visibility",)),
-    "product": Join("direct_product", ("visibility",)),
+    "product": Join("direct_product", ("visibility",), product=True),
 }
 if TYPE_CHECKING:
     Panorama = str

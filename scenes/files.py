@@ -137,7 +137,7 @@ def _new_partial(path: Path, folder: bool) -> tuple[Path, int]:
             os.close(made)
         with suppress(FileNotFoundError):  # swept before it was locked: once more
             lock = os.open(name, os.O_RDONLY)
-            _lock(lock, fcntl.LOCK_EX)
+            acquire(lock, fcntl.LOCK_EX)
             if Path(name).exists():
                 return Path(name), lock
             os.close(lock)
@@ -184,7 +184,7 @@ def _abandoned(partial: Path) -> bool:
     except OSError:  # gone meanwhile, or not ours
         return False
     try:
-        free = _lock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        free = acquire(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
         if free:
             _remove(partial)
         return free
@@ -199,8 +199,8 @@ def _remove(partial: Path) -> None:
         partial.unlink(missing_ok=True)
 
 
-def _lock(handle: int, how: int) -> bool:
-    """Return whether the lock was acquired; always true on file systems without locks."""
+def acquire(handle: int, how: int) -> bool:
+    """Return whether `fcntl.flock` acquired the lock; always true on file systems without locks."""
     try:
         fcntl.flock(handle, how)
     except BlockingIOError:

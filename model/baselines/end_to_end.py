@@ -33,4 +33,5 @@ class EndToEnd(nn.Module):
 
 def composition_of(architecture: Architecture) -> Architecture:
     """Architecture of the composition network for that of a shading network."""
-    return Architecture("composition", architecture.width, max(1, architecture.levels - 2))
+    levels = max(1, architecture.levels - 2)
+    return Architecture("composition", architecture.width, levels, exposure=architecture.exposure)

@@ -65,9 +65,8 @@ class GuidedNet(nn.Module):
         branch = max(1, width // 2)
         join = JOINS[panorama]
         colour = "reflectance" in images
-        shown = slice(2, 5) if colour else slice(0, join.bands)  # channels of display values
-        corrects = join.direct == "direct_product" or (bool(join.direct) and not colour)
-        self.corrected = (join.direct, shown) if corrects else None
+        self.corrected = join.direct if join.product or not colour else ""
+        self.shown = slice(-3, None) if colour else slice(join.bands)  # its channels of display
         images = (*images, *join.inputs)
         self.images = images
         self.branches = nn.ModuleDict(
@@ -76,7 +75,7 @@ class GuidedNet(nn.Module):
         self.panorama: nn.Module = (
             ResizedPanorama(branch) if join.resized else NormalPanorama(branch)
         )
-        start = 0.0 if corrects else 0.5
+        start = 0.0 if self.corrected else 0.5
         self.unet = UNet((len(images) + 2) * branch, width, levels, start=start)
 
     def forward(self, inputs: Tensors) -> torch.Tensor:
@@ -84,10 +83,9 @@ class GuidedNet(nn.Module):
         features = [self.branches[name](inputs[name]) for name in self.images]
         features.append(self.panorama(inputs))
         found = self.unet(torch.cat(features, dim=1))
-        if self.corrected is None:
-            return found
-        name, shown = self.corrected
-        return found + (inputs[name][:, shown] + 1) / 2
+        if self.corrected:
+            found = found + (inputs[self.corrected][:, self.shown] + 1) / 2
+        return found
 
 
 class CompositionNet(nn.Module):

@@ -10,7 +10,7 @@ from typing import Any
 
 from pbrnet.model.figures.section import Section, render_section
 from pbrnet.scenes.checked import plain
-from pbrnet.scenes.files import atomic_file, machine_errors, write_json
+from pbrnet.scenes.files import acquire, atomic_file, machine_errors, write_json
 
 
 def result_path(metrics: Path, study: str) -> Path:
@@ -40,11 +40,4 @@ def exclusive(path: Path, wait: bool) -> Iterator[bool]:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = path.open("a")
     with lock:
-        held = True
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            held = False
-        except OSError:  # a file system without locks
-            pass
-        yield held
+        yield acquire(lock.fileno(), fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)

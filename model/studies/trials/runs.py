@@ -35,13 +35,7 @@ from pbrnet.model.training.train import Folders, train_network
 from pbrnet.pipeline.keys import raised
 from pbrnet.scenes.checked import build, plain
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import (
-    atomic_file,
-    digest_bytes,
-    read_json,
-    sweep,
-    write_json,
-)
+from pbrnet.scenes.files import atomic_file, digest_bytes, read_json, sweep, write_json
 
 Log = Callable[[str], None]
 SHEET_VIEWS = 4

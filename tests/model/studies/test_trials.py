@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from pbrnet.model.baselines.end_to_end import EndToEnd
+from pbrnet.model.data.encoding import Policy
 from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.evaluate import LeakError, Score
 from pbrnet.model.networks.build import build_network
@@ -161,7 +162,8 @@ def test_one_network_gets_the_steps_of_both_whatever_the_views(folders: Folders)
     assert trials[0].views < trials[3].views == 12
 
 
-def test_the_decomposition_compares_the_same_layers() -> None:
+@pytest.mark.parametrize("exposure", ["shared", "own"])
+def test_the_decomposition_compares_the_same_layers(exposure: Policy) -> None:
     wide = replace(PARAMS.train.composition, width=9, levels=2)
     params = replace(PARAMS, train=replace(PARAMS.train, composition=wide))
     changes = decomposition_study(params.train.shading).variants[0].changes
@@ -170,11 +172,11 @@ def test_the_decomposition_compares_the_same_layers() -> None:
         for name in ("composition", "end_to_end", "unet")
     }
     assert sizes == {"composition": (4, 1), "end_to_end": (4, 3), "unet": (4, 3)}
-    both: Any = build_network(Architecture("end_to_end", *sizes["end_to_end"]))
-    apart = [
-        build_network(Architecture("shading", 4, 3)),
-        build_network(Architecture("composition", *sizes["composition"])),
-    ]
+    named = {"end_to_end": sizes["end_to_end"], "shading": (4, 3), "composition": (4, 1)}
+    both, *apart = (
+        build_network(Architecture(kind, *size, exposure=exposure)) for kind, size in named.items()
+    )
+    assert isinstance(both, EndToEnd)
     shapes = [[value.shape for value in net.state_dict().values()] for net in apart]
     assert [value.shape for value in both.shading.state_dict().values()] == shapes[0]
     assert [value.shape for value in both.composition.state_dict().values()] == shapes[1]
@@ -228,9 +230,10 @@ def plan_params() -> Params:
     return replace(PARAMS, train=replace(PARAMS.train, end_to_end=stage, shading=stage))
 
 
-def test_the_gradient_of_colour_reaches_both_networks_also_out_of_range() -> None:
+@pytest.mark.parametrize("exposure", ["shared", "own"])
+def test_the_gradient_of_colour_reaches_both_networks_also_out_of_range(exposure: Policy) -> None:
     torch.manual_seed(0)
-    network = EndToEnd(Architecture("end_to_end", 4, 3))
+    network = EndToEnd(Architecture("end_to_end", 4, 3, exposure=exposure))
     network.shading.unet.out.bias.data += 3  # beyond white everywhere
     given = {
         "depth": torch.rand(1, 2, 16, 16),
