@@ -36,6 +36,7 @@ class Join:
     columns: tuple[str, ...] = ()
     bands: int = 1
     product: bool = False  # its last three channels display a product of light and reflectance
+    without_product: str = ""  # the join that networks of shading have instead, if not this one
     resized: bool = False  # features of the panorama, to the image; else looked up by normals
 
     @property
@@ -50,12 +51,21 @@ JOINS = {
     "position": Join("direct"),
     "colour": Join("direct_colour", ("tint",), 3),
     "shadows": Join("direct_shadows", ("visibility",)),
-    "product": Join("direct_product", ("visibility",), product=True),
+    "product": Join("direct_product", ("visibility",), product=True, without_product="shadows"),
 }
 if TYPE_CHECKING:
     Panorama = str
 else:
     Panorama = Literal[tuple(JOINS)]
+
+
+def join_of(panorama: Panorama, target: Target) -> Join:
+    """The join of a network that takes the panorama and predicts `target`.
+
+    Networks that predict shading know nothing of reflectance, so they get no product with it.
+    """
+    join = JOINS[panorama]
+    return JOINS[join.without_product] if join.product and target == "shading" else join
 
 
 @dataclass(frozen=True)
@@ -84,6 +94,7 @@ class Method:
     inputs: tuple[str, ...] = PAPER_INPUTS
     objective_class: str = _PAIRED
     target: Target = "color"
+    first: Target = "color"  # what the network that takes the panorama predicts
     uses_shading_net: bool = False  # takes the output of the fixed shading network
     predicts_radiance: bool = False  # in the unit of its inputs; others predict display values
     adam: Adam | None = None
@@ -100,7 +111,8 @@ class Method:
 
     def inputs_with(self, panorama: Panorama) -> tuple[str, ...]:
         """Inputs of the network with this join of the panorama, `train.panorama`."""
-        return (*self.inputs, *(JOINS[panorama].inputs if "intensity" in self.inputs else ()))
+        join = join_of(panorama, self.first)
+        return (*self.inputs, *(join.inputs if "intensity" in self.inputs else ()))
 
     @property
     def optional_inputs(self) -> tuple[str, ...]:
@@ -137,12 +149,14 @@ METHODS: dict[str, Method] = {
         "Shading network",
         "Shading network",
         target="shading",
+        first="shading",
     ),
     "composition": Method(
         "composition",
         f"{_NETWORKS}.pbrnet:composition_network",
         "Composition network",
         "Composition network",
+        first="shading",
         uses_shading_net=True,
         epochs=6,
         levels=3,
@@ -180,6 +194,7 @@ METHODS: dict[str, Method] = {
         f"{_BASELINES}.end_to_end:EndToEnd",
         "Both networks, trained on colour alone",
         "Both networks, on colour alone",
+        first="shading",
         note="both networks trained together, on colour alone",
     ),
     "can": Method(

@@ -16,7 +16,7 @@ from torch.nn import functional
 from pbrnet.model.data.direct_light import look_up
 from pbrnet.model.data.display import displayed_product
 from pbrnet.model.data.encoding import NEUTRAL, Policy, Tensors, centred, input_named
-from pbrnet.model.methods import JOINS, Panorama
+from pbrnet.model.methods import Panorama, join_of
 from pbrnet.scenes.checked import within
 
 GRID = (32, 64)  # cells that a panorama of any size is averaged to before the `normal` join
@@ -63,8 +63,8 @@ class GuidedNet(nn.Module):
     ) -> None:
         super().__init__()
         branch = max(1, width // 2)
-        join = JOINS[panorama]
         colour = "reflectance" in images
+        join = join_of(panorama, "color" if colour else "shading")
         self.corrected = join.direct if join.product or not colour else ""
         self.shown = slice(-3, None) if colour else slice(join.bands)  # its channels of display
         images = (*images, *join.inputs)

@@ -157,8 +157,8 @@ def exported_inputs(networks: Networks) -> list[str]:
     """Names of the inputs of the exported model, in order."""
     name = networks.methods[0]
     if name == "pbrnet":
-        join = JOINS[networks.cards["shading"].architecture.panorama]
-        further = [one for name in join.inputs for one in input_named(name).columns]
+        names = METHODS["shading"].inputs_with(networks.cards["shading"].architecture.panorama)
+        further = [one for name in names for one in input_named(name).columns]
         return list(dict.fromkeys((*INPUTS, *PANORAMA, *further)))
     method = METHODS[name]
     known = (one for one in method.optional_inputs if networks.card.training.get(one))

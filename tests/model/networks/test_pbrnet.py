@@ -268,3 +268,13 @@ def test_feature_maps_lie_at_strides_1_2_4_8_16(network: nn.Module) -> None:
         assert [tuple(m.shape[-2:]) for m in maps] == [(64 // s, 96 // s) for s in (1, 2, 4, 8, 16)]
         assert [len(network(torch.zeros(1, 3, 64, 96), depth)) for depth in range(6)] == [*range(6)]
         assert len(network(torch.zeros(1, 3, 5, 7))) == 5
+
+
+def test_only_networks_of_colour_get_the_product() -> None:
+    given = {name: method.inputs_with("product") for name, method in METHODS.items()}
+    of_shading = {name for name, inputs in given.items() if "direct_shadows" in inputs}
+    assert of_shading == {"shading", "composition", "end_to_end"}
+    of_colour = {name for name, inputs in given.items() if "direct_product" in inputs}
+    assert of_colour == {"unet", "can", "can_own", "pix2pix", "pix2pix_own", "cyclegan"} | {
+        "cyclegan_own"
+    }
