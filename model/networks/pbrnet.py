@@ -177,7 +177,11 @@ class NormalPanorama(nn.Module):
         """Features (N, 2 branch, H, W)."""
         intensity, distance = log_panorama(*averaged(inputs["intensity"], inputs["distance"]))
         features = torch.cat([self.intensity(intensity), self.distance(distance)], dim=1)
-        return look_up(self.around(self.down(features)), inputs["normal"])
+        normal = inputs["normal"]
+        found = look_up(self.around(self.down(features)), normal)
+        # In the memory format of the images: joined to one in another format, all are copied.
+        last = normal.is_contiguous(memory_format=torch.channels_last)
+        return found.contiguous(memory_format=torch.channels_last) if last else found
 
 
 def averaged(intensity: torch.Tensor, distance: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
