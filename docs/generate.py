@@ -4,8 +4,7 @@
 
     part of                      from                              which this writes
     results.md, README.md        metrics/reference.json, docs/data  pbrnet study all --docs docs
-      the paper's light          metrics/pbrs.json                 pbrnet reference --out FILE
-                                 docs/data/pbrs                    the command stated there
+      the paper's light          docs/data/pbrs, pbrs-large        the commands stated there
       time budgets               docs/data/budgets.json            make bench ONLY=budgets
       time of the quick start    docs/data/quick-start.json        this, with --quick-start
     photographs.md, README.md    metrics/photographs.json          pbrnet study photographs
@@ -64,15 +63,6 @@ def quick_start_time(found: dict[str, Any]) -> str:
 def reference_methods(found: dict[str, Any]) -> str:
     """Table of methods of the reference run, with intervals over scenes."""
     return _method_table(found["methods"], found["intervals"])
-
-
-def pbrs_tables() -> dict[str, str]:
-    """Tables of the run in PBRS' light, `metrics/pbrs.json`."""
-    found = json.loads((ROOT / "metrics" / "pbrs.json").read_text())
-    return {
-        "pbrs-methods": reference_methods(found),
-        "pbrs-differences": reference_differences(found),
-    }
 
 
 def reference_short(found: dict[str, Any]) -> str:
@@ -241,7 +231,8 @@ def main() -> int:
     reference = json.loads((ROOT / "metrics" / "reference.json").read_text())
     photographs = json.loads((ROOT / "metrics" / "photographs.json").read_text())
     tables = study_tables(ROOT / "docs" / "data")
-    tables |= study_tables(ROOT / "docs" / "data" / "pbrs", "pbrs")
+    for run in ("pbrs", "pbrs-large"):
+        tables |= study_tables(ROOT / "docs" / "data" / run, run)
     readme, results = ROOT / "README.md", ROOT / "docs" / "results.md"
     wanted = {
         readme: filled(
@@ -257,7 +248,6 @@ def main() -> int:
             {
                 "reference-methods": reference_methods(reference),
                 "reference-differences": reference_differences(reference),
-                **pbrs_tables(),
                 **{name: _table(rows) for name, rows in tables.items()},
                 "budgets": budget_parts(),
             },
