@@ -35,9 +35,13 @@ class Join:
     direct: str = ""
     columns: tuple[str, ...] = ()
     bands: int = 1
-    product: bool = False  # its last three channels display a product of light and reflectance
-    without_product: str = ""  # the join that networks of shading have instead, if not this one
+    without_product: str = ""  # the same join without its product, if it has one
     resized: bool = False  # features of the panorama, to the image; else looked up by normals
+
+    @property
+    def product(self) -> bool:
+        """True if the last three channels of `direct` display the product with reflectance."""
+        return bool(self.without_product)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -51,7 +55,7 @@ JOINS = {
     "position": Join("direct"),
     "colour": Join("direct_colour", ("tint",), 3),
     "shadows": Join("direct_shadows", ("visibility",)),
-    "product": Join("direct_product", ("visibility",), product=True, without_product="shadows"),
+    "product": Join("direct_product", ("visibility",), without_product="shadows"),
 }
 if TYPE_CHECKING:
     Panorama = str
