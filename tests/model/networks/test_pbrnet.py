@@ -163,6 +163,7 @@ def test_any_panorama_size_is_taken(panorama: Panorama, width: int) -> None:
     "kind", ["unet", "end_to_end", "can", "pix2pix", "cyclegan", "plus", "hybrid"]
 )
 def test_every_input_reaches_the_output(kind: str, panorama: Panorama) -> None:
+    torch.manual_seed(0)  # of some weights no feature of the panorama is above 0
     network = build_network(Architecture(kind, 16, 3, panorama))
     given = inputs(16, 16, kind=kind, join=panorama)
     for value in given.values():
