@@ -106,9 +106,8 @@ def multiply(data: Path, count: int) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             if file.name != "scene.json":
                 os.link(file, target)
-        source = {**load_scene(original).source}
-        source.pop("made_by_stage", None)
-        save_scene(copy, replace(load_scene(original), scene_id=copy.name, source=source))
+        scene = load_scene(original)
+        save_scene(copy, replace(scene, scene_id=copy.name, source=scene.origin))
         file = cameras[original.name]
         views = tuple(replace(view, scene_id=copy.name) for view in file.views)
         save_cameras(

@@ -117,7 +117,7 @@ class Trash:
             _remove(place)
             if self.days:
                 place.parent.mkdir(parents=True, exist_ok=True)
-                path.replace(place)
+                shutil.move(path, place)  # perhaps to another disk
                 os.utime(place)
             else:
                 _remove(path)
@@ -126,11 +126,11 @@ class Trash:
         """Move files or folders from the trash to `paths`; those that lie there change places."""
         for path in paths:
             back = self.place(path).with_name(f".{path.name}.back")
-            self.place(path).replace(back)
+            shutil.move(self.place(path), back)
             if path.exists():
                 self.add([path])
             path.parent.mkdir(parents=True, exist_ok=True)
-            back.replace(path)
+            shutil.move(back, path)
 
     def sweep(self) -> None:
         """Remove the entries whose time is over, and empty folders."""

@@ -26,6 +26,10 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_directory, read_json, write_json
 
 SCHEMA = 1
+# Keys in `source` by which the scenes stage knows its own scenes: the fingerprint, and the files
+# that an import looked for.
+STAGE_KEY = "made_by_stage"
+STAGE_FILES_KEY = "opened_files"
 MAX_EXTENT = 1e6  # metres across, skies and grounds included
 Point2 = tuple[float, float]
 Point3 = tuple[float, float, float]
@@ -140,6 +144,12 @@ class Scene:
     def xml(self) -> Path:
         """`scene.xml` of a scene read from disk."""
         return self.folder / "scene.xml"
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """`source` without the keys of the scenes stage, as a copy of the scene has it."""
+        stage = (STAGE_KEY, STAGE_FILES_KEY)
+        return {name: value for name, value in self.source.items() if name not in stage}
 
     def verify(self, where: str) -> None:
         """Check schema, credits, ids and rooms; raises ValueError."""

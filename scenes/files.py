@@ -63,6 +63,7 @@ def atomic_directory(path: Path) -> Iterator[Path]:
     """
     path = Path(path)
     _check_replaceable(path, stat.S_ISDIR)
+    path = path.resolve() if path.is_symlink() else path  # the link stays, what it names is new
     with machine_errors(path):
         partial, lock = _new_partial(path, folder=True)
     try:
@@ -289,9 +290,12 @@ def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
 
 
 def read_text(path: Path, limit: int = MAX_JSON) -> str:
-    """Read UTF-8 text from outside, line ends as they are; raises `InputError` for other bytes."""
+    """Read UTF-8 text from outside, line ends as they are, without a byte order mark.
+
+    Raises `InputError` for other bytes.
+    """
     try:
-        return read_bytes(path, limit).decode("utf-8")
+        return read_bytes(path, limit).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text ({error})") from None
 

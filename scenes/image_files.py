@@ -16,6 +16,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import OpenEXR
 from PIL import Image, ImageOps
 
@@ -71,6 +72,18 @@ def open_image(source: Path | bytes, *, load: bool = True, upright: bool = False
     except Exception as error:  # decoders raise what their authors did not foresee
         raise UnreadableImage(f"damaged ({type(error).__name__}: {error})") from None
     return image
+
+
+def eight_bits(image: Image.Image) -> Image.Image:
+    """Return an image with 8 bits a channel: Pillow's conversions clip 16 bits instead of scaling.
+
+    Raises `UnreadableImage` for floating-point pixels, whose range no such format states.
+    """
+    if image.mode == "F":
+        raise UnreadableImage("floating-point pixels; save it as EXR or with 16 bits")
+    if not image.mode.startswith("I"):
+        return image
+    return Image.fromarray((np.clip(np.asarray(image), 0, 0xFFFF) >> 8).astype(np.uint8))
 
 
 def exr_header(path: Path, most: int = MAX_PIXELS) -> dict[str, Any]:

@@ -128,10 +128,13 @@ def import_scene(
         and (out.is_file() or any(out.iterdir()))
     ):
         raise InputError(f"{out}: exists and is not a scene folder; choose another place")
-    if path.is_dir():
-        return _copy_folder(path, out, scene_id, opened or OpenedFiles(path))
-    regular_file(path)
-    if path.suffix.lower() == ".zip" and _is_exported(path):
+    if not path.is_dir():
+        regular_file(path)
+    if path.is_dir() or is_exported(path):
+        if options:
+            raise ParameterError(f"{min(options)}: not for scene folders and exported scenes")
+        if path.is_dir():
+            return _copy_folder(path, out, scene_id, opened or OpenedFiles(path))
         return _copy_archive(path, out, scene_id)
     source = SOURCES.get(path.suffix.lower())
     suffix = _told_suffix(path)
@@ -174,8 +177,10 @@ def _told_suffix(path: Path) -> str:
     return _XML_ROOTS.get(root[1], suffix) if root else suffix
 
 
-def _is_exported(path: Path) -> bool:
-    """Test whether a zip holds one folder with `scene.json`, as `pbrnet export-scene` writes it."""
+def is_exported(path: Path) -> bool:
+    """Test for a zip with one folder with `scene.json`, as `pbrnet export-scene` writes it."""
+    if path.suffix.lower() != ".zip" or not path.is_file():
+        return False
     try:
         with HomeArchive(path, "zip archive") as archive:
             names = archive.names()
@@ -209,5 +214,5 @@ def _copy_folder(path: Path, out: Path, scene_id: str, opened: OpenedFiles) -> S
     opened.add_folder(path)
     with writing_scene(out) as folder:
         copy_files(path, folder)
-        save_scene(folder, replace(scene, scene_id=scene_id))
+        save_scene(folder, replace(scene, scene_id=scene_id, source=scene.origin))
     return load_scene(out)

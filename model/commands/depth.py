@@ -24,7 +24,7 @@ from pbrnet.scenes.arrays import AnyArray, Float32Array, UInt8Array
 from pbrnet.scenes.checked import plain
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import atomic_file, regular_file, write_json
-from pbrnet.scenes.image_files import open_image
+from pbrnet.scenes.image_files import eight_bits, open_image
 
 if TYPE_CHECKING:
     from pbrnet.model.studies.photographs.network import PhotographNetwork
@@ -79,27 +79,38 @@ could not be read.""",
 def depth(photos: tuple[Path, ...], out: Path, fov: float | None, weights: Path | None) -> None:
     """Estimate depth, normals and classes of photographs of rooms.
 
-    The network is trained on rendered images alone; docs/photographs.md has its errors.
+    The network has an encoder pretrained on ImageNet and is trained on rendered images;
+    docs/photographs.md has its errors.
     """
     from pbrnet.model.studies.photographs.release import load_depth
 
     network, failed = load_depth(weights), 0
     files = _files(photos)
+    written: dict[Path, Path] = {}
     for file in files:
-        if (out / f"{file.stem}.png").resolve() == file.resolve():
-            raise InputError(f"{file}: would be replaced by its picture; choose another --out")
+        made = {one.resolve(): file for one in _outputs(out / file.stem)}
+        if clash := next((one for one in files if one.resolve() in made), None):
+            raise InputError(f"{clash}: would be replaced by a result; choose another --out")
+        if written_by := next((written[one] for one in made if one in written), None):
+            raise InputError(f"{file} and {written_by}: one file for both; give them one by one")
+        written |= made
     for file in files:
         try:
             photo = read_photo(file, fov)
-            written = _written(file, photo, network, out)
+            line = _written(file, photo, network, out)
         except InputError as error:
             say(f"Error: {error}", err=True)
             failed += 1
         else:
-            say(written)
+            say(line)
     if failed:
         say(f"Error: {failed} of {len(files)} photographs failed", err=True)
         sys.exit(1)
+
+
+def _outputs(stem: Path) -> list[Path]:
+    """Files of a photograph: sheet, depth in millimetres, images, camera."""
+    return [stem.with_name(stem.name + end) for end in (".png", "-depth.png", ".exr", ".json")]
 
 
 def _files(photos: tuple[Path, ...]) -> list[Path]:
@@ -126,7 +137,8 @@ def read_photo(file: Path, fov: float | None) -> Photo:
         opened = open_image(file, upright=True)
         share = min(1.0, MOST / max(opened.size))
         width, height = (max(1, round(share * side)) for side in opened.size)
-        image = np.array(opened.convert("RGB").resize((width, height), Image.Resampling.BOX))
+        small = eight_bits(opened).convert("RGB").resize((width, height), Image.Resampling.BOX)
+        image = np.array(small)
     except (InputError, OSError) as error:
         raise InputError(f"{file}: {error}") from None
     if fov is not None:
@@ -186,25 +198,25 @@ def _written(file: Path, photo: Photo, network: PhotographNetwork, out: Path) ->
         for size, own in zip((height, width), found.depth.shape, strict=True)
     )
     classes = found.label40[np.ix_(rows, columns)]
-    stem = out / file.stem
+    sheet, millimetres, images, about = _outputs(out / file.stem)
     pictures = [
         photo.image,
         depth_picture(metres),
         normal_picture(normal),
         label_picture(classes.astype(np.int32)),
     ]
-    with atomic_file(stem.with_name(f"{stem.name}.png")) as partial:
+    with atomic_file(sheet) as partial:
         titles = ["photograph", "depth", "normals", "classes"]
         partial.write_bytes(png_bytes(contact_sheet([fit(p, 480) for p in pictures], 2, titles)))
-    with atomic_file(stem.with_name(f"{stem.name}-depth.png")) as partial:
+    with atomic_file(millimetres) as partial:
         write_depth(partial, metres, 1000)
-    with atomic_file(stem.with_name(f"{stem.name}.exr")) as partial:
+    with atomic_file(images) as partial:
         planes = {f"N.{axis}": normal[..., k] for k, axis in enumerate("XYZ")}
         write_exr(partial, {"Z": metres, "class": classes.astype(np.uint32), **planes})
-    write_json(stem.with_name(f"{stem.name}.json"), plain(camera))
+    write_json(about, plain(camera))
     near, middle, far = np.quantile(metres, [0.02, 0.5, 0.98])
     return (
-        f"{stem}.png: {width}x{height}, {near:.1f} to {far:.1f} m, median {middle:.1f} m; "
+        f"{sheet}: {width}x{height}, {near:.1f} to {far:.1f} m, median {middle:.1f} m; "
         f"{photo.stated}"
     )
 

@@ -22,7 +22,7 @@ from pbrnet.model.evaluation.previews import (
     write_rendering,
 )
 from pbrnet.model.evaluation.selection import FromFrames, FromScenes, Selected
-from pbrnet.model.methods import MAX_SAMPLES, MIN_TILE, PREDICTABLE
+from pbrnet.model.methods import MAX_SAMPLES, METHODS, MIN_TILE, PREDICTABLE
 from pbrnet.model.options import found_models_option
 from pbrnet.pipeline.commands.options import (
     FOLDER,
@@ -345,8 +345,10 @@ def _scenes_at(path: Path) -> list[Path]:
 
 def _within_seconds(way: Way, renderers: Renderers, first: View) -> Way:
     """The way of the best picture in so many seconds, as measured on the first view."""
-    if way.method or way.spp or way.quality:
-        raise click.UsageError("--seconds chooses --method and --spp; do not combine them")
+    if way.method or way.spp or way.quality or way.tile:
+        raise click.UsageError(
+            "--seconds chooses --method and --spp; do not combine them or --tile"
+        )
     assert way.seconds is not None
     networks: Networks | None = None
     if integrator.available() and (folder := way.networks_of(HYBRID, note=True)):
@@ -376,6 +378,8 @@ def _with_best_method(way: Way) -> Way:
 def _previews(views: Sequence[View], renderers: Renderers, way: Way, output: Output) -> Pictures:
     """Pictures of scenes' views without a network."""
     method, spp, quality = way.method or "", way.spp or 0, way.quality or "high"
+    if way.tile:
+        raise click.UsageError(f"--tile applies to networks, not to --method {method}")
 
     def draw(view: View) -> Drawn:
         preview = Preview(renderers.of(view), method, spp, quality)
@@ -400,6 +404,8 @@ def _predictions(sources: Sequence[ViewSource], way: Way, output: Output) -> Pic
     if (way.spp or 0) > MAX_SAMPLES:
         raise click.UsageError(f"--spp: networks take at most {MAX_SAMPLES} samples per pixel")
     found = find_models(way.models, way.method)
+    if way.spp and not METHODS[found.method].takes_samples:
+        raise click.UsageError(f"--spp: {found.method} takes no samples")
     networks = load_networks(found.folder, [found.method], way.tile or 0)
     say(f"{found.method}, networks from {found.description}")
 

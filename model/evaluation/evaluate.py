@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,9 +16,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from pbrnet.model.data.encoding import color_exposure, input_named, shading_exposure
+from pbrnet.model.data.encoding import color_exposure, input_columns, input_named, shading_exposure
 from pbrnet.model.data.reader import NOISY_SPP, Dataset, Example, Split, image_columns
-from pbrnet.model.evaluation.inference import Networks, available, load_networks
+from pbrnet.model.evaluation.inference import Networks, available, load_networks, needed
 from pbrnet.model.evaluation.metrics import NAMES, bootstrap, find_lpips, flip_map, measure
 from pbrnet.model.methods import BASELINES, METHODS, PREDICTABLE, PRODUCTS, columns_of
 from pbrnet.model.training.store import ModelCard
@@ -98,6 +99,7 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
             for method, image in _images(example, networks).items():
                 if method in EVALUATED_METHODS:
                     values = measure(truth, image, lpips)
+                    _stop_if_nan(values, example, method)
                     scores.append(Score(example.scene_id, example.view_id, method, values))
             progress.advance()
 
@@ -120,6 +122,7 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
             dataset, scores, seconds, params.dataset.splits.test_only, params.seed
         ),
         "timing": {**seconds, **renderer_seconds(folders.data, scores)},
+        "examples_of": networks.methods[0],
         "examples": {
             "best": [[score.scene_id, score.view_id] for score in best],
             "worst": [[score.scene_id, score.view_id] for score in worst],
@@ -129,6 +132,16 @@ def evaluate(params: Params, folders: Folders) -> dict[str, Any]:
     _write_scores(folders.metrics / "evaluation.csv", scores)
     write_json(folders.metrics / "evaluation.json", result)
     return result
+
+
+def _stop_if_nan(values: Mapping[str, float | None], example: Example, method: str) -> None:
+    """Raise `InputError` for a figure that is no number, as of an image with NaN."""
+    for name, value in values.items():
+        if value is not None and math.isnan(value):
+            raise InputError(
+                f"{example.scene_id}/{example.view_id}: {name} of {method} is not a number; "
+                "look at the row with: pbrnet inspect"
+            )
 
 
 def _methods(scores: Sequence[Score], seconds: dict[str, float], seed: int) -> dict[str, Any]:
@@ -168,16 +181,22 @@ def _kept_back(
 
 
 def open_split(
-    split: Split, tone: ToneParams, folders: Folders, methods: Sequence[str]
+    split: Split,
+    tone: ToneParams,
+    folders: Folders,
+    methods: Sequence[str],
+    more: Sequence[str] = (),
 ) -> tuple[Networks, Dataset]:
     """Return the networks of these methods and the split they are measured on.
+
+    `more`: columns to read beside those of the networks.
 
     Raises `LeakError` as `refuse_leaks` does, and `InputError` if a network is missing or its tone
     mapping differs from `tone`.
     """
     networks = load_networks(folders.models, methods)
-    columns = columns_of(networks.baselines)
-    dataset = Dataset(folders.data / "dataset", split, columns)
+    columns = dict.fromkeys((*columns_of(networks.baselines), *more))
+    dataset = Dataset(folders.data / "dataset", split, tuple(columns))
     refuse_leaks(dataset, networks.cards)
     if networks.card.tone != plain(tone):
         raise InputError(
@@ -213,12 +232,18 @@ def _measurable(
     columns = image_columns(folders.data / "dataset", split)
     left_out = {}
     for method in methods:
-        card = folders.models / f"{method}.json"
-        trained_with = read_json(card).get("training", {}) if card.is_file() else {}
-        needed = list(columns_of([method]))
-        for name in METHODS[method].optional_inputs if method in METHODS else ():
-            needed += input_named(name).columns if trained_with.get(name) else ()
-        missing = [name for name in needed if name not in columns]
+        wanted = list(columns_of([method]))
+        for name in needed(method):
+            card = folders.models / f"{name}.json"
+            if name not in METHODS or not card.is_file():
+                continue
+            facts = read_json(card)
+            panorama = facts.get("architecture", {}).get("panorama", "normal")
+            wanted += input_columns(METHODS[name].inputs_with(panorama))
+            for optional in METHODS[name].optional_inputs:
+                trained_with = facts.get("training", {}).get(optional)
+                wanted += input_named(optional).columns if trained_with else ()
+        missing = [name for name in dict.fromkeys(wanted) if name not in columns]
         if missing:
             remedies = "; ".join(dict.fromkeys(map(remedy, missing)))
             left_out[method] = f"the dataset has no {', '.join(missing)}; {remedies}"

@@ -138,10 +138,11 @@ def best_and_worst(
     rows: Mapping[tuple[str, str], dict[str, Any]],
 ) -> dict[str, list[dict[str, Any]]]:
     """Return the pictures of the best and worst views; `keys`: group -> views."""
+    method = records.evaluation.get("examples_of", "pbrnet")
     scores = {
         (line["scene_id"], line["view_id"]): line
         for line in records.scores()
-        if line["method"] == "pbrnet"
+        if line["method"] == method
     }
     shared = records.evaluation.get("exposure") == "shared"
     return {

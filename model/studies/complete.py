@@ -102,7 +102,7 @@ Examples:
   pbrnet study all --only time-160x120 --only loss
 
 Run it in the folder with the parameters, data and networks of the reference run. A part is up to
-date while its command, parameters, dataset and networks are unchanged, as recorded in
+date while its command, parameters, dataset, networks, code and figures are those recorded in
 metrics/studies/all.json. An interrupted part resumes. `make docs` then writes the tables of
 docs/results.md.""",
 )
@@ -119,7 +119,7 @@ def command(request: Request, only: tuple[str, ...], docs: Path | None) -> int:
     for part in parts:
         words = (*part.arguments, repr(keys(*part.keys)), *state[part.takes_models])
         digest = digest_bytes(*map(str.encode, words))
-        if known.get(part.name) == digest:
+        if digest in known.get(part.name, ()) and known[part.name] == [digest, _result(part)]:
             say(f"{part.name}: up to date")
         elif request.dry_run:
             say(f"{part.name}: {part.command}")
@@ -130,7 +130,7 @@ def command(request: Request, only: tuple[str, ...], docs: Path | None) -> int:
                 failed.append(part.name)
                 continue
             # Read anew: another process may have made other parts meanwhile.
-            write_json(RECORD, {**_recorded(), part.name: digest})
+            write_json(RECORD, {**_recorded(), part.name: [digest, _result(part)]})
         if docs is not None and not request.dry_run:
             record(part, docs)
     if failed:
@@ -178,7 +178,13 @@ def record(part: Part, docs: Path) -> None:
             partial.write_bytes(_jpeg(picture))
 
 
-def _recorded() -> dict[str, str]:
+def _result(part: Part) -> str:
+    """Digest of the part's figures; empty if there are none."""
+    path = _saved(part, ".json")
+    return digest_file(path) if path.is_file() else ""
+
+
+def _recorded() -> dict[str, list[str]]:
     """Return the digest of each part that is made."""
     return read_json(RECORD) if RECORD.is_file() else {}
 

@@ -118,12 +118,12 @@ def train_steps(
     """Train from the state's step to the last one.
 
     A step updates the modules one after the other. The loop writes a checkpoint every
-    `train.checkpoint_steps` steps, and on Ctrl-C between two steps. Raises `TrainingError` if a
-    loss is not finite.
+    `train.checkpoint_steps` steps, and on Ctrl-C between two steps, outside of validation. Raises
+    `TrainingError` if a loss is not finite.
     """
     batches = batches_from(dataset, run.params, run.seed, state.step)
     every = run.params.checkpoint_steps
-    whole = True  # False within a step, when only some modules have been updated
+    whole = True  # False within a step: some modules are updated, or the epoch is not closed
     with torch.random.fork_rng(), Progress(run.steps, f"train {run.name}", "steps") as progress:
         progress.advance(state.step)
         try:
@@ -138,9 +138,9 @@ def train_steps(
                     if updated == "network":
                         state.loss_sum += float(loss.detach())
                 state.step += 1
-                whole = True
                 if state.step % run.steps_per_epoch == 0:
                     progress.write(_epoch_message(run, _close_epoch(state, run, validation)))
+                whole = True
                 if state.step % every == 0 and state.step < run.steps:
                     checkpoint.save(run.objective, run.optimisers, state)
                 progress.advance()

@@ -34,6 +34,7 @@ from pbrnet.model.training.checkpoint import Checkpoint, CurvePoint
 from pbrnet.model.training.loop import Run, step_format, train_steps
 from pbrnet.model.training.loss import PerceptualLoss
 from pbrnet.model.training.store import ModelCard, TrainingData, load_model, save_model
+from pbrnet.pipeline.farm.versions import PACKED
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.tonemap import ToneParams
 from pbrnet.scenes.checked import plain
@@ -66,6 +67,9 @@ class Folders:
         backbone = backbone or models
         if models == Path("models"):
             return Folders(data=data, backbone=backbone)
+        if models.resolve() == PACKED.resolve():  # nothing is written beside pretrained networks
+            own = Path("metrics/pretrained"), Path("plots/pretrained")
+            return Folders(data, models, *own, backbone)
         return Folders(data, models, models / "metrics", models / "plots", backbone)
 
 
@@ -88,12 +92,12 @@ def train_network(
     stage: StageTrainParams = getattr(params.train, name)
     dataset = Dataset(folders.data / "dataset", "train", method.columns, only)
     backbone = load_backbone(folders.backbone)
-    shading, needs = _fixed_shading(method, params.tone, folders)
+    shading, needs = _fixed_shading(method, params.train, params.tone, folders)
     device = choose_device(params.train)
     precision = choose_precision(params.train, device)
     architecture = _architecture(method, stage, params.train)
     network = _initial(name, architecture, params.seed, start)
-    data = _training_data(dataset)
+    data = _training_data(dataset, start)
     started_from = digest_file(start) if start else None
 
     steps_per_epoch = stage.steps_per_epoch or math.ceil(len(dataset) / params.train.batch)
@@ -101,7 +105,7 @@ def train_network(
     settings = _settings(params.train, method)
     identity = _identity(
         *(name, params.seed, settings, plain(params.tone), plain(architecture), data.fingerprint),
-        *(plain(backbone.card), needs, started_from or "", steps, precision),
+        *(plain(backbone.card), needs, started_from or "", steps, steps_per_epoch, precision),
     )
     setting = Setting(
         _placed(network, device),
@@ -202,7 +206,7 @@ def choose_precision(params: TrainParams, device: torch.device) -> str:
     if params.precision != "auto":
         return params.precision
     if device.type == "cuda":
-        return "bfloat16" if torch.cuda.is_bf16_supported() else "float32"
+        return "bfloat16" if torch.cuda.is_bf16_supported(including_emulation=False) else "float32"
     flags = torch.cpu.get_capabilities()
     native = any(flags.get(name) for name in ("avx512_bf16", "amx_bf16", "bf16"))
     return "bfloat16" if native else "float32"
@@ -245,20 +249,25 @@ def _autocast(device: torch.device, precision: str) -> Callable[[], torch.autoca
 
 
 def _fixed_shading(
-    method: Method, tone: ToneParams, folders: Folders
+    method: Method, params: TrainParams, tone: ToneParams, folders: Folders
 ) -> tuple[nn.Module | None, dict[str, str]]:
     """Fixed shading network that the method takes as input, and its digest by name; or None.
 
-    Raises `InputError` if it was trained with another tone mapping.
+    Raises `InputError` if it was trained with another tone mapping, exposure or panorama.
     """
     if not method.uses_shading_net:
         return None, {}
     network, card = load_model(folders.models / "shading.safetensors")
-    if card.tone != plain(tone):
-        raise InputError(
-            f"{folders.models}/shading.json: trained with the tone mapping {card.tone}, but the "
-            f"parameters give {plain(tone)}; train the shading network again"
-        )
+    for what, trained, wanted in (
+        ("tone mapping", card.tone, plain(tone)),
+        ("exposure", card.exposure, params.exposure),
+        ("panorama", card.architecture.panorama, params.panorama),
+    ):
+        if trained != wanted:
+            raise InputError(
+                f"{folders.models}/shading.json: trained with the {what} {trained}, but the "
+                f"parameters give {wanted}; train the shading network again"
+            )
     return network, {"shading": card.sha256}
 
 
@@ -272,16 +281,23 @@ def _validation_views(folder: Path, columns: Sequence[str]) -> list[Example]:
     return [example for _, example in zip(range(VALIDATION_VIEWS), dataset.ordered(), strict=False)]
 
 
-def _training_data(dataset: Dataset) -> TrainingData:
-    scenes = sorted(set(dataset.column("scene_id")))
+def _training_data(dataset: Dataset, start: Path | None) -> TrainingData:
+    """Data of the training, with scenes and credits of what the network at `start` had seen."""
+    scenes = set(dataset.column("scene_id"))
     plans = dataset.plans()
+    found = {
+        "scenes": scenes,
+        "plans": {plans.get(scene, scene) for scene in scenes},
+        "licences": set(dataset.column("licence")),
+        "attributions": set(dataset.column("attribution")),
+    }
+    if start is not None:
+        earlier = load_model(start)[1].data
+        found = {name: seen | set(getattr(earlier, name)) for name, seen in found.items()}
     return TrainingData(
         fingerprint=dataset.fingerprint(),
         views=len(dataset),
-        scenes=tuple(scenes),
-        plans=tuple(sorted({plans.get(scene, scene) for scene in scenes})),
-        licences=tuple(sorted(set(dataset.column("licence")))),
-        attributions=tuple(sorted(set(dataset.column("attribution")))),
+        **{name: tuple(sorted(seen)) for name, seen in found.items()},
     )
 
 

@@ -80,7 +80,7 @@ def trajectories_of(scene_id: str, options: CameraParams) -> list[Path]:
 def _read_tum(path: Path) -> _Content:
     poses = []
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file") from None
     for number, line in enumerate(lines, 1):

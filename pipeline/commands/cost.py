@@ -22,10 +22,9 @@ from pbrnet.pipeline.costs.forecast import (
     view_size,
 )
 from pbrnet.pipeline.costs.ledger import read_ledger
-from pbrnet.pipeline.farm.versions import STAGE_KEY
 from pbrnet.pipeline.release.recipe import load_recipe
 from pbrnet.pipeline.terminal import say, views_of
-from pbrnet.scenes.contract import load_scene, scene_folders
+from pbrnet.scenes.contract import STAGE_KEY, load_scene, scene_folders
 from pbrnet.scenes.errors import ParameterError
 
 

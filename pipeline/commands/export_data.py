@@ -13,6 +13,7 @@ from pbrnet.pipeline.export.registry import FORMATS
 from pbrnet.pipeline.export.rows import DatasetRows
 from pbrnet.pipeline.splits import SPLITS
 from pbrnet.pipeline.terminal import counted, say
+from pbrnet.scenes.errors import ParameterError
 
 _DEFAULT = ExportOptions()
 
@@ -102,6 +103,11 @@ def export_data(
     **options: Any,
 ) -> None:
     """Write the packed dataset in a format of another project."""
+    context = click.get_current_context()
+    for option in options:
+        given = context.get_parameter_source(option) is click.core.ParameterSource.COMMANDLINE
+        if given and option not in FORMATS[name].uses:
+            raise ParameterError(f"--{option.replace('_', '-')}: not for {name}")
     rows = DatasetRows(dataset or data / "dataset", splits, scenes)
     out = out or data / "exports" / name
     done = run_export(FORMATS[name], Job(rows, data / "scenes", ExportOptions(**options), out))

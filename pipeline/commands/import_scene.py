@@ -23,7 +23,7 @@ from pbrnet.scenes.files import sweep
 from pbrnet.scenes.importing.changes import DOUBTS
 from pbrnet.scenes.importing.options import FILE
 from pbrnet.scenes.params import SceneParams
-from pbrnet.scenes.registry import SOURCES, import_scene, option_names
+from pbrnet.scenes.registry import SOURCES, import_scene, is_exported, option_names
 from pbrnet.scenes.seeds import derive
 from pbrnet.scenes.variants.vary import VariantSettings, vary_scene
 
@@ -222,13 +222,14 @@ def _given_options(path: Path, options: dict[str, Any]) -> dict[str, Any]:
 
     Raises `ParameterError` for a given option of another kind.
     """
-    source = None if path.is_dir() else SOURCES.get(path.suffix.lower())
+    copied = path.is_dir() or is_exported(path)
+    source = None if copied else SOURCES.get(path.suffix.lower())
     known = option_names(path.suffix) if source is not None else ()
     for name in sorted(options):
         if name not in known and _is_given(name):
-            if source is None and not path.is_dir():
+            if source is None and not copied:
                 continue  # `import_scene` refuses the file itself
-            kind = "scene folders" if path.is_dir() else f"{path.suffix} files"
+            kind = "scene folders and exported scenes" if copied else f"{path.suffix} files"
             raise ParameterError(f"--{name.replace('_', '-')}: not for {kind}")
     given = {name: options[name] for name in known if name in options}
     if "parameter" in given:

@@ -39,6 +39,10 @@ _FIRST_VOLUME = 900  # Hypersim's own volumes are below 100
 _SCENES_A_VOLUME = 999
 _NEAR, _FAR = 1.0, 1000.0  # of the projection matrix, as in Hypersim's file
 _FLIP = np.array([1.0, -1.0, -1.0])  # camera axes from ours to Hypersim's
+_FILES = (
+    *("metadata_camera_parameters.csv", "metadata_images.csv"),
+    *("metadata_images_split_scene_v1.csv", "scenes.csv"),
+)
 _SPLITS = {"train": "train", "validation": "val", "test": "test"}
 
 
@@ -278,14 +282,14 @@ def _finish(job: Job) -> None:
         *("settings_units_info_meters_scale", "use_camera_physical", "settings_camera_fov"),
         *(*uv, *proj),
     )
-    write_csv(job.out / "metadata_camera_parameters.csv", header, cameras)
+    write_csv(job.out / _FILES[0], header, cameras)
     header = ("scene_name", "camera_name", "frame_id", "included_in_public_release")
     header += ("exclude_reason",)
-    write_csv(job.out / "metadata_images.csv", header, [frame[:5] for frame in frames])
+    write_csv(job.out / _FILES[1], header, [frame[:5] for frame in frames])
     header += ("split_partition_name",)
-    write_csv(job.out / "metadata_images_split_scene_v1.csv", header, frames)
+    write_csv(job.out / _FILES[2], header, frames)
     header = ("scene_name", "camera_name", "frame_id", "scene_id", "view_id")
-    write_csv(job.out / "scenes.csv", header, names)
+    write_csv(job.out / _FILES[3], header, names)
 
 
 def _sizes(job: Job) -> tuple[int, int]:
@@ -302,5 +306,6 @@ FORMAT = Format(
     _parts,
     _finish,
     _check,
+    _FILES,
     uses=("partial",),
 )

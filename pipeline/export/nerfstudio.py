@@ -100,6 +100,7 @@ def _transforms(frames: list[dict[str, Any]], model: str) -> dict[str, Any]:
         shared = {}
     return {
         "camera_model": model,
+        **({"is_fisheye": True} if model == "OPENCV_FISHEYE" else {}),
         **shared,
         "depth_unit_scale_factor": 1 / _MILLIMETRES,
         "ply_file_path": "points.ply",

@@ -1,14 +1,15 @@
 """Execution of an export: parts that appear by rename, so that a killed export resumes.
 
-`export.json` in the folder names format, options and dataset. The same export again keeps the parts
-that are there; another one replaces them.
+`export.json` in the folder names format, options, dataset and files. The same export again keeps
+the parts that are there; another one replaces them, and refuses a folder with further files.
+`credits.csv` has licence and author of each scene.
 """
 
 from __future__ import annotations
 
 import importlib
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -20,9 +21,17 @@ from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.records import data_lock
 from pbrnet.scenes.errors import InputError, MachineError, PbrnetError
-from pbrnet.scenes.files import atomic_directory, atomic_file, read_json, sweep, write_json
+from pbrnet.scenes.files import (
+    atomic_directory,
+    atomic_file,
+    read_json,
+    sweep,
+    write_csv,
+    write_json,
+)
 
 RECORD = "export.json"
+CREDITS = "credits.csv"  # licence and author of each scene
 _LOCK = ".lock"
 
 Advance = Callable[[], None]
@@ -79,6 +88,7 @@ class Format:
     parts: Callable[[Job], Sequence[Part]]
     finish: Callable[[Job], None] = lambda job: None
     check: Callable[[Job], None] = lambda job: None
+    finished: tuple[str, ...] = ()  # what `finish` writes beside the parts
     uses: tuple[str, ...] = ()  # names of the options that change its files
     lenses: tuple[LensKind, ...] = ()  # that it can say, besides pinholes
 
@@ -112,11 +122,13 @@ def run_export(form: Format, job: Job) -> Exported:
     _claim(job.out)
     with data_lock(job.out, f"export-data --to {form.name}"):
         sweep(job.out)
-        path = job.out / RECORD
-        if not path.exists() or read_json(path) != record:
-            _clear(job.out)
-            write_json(path, record)
         parts = form.parts(job)
+        tops = {part.path.partition("/")[0] for part in parts}
+        record["files"] = sorted({*tops, *form.finished, CREDITS})
+        path = job.out / RECORD
+        if not path.exists() or (found := read_json(path)) != record:
+            _clear(job.out, found.get("files") if path.exists() else ())
+            write_json(path, record)
         kept = 0
         with Progress(sum(part.views for part in parts), form.name) as progress:
             for part in parts:
@@ -129,6 +141,7 @@ def run_export(form: Format, job: Job) -> Exported:
                 with writing(target) as path:
                     part.write(path, progress.advance)
         form.finish(job)
+        _write_credits(job)
     return Exported(sum(part.views for part in parts), len(parts), kept)
 
 
@@ -157,16 +170,38 @@ def _claim(folder: Path) -> None:
         )
 
 
-def _clear(folder: Path) -> None:
-    """Remove the files of another export."""
-    for path in sorted(folder.iterdir()):
-        if path.name == _LOCK:
-            continue
+def _write_credits(job: Job) -> None:
+    """Write licence and attribution of every scene, if the dataset has them."""
+    columns = ("licence", "attribution")
+    if not job.rows.columns.issuperset(columns):
+        return
+    firsts = [rows[0] for rows in job.rows.scenes().values()]
+    credits = [
+        (row.scene_id, *(content.values[name] for name in columns))
+        for row, content in job.rows.read(firsts, (), columns)
+    ]
+    write_csv(job.out / CREDITS, ("scene_id", *columns), credits)
+
+
+def _clear(folder: Path, made: Iterable[str] | None) -> None:
+    """Remove the files of another export, `made`; before they were recorded, all are its own.
+
+    Raises `InputError` if there are others.
+    """
+    found = {path.name for path in folder.iterdir()} - {_LOCK, RECORD}
+    others = [] if made is None else sorted(found - set(made))
+    if others:
+        raise InputError(
+            f"{folder}: {others[0]} is not of the export there, which would be replaced; move it "
+            "away, or choose another folder with --out"
+        )
+    for name in sorted(found | {RECORD}):
+        path = folder / name
         try:
             if path.is_dir() and not path.is_symlink():
                 shutil.rmtree(path)
             else:
-                path.unlink()
+                path.unlink(missing_ok=True)
         except OSError as error:
             raise PbrnetError(f"{path}: cannot be removed ({error.strerror})") from None
 

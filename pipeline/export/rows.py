@@ -32,7 +32,8 @@ from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import digest_bytes, digest_file
 
-_CAMERA = ("scene_id", "view_id", "split", "camera_to_world", "exposure_color", "white_color")
+_CAMERA = ("scene_id", "view_id", "split", "camera_to_world")
+_EXPOSURE = ("exposure_color", "white_color")  # of datasets with colour
 _OPTIONAL = (
     *("radiance_scale", "room_type", "trajectory", "frame", "projection", "distortion"),
     *("f_number", "focus_distance", "exposure_time", "readout_time"),
@@ -48,7 +49,7 @@ class ViewRow:
 
     `intrinsics` (3, 3) in pixels, centres at +0.5, NaN for equirectangular views; `pose` (4, 4)
     camera to world, camera axes x right, y down, z forward, world in metres, Z up. `exposure` is
-    that of `color` in the renderer's unit.
+    that of `color` in the renderer's unit, None in a dataset without colour.
     """
 
     scene_id: str
@@ -56,7 +57,7 @@ class ViewRow:
     split: str
     intrinsics: Float64Array
     pose: Float64Array
-    exposure: Exposure
+    exposure: Exposure | None
     radiance_scale: float
     values: Mapping[str, Any]  # trajectory, frame, room_type, where the dataset has them
     place: tuple[int, int, int]  # shard, row group, row in it
@@ -102,13 +103,11 @@ class DatasetRows:
     ) -> None:
         self.folder = Path(folder)
         self.shards = shards_of(self.folder)
-        self.metadata: dict[bytes, bytes] = {}
         names: list[set[str]] = []
         rows: list[ViewRow] = []
         for number, path in enumerate(self.shards):
             with reading(path), open_parquet(path) as file:
                 names.append(set(file.schema_arrow.names))
-                self.metadata = file.schema_arrow.metadata or {}
                 rows += _cameras(path, number, file)
         self.columns = frozenset(set.intersection(*names))
         _check_known(self.folder, "split", splits, {row.split for row in rows})
@@ -191,10 +190,11 @@ def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:
         )
     optional = [name for name in _OPTIONAL if name in schema.names]
     flat = "projection" not in optional
-    check_types(path, schema, (*_CAMERA, "K", *optional))
+    exposed = _EXPOSURE if set(_EXPOSURE) <= set(schema.names) else ()
+    check_types(path, schema, (*_CAMERA, *exposed, "K", *optional))
     for group in range(file.num_row_groups):
-        table = file.read_row_group(group, columns=[*_CAMERA, "K", *optional])
-        check_filled(path, table, (*_CAMERA, "K") if flat else _CAMERA)
+        table = file.read_row_group(group, columns=[*_CAMERA, *exposed, "K", *optional])
+        check_filled(path, table, (*_CAMERA, *exposed, *(("K",) if flat else ())))
         for number, cells in enumerate(table.to_pylist()):
             scale = cells.get("radiance_scale", 1.0)
             if not is_scale(scale):
@@ -206,7 +206,7 @@ def _cameras(path: Path, shard: int, file: pq.ParquetFile) -> Iterator[ViewRow]:
                 cells["split"],
                 np.full((3, 3), np.nan) if cells["K"] is None else _matrix(cells["K"], 3),
                 _matrix(cells["camera_to_world"], 4),
-                Exposure(cells["exposure_color"], cells["white_color"]),
+                Exposure(cells["exposure_color"], cells["white_color"]) if exposed else None,
                 scale,
                 {name: cells[name] for name in optional},
                 (shard, group, number),

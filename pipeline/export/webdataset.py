@@ -1,7 +1,7 @@
 """WebDataset: tars of OpenEXR files, the images of a view together under one key.
 
 `SPLIT-000000.tar` holds for each view `KEY.COLUMN.exr`, every image column of the dataset in the
-renderer's unit, and `KEY.json` with ids, camera and exposure. Tars are USTAR without times and
+renderer's unit, and `KEY.json` with ids, camera and exposure. Tars are without times and
 owners: equal rows give equal bytes.
 """
 
@@ -25,6 +25,8 @@ from pbrnet.pipeline.frames import banded
 from pbrnet.scenes.arrays import AnyArray
 from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.files import temporary_folder
+
+TAR = tarfile.PAX_FORMAT  # USTAR where names have at most 100 bytes
 
 
 def key_of(row: ViewRow) -> str:
@@ -62,7 +64,7 @@ def _write(job: Job, rows: Sequence[ViewRow], path: Path, advance: Advance) -> N
         if name in job.rows.columns
     ]
     images = job.rows.image_names()
-    with temporary_folder() as folder, tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
+    with temporary_folder() as folder, tarfile.open(path, "w", format=TAR) as tar:
         for row, content in job.rows.read(rows, images, values):
             key = key_of(row)
             _add(tar, f"{key}.json", json.dumps(_facts(row, content.values), sort_keys=True))
@@ -96,6 +98,9 @@ def _facts(row: ViewRow, values: dict[str, Any]) -> dict[str, Any]:
     facts = {**row.values, **values}
     if facts.get("instances"):
         facts["instances"] = json.loads(facts["instances"])
+    exposed = {}
+    if row.exposure is not None:
+        exposed = {"exposure_color": row.exposure.scale, "white_color": row.exposure.white}
     return {
         **facts,
         "scene_id": row.scene_id,
@@ -103,8 +108,7 @@ def _facts(row: ViewRow, values: dict[str, Any]) -> dict[str, Any]:
         "split": row.split,
         "K": None if row.lens_kind == "equirectangular" else row.intrinsics.tolist(),
         "camera_to_world": row.pose.tolist(),
-        "exposure_color": row.exposure.scale,
-        "white_color": row.exposure.white,
+        **exposed,
     }
 
 
@@ -118,7 +122,7 @@ def _add(tar: tarfile.TarFile, name: str, content: str | bytes) -> None:
 FORMAT = Format(
     "webdataset",
     "WebDataset: tars of OpenEXR images and JSON",
-    ("color",),
+    (),
     _parts,
     check=_check,
     uses=("tar_views",),

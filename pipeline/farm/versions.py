@@ -22,10 +22,6 @@ from pbrnet.scenes.installation import PACKAGE
 _LAYERS = ("pipeline", "scenes")
 _KINDS = ("*.py", "*.toml", "*.yaml")  # of sources: code, and the tables of modules beside them
 PACKED = PACKAGE / "weights"  # pretrained networks: a checkout's, or an installation's
-# Keys in scene.json's `source` that the scenes stage writes: its fingerprint, and the files that an
-# import looked for.
-STAGE_KEY = "made_by_stage"
-STAGE_FILES_KEY = "opened_files"
 _SURE = 2.0  # seconds after which a changed file has another time
 _digests: dict[Path, tuple[int, str]] = {}  # of scene folders, with the state of their files
 
@@ -96,10 +92,7 @@ def scene_digest(folder: Path) -> str:
 
 def _scene_digest(folder: Path, files: Sequence[Path]) -> str:
     scene = load_scene(folder)
-    source = {
-        key: value for key, value in scene.source.items() if key not in (STAGE_KEY, STAGE_FILES_KEY)
-    }
-    bare = replace(scene, source=source, joints=())
+    bare = replace(scene, source=scene.origin, joints=())
     contents = {
         file.relative_to(folder).as_posix(): digest_file(file)
         for file in files

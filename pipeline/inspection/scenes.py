@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from shapely.geometry import Polygon
 
-from pbrnet.pipeline.farm.versions import STAGE_FILES_KEY, STAGE_KEY
 from pbrnet.pipeline.images import Picture, contact_sheet, enlarge, read_picture
 from pbrnet.pipeline.inspection.drawings import draw_cameras, draw_plan, draw_scene
 from pbrnet.pipeline.inspection.sections import Inspection, Table, facts_of, rows_of
@@ -59,11 +58,7 @@ def inspect_scene(folder: Path, renders: bool = True) -> Inspection:
         f"{counted(len(scene.portals), 'portal')}",
         {
             "General": {
-                **{
-                    f"source {key}": value
-                    for key, value in scene.source.items()
-                    if key not in (STAGE_KEY, STAGE_FILES_KEY)
-                },
+                **{f"source {key}": value for key, value in scene.origin.items()},
                 "lighting": scene.lighting,
                 "plan": scene.plan or scene.scene_id,
                 "units": scene.units,

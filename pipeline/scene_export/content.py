@@ -285,7 +285,8 @@ def _camera_file(content: Content, path: Path) -> None:
             f"{path}: cameras of {found.scene_id!r}, not of {content.scene.scene_id!r}"
         )
     for view in found.views:
-        if not view.lens.is_rectilinear:
+        middle = (0.5 * view.width, 0.5 * view.height)
+        if not (view.lens.is_pinhole and np.allclose((view.K[0][2], view.K[1][2]), middle)):
             content.lost.note("cameras that are not plain perspective were left out")
             continue
         half = math.atan(0.5 * view.width / view.K[0][0])

@@ -24,7 +24,7 @@ def description(content: Content, outdoors: Outdoors | None) -> dict[str, Any]:
     objects = tuple(_bounded(thing, content) for thing in content.scene.objects)
     return {
         "version": VERSION,
-        "scene": plain(replace(content.scene, objects=objects)),
+        "scene": plain(replace(content.scene, source=content.scene.origin, objects=objects)),
         "max_depth": content.max_depth,
         **stated,
     }

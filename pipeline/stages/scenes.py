@@ -11,7 +11,7 @@ from typing import Any
 
 from pbrnet.pipeline.costs.forecast import view_size
 from pbrnet.pipeline.farm.limits import Limits, StoppedError, run_limited
-from pbrnet.pipeline.farm.versions import STAGE_FILES_KEY, STAGE_KEY, memory_columns
+from pbrnet.pipeline.farm.versions import memory_columns
 from pbrnet.pipeline.frames import fingerprint
 from pbrnet.pipeline.keys import key
 from pbrnet.pipeline.params import Params
@@ -19,7 +19,14 @@ from pbrnet.pipeline.records import Failure, data_lock
 from pbrnet.pipeline.stages.runner import StagePlan, Summary, Target, begin, execute, finish
 from pbrnet.scenes.assets.index import INDEX, load_index
 from pbrnet.scenes.checked import plain
-from pbrnet.scenes.contract import Scene, load_scene, save_scene, scene_folders
+from pbrnet.scenes.contract import (
+    STAGE_FILES_KEY,
+    STAGE_KEY,
+    Scene,
+    load_scene,
+    save_scene,
+    scene_folders,
+)
 from pbrnet.scenes.errors import InputError, ParameterError
 from pbrnet.scenes.files import digest_file, exists, remove_partials, resolved
 from pbrnet.scenes.looks import HomeSettings

@@ -37,7 +37,7 @@ def find_credit(
         part="everything",
         title=match["title"] if match else title,
         author=author or found_author or "unknown",
-        licence=licence or _licence(text) or "unknown",
+        licence=licence or licence_in(text) or "unknown",
         source=source[0].rstrip(".,)") if source else name,
     )
     if "unknown" in (credit.author, credit.licence):
@@ -58,7 +58,8 @@ def _licence_text(opened: OpenedFiles) -> tuple[str, str]:
     return "", ""
 
 
-def _licence(text: str) -> str:
+def licence_in(text: str) -> str:
+    """Return the licence that a text names, in SPDX's manner; empty if it names none known."""
     match = _COMMONS.search(text)
     if match:
         if match[1] == "publicdomain":

@@ -123,7 +123,14 @@ def restore(
     stayed = {one.id for one, was in zip(objects, scene.objects, strict=True) if _is_at(one, was)}
     joints = tuple(joint for joint in scene.joints if joint.object in stayed)
     notes = tuple(dict.fromkeys(notes))
-    made = replace(scene, scene_id=scene_id, objects=objects, joints=joints, changes=notes)
+    made = replace(
+        scene,
+        scene_id=scene_id,
+        source=scene.origin,
+        objects=objects,
+        joints=joints,
+        changes=notes,
+    )
     save_scene(folder, made)
     return True
 

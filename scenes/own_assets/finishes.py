@@ -11,7 +11,7 @@ import numpy as np
 
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import Color
-from pbrnet.scenes.image_files import open_image
+from pbrnet.scenes.image_files import eight_bits, open_image
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.importing.materials.surface import Surface
 from pbrnet.scenes.sweethome.furnishing.items import SurfaceFinish
@@ -65,8 +65,9 @@ def read_image(folder: Path, name: str) -> bytes:
     color, _, opacity = name.partition(_MASK)
     if not opacity:
         return (folder / color).read_bytes()
-    both = open_image(folder / color).convert("RGB")
-    both.putalpha(open_image(folder / opacity).convert("L").resize(both.size))
+    both = eight_bits(open_image(folder / color)).convert("RGB")
+    mask = eight_bits(open_image(folder / opacity)).convert("L")
+    both.putalpha(mask.resize(both.size))
     stream = io.BytesIO()
     both.save(stream, "PNG")
     return stream.getvalue()

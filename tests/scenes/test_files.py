@@ -207,3 +207,19 @@ def test_seeds_descend_by_name() -> None:
 def test_seeds_are_the_same_on_every_machine() -> None:
     """A change here would silently change every dataset ever made."""
     assert seeds.derive(0, "home", 0) == 14671120086821944859
+
+
+def test_a_folder_that_a_link_names_is_replaced_where_it_lies(tmp_path: Path) -> None:
+    (tmp_path / "disk" / "dataset").mkdir(parents=True)
+    (tmp_path / "dataset").symlink_to(tmp_path / "disk" / "dataset")
+    with atomic_directory(tmp_path / "dataset") as folder:
+        assert folder.parent == tmp_path / "disk"
+        (folder / "new").write_text("new")
+    assert (tmp_path / "dataset").is_symlink()
+    assert [path.name for path in (tmp_path / "disk" / "dataset").iterdir()] == ["new"]
+
+
+def test_a_byte_order_mark_is_no_part_of_a_text(tmp_path: Path) -> None:
+    (tmp_path / "layout.json").write_bytes(b"\xef\xbb\xbf{}")
+    assert read_text(tmp_path / "layout.json") == "{}"
+    assert read_json(tmp_path / "layout.json") == {}

@@ -153,8 +153,10 @@ def write_pairs_page(
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     methods = config.methods or ("pbrnet", "product", *trained_baselines(folders.models))
     trained = [name for name in methods if name in BASELINES]
-    split, measured = params.evaluate.split, ("pbrnet", *trained)
-    networks, dataset = open_split(split, params.tone, folders, measured)
+    own = [name for name in methods if name not in (*trained, "denoised", "radiosity")]
+    split, measured = params.evaluate.split, (*(["pbrnet"] if own or not trained else []), *trained)
+    more = ("denoised_color",) if "denoised" in methods else ()
+    networks, dataset = open_split(split, params.tone, folders, measured, more)
     weights = {name: card.sha256 for name, card in sorted(networks.cards.items())}
     # The seed is on the page; the secret is not, so that nobody who has only the page and this
     # program can reconstruct the sides.

@@ -18,7 +18,7 @@ import os
 import platform
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
@@ -31,7 +31,7 @@ import click
 import numpy as np
 import torch
 
-from pbrnet.model.data.encoding import INPUTS, color_exposure
+from pbrnet.model.data.encoding import INPUTS, color_exposure, input_columns
 from pbrnet.model.data.reader import Example
 from pbrnet.model.evaluation.evaluate import true_color
 from pbrnet.model.evaluation.inference import Networks
@@ -60,6 +60,7 @@ from pbrnet.model.studies.time.results import (
 from pbrnet.model.training.train import Folders
 from pbrnet.pipeline.channels import TRUTHS, Kind
 from pbrnet.pipeline.commands.options import Size
+from pbrnet.pipeline.farm.settings import FarmParams
 from pbrnet.pipeline.farm.versions import processor, scene_digest
 from pbrnet.pipeline.frames import Channels, stacked
 from pbrnet.pipeline.keys import keys
@@ -73,6 +74,7 @@ from pbrnet.pipeline.passes.settings import GroundTruthParams
 from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.passes.transport import prepare_quick, render_quick, samples_for
 from pbrnet.pipeline.passes.truth import noisy_trace, sample_guides
+from pbrnet.pipeline.passes.visibility import render_visibility
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pbrnet.pipeline.tonemap import tonemap
@@ -180,7 +182,8 @@ def study_time(
     store = FrameStore(folder, reference, seed)
     _references(scenes, views, store)
     renderer_of = partial(ViewRenderer, params=params)
-    measurements = _measure_views(scenes, views, renderer_of, networks, store, config)
+    paths = _kept(store, views, networks, config, scenes, plain(replace(params, farm=FarmParams())))
+    measurements = _measure_views(scenes, views, renderer_of, networks, store, config, paths)
     result = TimeResult(
         seed=params.seed,
         split=opened.split,
@@ -204,7 +207,7 @@ def study_time(
         timed_views=sum(bool(measurement.seconds) for measurement in measurements),
     )
     write_result(target, result, time_plot(result))
-    for path in _kept(store, views, networks, config):
+    for path in paths:
         path.unlink(missing_ok=True)
     return result, target
 
@@ -225,7 +228,7 @@ class ViewBenchmark:
         self.view, self.networks = view, networks
         self.seed = derive(self.params.seed, "study", "time", view.scene_id, view.view_id)
         self.takes = columns_of(networks.baselines)
-        given = {**self._surfaces(), "illumination": self._illumination()}
+        given = {**self._surfaces(), **self._lights()}
         if "transport_color" in self.takes:
             given["transport"] = self._transport(self.params.transport)
         truths = store.read("shading", view), store.read("color", view)
@@ -258,7 +261,7 @@ class ViewBenchmark:
         self._timed("inputs", self._inputs)
         if self._materials_taken():
             self._timed("surfaces", self._surfaces)
-        self._timed("illumination", self._illumination)
+        self._timed("illumination", self._lights)
         if "transport_color" in self.takes:
             self._timed("transport", partial(self._transport, self.params.transport))
             exposure = color_exposure(example, networks.card.exposure)
@@ -321,8 +324,21 @@ class ViewBenchmark:
     def _inputs(self) -> Channels:
         return render_inputs(self.scene, self.view)
 
-    def _illumination(self) -> Channels:
-        return render_illumination(self.scene, self.view, self.params.illumination)
+    def _lights(self) -> dict[Kind, Channels]:
+        """Panorama, and the visibility of its lights if a network needs that."""
+        params = self.params.illumination
+        made: dict[Kind, Channels] = {
+            "illumination": render_illumination(self.scene, self.view, params)
+        }
+        taken = {
+            column
+            for name, card in self.networks.cards.items()
+            for column in input_columns(METHODS[name].inputs_with(card.architecture.panorama))
+        }
+        if "visibility" in taken and params.shadow_rays:
+            panorama = made["illumination"]
+            made["visibility"] = render_visibility(self.scene, self.view, params, panorama)
+        return made
 
     def _transport(self, params: TransportParams) -> Channels:
         settings: dict[Kind, Any] = {"transport": params}
@@ -375,9 +391,10 @@ def _measure_views(
     networks: Networks,
     store: FrameStore,
     config: TimeConfig,
+    paths: list[Path],
 ) -> list[ViewMeasurement]:
-    """Measure every view, or read what an interrupted study has measured."""
-    samples, paths = _samples(config.max_spp), _kept(store, views, networks, config)
+    """Measure every view, or read what an interrupted study has measured, from `paths`."""
+    samples = _samples(config.max_spp)
     timed = _timed_views(views)
     others = [number for number in range(len(views)) if number not in timed]
     found: dict[int, ViewMeasurement] = {}
@@ -416,11 +433,18 @@ def _timed_views(views: Sequence[View]) -> list[int]:
 
 
 def _kept(
-    store: FrameStore, views: list[View], networks: Networks, config: TimeConfig
+    store: FrameStore,
+    views: list[View],
+    networks: Networks,
+    config: TimeConfig,
+    scenes: Mapping[str, Scene],
+    settings: dict[str, Any],
 ) -> list[Path]:
     """Return the file that keeps the measurement of each view until the study ends."""
     models = {name: card.sha256 for name, card in sorted(networks.cards.items())}
-    state = (config, models, processor(), _versions(), keys("evaluate", "studies.time"))
+    digests = {name: scene_digest(scene.folder) for name, scene in sorted(scenes.items())}
+    code = keys("evaluate", "studies.time")
+    state = (config, models, processor(), _versions(), code, settings, digests)
     name = digest_bytes(repr(state).encode())[:16]
     return [store.root / name / view.scene_id / f"{view.view_id}.json" for view in views]
 

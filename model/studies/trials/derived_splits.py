@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from pbrnet.model.data.reader import PAPER, SCALARS, Dataset, Split
+from pbrnet.model.methods import JOINS
 from pbrnet.pipeline.channels import HALF_MAX, RADIANCE_SCALE, TRUTHS
 from pbrnet.pipeline.dataset.parquet import image_cell
 from pbrnet.pipeline.tonemap import ToneParams, exposure_of
@@ -25,7 +26,8 @@ from pbrnet.scenes.files import atomic_directory, sweep, write_text
 
 TruthImages = dict[str, AnyArray]  # `shading` and `color`, linear (H, W, 3)
 TruthLookup = Callable[[str, str], TruthImages]  # (scene_id, view_id) -> images
-_KEPT = (*SCALARS, *PAPER, "licence", "attribution")
+_JOINED = {column for join in JOINS.values() for column in join.columns}
+_KEPT = (*SCALARS, *PAPER, *sorted(_JOINED - {*SCALARS, *PAPER}), "licence", "attribution")
 
 
 def write_derived_split(

@@ -17,6 +17,7 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.image_files import (
     MAX_PIXELS,
     UnreadableImage,
+    eight_bits,
     exr_channels,
     is_intact,
     open_image,
@@ -71,9 +72,7 @@ class TextureStore:
         """Store one channel (0 red ... 3 alpha) times `factor`, clipped, as greyscale."""
 
         def write(source: Path, name: str) -> str:
-            band = np.asarray(
-                open_image(source).convert("RGBA").getchannel(index), dtype=np.float64
-            )
+            band = _band(source, index).astype(np.float64)
             return self._save_grey(np.clip(band * factor, 0, 255), name)
 
         return self._store(path, f"channel{index}x{factor}", write)
@@ -82,7 +81,7 @@ class TextureStore:
         """Store a mask, white where alpha times `factor` is at least `cutoff` (both [0, 1])."""
 
         def write(source: Path, name: str) -> str:
-            alpha = np.asarray(open_image(source).convert("RGBA").getchannel(3), dtype=np.float64)
+            alpha = _band(source, 3).astype(np.float64)
             return self._save_grey(255.0 * (alpha * factor >= 255 * cutoff), name)
 
         return self._store(path, f"cutout{factor}-{cutoff}", write)
@@ -136,8 +135,7 @@ class TextureStore:
         return self._save_png(_to_rgb8(image), name)
 
     def _write_channel(self, path: Path, name: str, index: int) -> str:
-        image = open_image(path).convert("RGBA")
-        return self._save_png(np.asarray(image.getchannel(index)), name)
+        return self._save_png(_band(path, index), name)
 
     def _save_rgb(self, linear: FloatingArray, name: str) -> str:
         return self._save_png(np.rint(encode_srgb(linear) * 255).astype(np.uint8), name)
@@ -265,9 +263,12 @@ def read_pfm(path: Path) -> Float32Array:
 
 
 def _to_rgb8(image: Image.Image) -> UInt8Array:
-    if image.mode.startswith("I"):  # 16 bits a channel
-        return np.repeat((np.asarray(image) >> 8).astype(np.uint8)[..., None], 3, axis=2)
-    return np.asarray(image.convert("RGB"))
+    return np.asarray(eight_bits(image).convert("RGB"))
+
+
+def _band(path: Path, index: int) -> UInt8Array:
+    """Read one channel (0 red ... 3 alpha) of an image, uint8 (H, W)."""
+    return np.asarray(eight_bits(open_image(path)).convert("RGBA").getchannel(index))
 
 
 def _decode(pixels: UInt8Array) -> Float32Array:

@@ -231,6 +231,8 @@ def _between(start: Point2, end: Point2, metres: float) -> Point2:
 
 def _side(polygon: tuple[Point2, ...], wall: str) -> tuple[Point2, Point2] | None:
     """The longest side of a room whose outward normal points there, west to east or south first."""
+    if len(polygon) < 3:
+        return None  # reported with the room
     outward = {"north": (0, 1), "south": (0, -1), "east": (1, 0), "west": (-1, 0)}[wall]
     ring = polygon if Polygon(polygon).exterior.is_ccw else polygon[::-1]
     best: tuple[float, tuple[Point2, Point2]] | None = None

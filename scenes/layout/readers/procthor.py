@@ -135,7 +135,7 @@ def _room(node: Node, changes: Changes) -> LayoutRoom:
     corners = [_place(corner) for corner in node["floorPolygon"].items()]
     if len(corners) < 3:
         raise node["floorPolygon"].error("expected three corners or more")
-    if len(node["children"].value or ()):
+    if any(True for _ in node["children"].items()):
         changes.note("parts of rooms that are rooms themselves were left out")
     floor_z = node["floorPolygon"].value[0].get("y", 0)
     return LayoutRoom(

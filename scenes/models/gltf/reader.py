@@ -20,6 +20,7 @@ from pbrnet.scenes.errors import InputError
 from pbrnet.scenes.geometry.mesh import Mesh, cleaned
 from pbrnet.scenes.importing.camera import Camera
 from pbrnet.scenes.importing.changes import Changes
+from pbrnet.scenes.importing.credits import licence_in
 from pbrnet.scenes.importing.materials.textures import TextureStore
 from pbrnet.scenes.importing.names import Names
 from pbrnet.scenes.importing.sandbox import Sandbox
@@ -67,12 +68,16 @@ def read_gltf(asset: Asset, images: Images, textures: TextureStore, changes: Cha
     Raises `InputError` that names the element which cannot be used.
     """
     info = asset.data["asset"]
+    extras = info.get("extras")
+    extras = extras if isinstance(extras, dict) else {}  # author and licence, as Sketchfab has them
+    licence = str(extras.get("license") or "")[:200]
     model = Model(
         up="y",
         unit=1.0,
         kind="gltf",
         version=str(info.get("version", "")),
-        author=str(info.get("copyright", ""))[:200],
+        author=str(info.get("copyright") or extras.get("author") or "")[:200],
+        licence=licence_in(licence) or licence,
         described=_description(asset),
     )
     _Reader(asset, GltfMaterials(asset, images, textures, changes), changes, model).read()
@@ -138,8 +143,13 @@ class _Reader:
                 self.changes.note("the file has several scenes; only the default scene was read")
             scene = self.asset.item("scenes", self.asset.data.get("scene", 0), "scene")
             return self._indices(scene.get("nodes", []), f"{self.asset.path}: scene.nodes")
-        children = {child for node in nodes for child in node.get("children", [])
-                    if isinstance(child, int)}  # fmt: skip
+        children = {
+            child
+            for index, node in enumerate(nodes)
+            for child in self._indices(
+                node.get("children", []), f"{self.asset.path}: nodes[{index}].children"
+            )
+        }
         return [index for index in range(len(nodes)) if index not in children]
 
     def _indices(self, value: Any, place: str) -> list[int]:

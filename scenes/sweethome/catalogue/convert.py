@@ -35,7 +35,7 @@ from pbrnet.scenes.formats.archive import HomeArchive
 from pbrnet.scenes.formats.model_parts import Model, UnreadableModel
 from pbrnet.scenes.formats.ply import read_ply, write_ply
 from pbrnet.scenes.geometry.mesh import Mesh, creased
-from pbrnet.scenes.image_files import open_image
+from pbrnet.scenes.image_files import eight_bits, open_image
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.photometry import LUMEN, color_temperature
 from pbrnet.scenes.sweethome import home
@@ -311,7 +311,7 @@ class _Images:
             (self._folder / f"{name}.jpg").write_bytes(data)
             return f"{name}.jpg", None
         has_alpha = "A" in image.getbands() or "transparency" in image.info
-        full = image.convert("RGBA" if has_alpha else "RGB")
+        full = eight_bits(image).convert("RGBA" if has_alpha else "RGB")
         full.thumbnail((self._size, self._size), Image.Resampling.BOX)
         alpha = None
         if has_alpha and np.asarray(full.getchannel("A")).min() < 255:

@@ -82,6 +82,11 @@ def test_parts_are_made_once_and_again_when_something_changed(
         assert image.size == (8, 6) and np.asarray(image).max() <= 3
     assert not Path("docs/images/study-two.jpg").exists()
     assert run().output == "one: up to date\ntwo: up to date\n" and runs() == "12"
+    for name in ("one", "two"):  # written by hand, or by the same command with other options
+        part = next(each for each in complete.PARTS if each.name == name)
+        complete._saved(part, ".json").write_text("{}")
+    assert run().return_value == 0 and runs() == "1212"
+    Path("log").write_text("12")
     Path("models/plus.json").write_text('{"another": 1}')
     assert run().return_value == 0 and runs() == "121", "only the first takes networks"
     Path("params.yaml").write_text("seed: 3\ntrain: {batch: 2}\n")

@@ -106,12 +106,16 @@ def test_damaged_photographs_are_named_and_the_others_kept(tmp_path, weights, ca
 def test_wrong_use_is_one_line(tmp_path, weights):
     (tmp_path / "empty").mkdir()
     assert "no photographs" in refused("depth", tmp_path / "empty", "--weights", weights)
+    weighted = ("--weights", weights)
     one = picture(tmp_path / "a.jpg")
     again = picture(tmp_path / "a.png")
     assert "two photographs are named a" in refused("depth", one, again, "--weights", weights)
     before = again.read_bytes()
     assert "would be replaced" in refused("depth", again, "--out", tmp_path, "--weights", weights)
     assert again.read_bytes() == before
+    taken = picture(tmp_path / "a-depth.png")
+    assert "would be replaced" in refused("depth", one, taken, "--out", tmp_path, *weighted)
+    assert "one file for both" in refused("depth", one, taken, *weighted)
     missing = tmp_path / "none.safetensors"
     assert "no such file" in refused("depth", one, "--weights", missing)
     missing.write_bytes(b"\xff" * 64)

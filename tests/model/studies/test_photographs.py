@@ -120,6 +120,17 @@ def test_every_layout_tells_depth_normals_and_classes(tmp_path: Path, layout: st
     )
 
 
+def test_cameras_and_labels_are_part_of_a_set(tmp_path: Path) -> None:
+    path = LAYOUTS["folder"](tmp_path / "set")
+    prints = [open_set(path, "test").fingerprint()]
+    camera = json.loads((path / "intrinsics.json").read_text())
+    (path / "intrinsics.json").write_text(json.dumps({**camera, "fx": 2 * camera["fx"]}))
+    prints.append(open_set(path, "test").fingerprint())
+    shutil.rmtree(path / "label40")
+    prints.append(open_set(path, "test").fingerprint())
+    assert len(set(prints)) == 3
+
+
 def test_packed_radiance_is_in_the_renderer_s_unit(tmp_path: Path) -> None:
     (photo,) = open_set(LAYOUTS["packed"](tmp_path), "train").read([0])
     color = labelled_view(100 * sum(b"train-room-0"))["color"]

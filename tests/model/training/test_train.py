@@ -17,6 +17,7 @@ from pbrnet.model.data.encoding import encode, to_image
 from pbrnet.model.data.reader import Dataset
 from pbrnet.model.evaluation.metrics import ssim
 from pbrnet.model.settings import LossParams, StageTrainParams, TrainParams, learning_rate
+from pbrnet.model.training import loop
 from pbrnet.model.training.loop import TrainingError, batches_from
 from pbrnet.model.training.store import load_model
 from pbrnet.model.training.train import Folders, choose_precision, train_network
@@ -125,6 +126,48 @@ def test_ctrl_c_keeps_every_step(workplace: Workplace, monkeypatch: pytest.Monke
         train_network("shading", PARAMS, folders)
     saved = torch.load(folders.models / "checkpoints" / "shading.pt", weights_only=True)
     assert saved["step"] == 5
+
+
+def test_ctrl_c_while_validating_loses_no_point_of_the_curve(
+    workplace: Workplace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    undisturbed, stopped = workplace("a"), workplace("b")
+    train_network("shading", PARAMS, undisturbed)
+
+    def stop(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop.Run, "validate", stop)
+        with pytest.raises(KeyboardInterrupt):
+            train_network("shading", PARAMS, stopped)
+    train_network("shading", PARAMS, stopped)
+    for file in ("models/shading.safetensors", "plots/train_shading.csv"):
+        found = [(one.models.parent / file).read_bytes() for one in (undisturbed, stopped)]
+        assert found[0] == found[1], file
+
+
+@pytest.mark.parametrize(
+    ("words", "change"),
+    [("exposure shared", {"exposure": "own"}), ("panorama normal", {"panorama": "position"})],
+)
+def test_composition_refuses_shading_of_other_parameters(
+    workplace: Workplace, words: str, change: dict[str, Any]
+) -> None:
+    folders = workplace()
+    train_network("shading", PARAMS, folders)
+    other = replace(PARAMS, train=replace(PARAMS.train, **change))
+    with pytest.raises(InputError, match=f"trained with the {words}"):
+        train_network("composition", other, folders)
+
+
+def test_a_fine_tuned_network_knows_all_scenes_that_it_has_seen(workplace: Workplace) -> None:
+    folders = workplace()
+    train_network("shading", PARAMS, folders, only=["train-room-0", "train-room-1"])
+    start = folders.models / "shading.safetensors"
+    later = replace(folders, models=folders.models / "later")
+    card = train_network("shading", PARAMS, later, start, ["train-room-3"])
+    assert card.data.scenes == card.data.plans == ("train-room-0", "train-room-1", "train-room-3")
 
 
 def test_a_checkpoint_of_other_parameters_is_not_gone_on_from(

@@ -371,6 +371,12 @@ def other_camera(data: Path, view: Any) -> None:
     write_view(data, "shading", box_frames(turned, small_params())["shading"], turned)
 
 
+def other_lens(data: Path, view: Any) -> None:
+    """A frame through another lens of the same focal length."""
+    made = replace(view, distortion=(0.1, 0.0, 0.0, 0.0))
+    write_view(data, "color", box_frames(view, small_params())["color"], made)
+
+
 def other_size(data: Path, view: Any) -> None:
     """A frame of half the size."""
     params = small_params()
@@ -403,6 +409,7 @@ def speckled(values: np.ndarray) -> np.ndarray:
         ("damaged", "inputs", foreign),
         ("damaged", "kind 'shading'", other_kind),
         ("stale", "camera_to_world", other_camera),
+        ("stale", "distortion", other_lens),
         ("size", "16x12", other_size),
         ("negative", "-1", spoil("shading", rgb=lambda values: values - 1 - values)),
         ("inconsistent", "depth", spoil("inputs", Z=lambda values: values * 0)),

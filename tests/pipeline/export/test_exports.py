@@ -4,18 +4,21 @@ import json
 import shutil
 import sys
 import tarfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 
-from pbrnet.pipeline.export import images, nerfstudio
-from pbrnet.pipeline.export.parts import RECORD, ExportOptions, Job, run_export
+from pbrnet.pipeline.cli import cli
+from pbrnet.pipeline.export import images, nerfstudio, webdataset
+from pbrnet.pipeline.export.parts import CREDITS, RECORD, ExportOptions, Job, run_export
 from pbrnet.pipeline.export.registry import FORMATS
 from pbrnet.pipeline.export.rows import DatasetRows
-from pbrnet.scenes.errors import InputError, MachineError
+from pbrnet.scenes.errors import InputError, MachineError, ParameterError
 from pbrnet.scenes.files import digest_folder
 from tests.fixtures.command import printed, refused
 from tests.fixtures.dataset import make_data, small_params
@@ -187,6 +190,57 @@ def test_a_folder_with_other_files_is_refused(dataset: Path, tmp_path: Path) -> 
     assert (tmp_path / "thesis.tex").read_text() == "precious"
 
 
+def test_another_export_never_removes_files_that_no_export_wrote(
+    dataset: Path, tmp_path: Path
+) -> None:
+    run_export(FORMATS["nerfstudio"], job(dataset, tmp_path))
+    (tmp_path / "outputs").mkdir()
+    before = digest_folder(tmp_path)
+    with pytest.raises(InputError, match="outputs is not of the export there"):
+        run_export(FORMATS["nerfstudio"], job(dataset, tmp_path, points=10))
+    assert digest_folder(tmp_path) == before
+    assert run_export(FORMATS["nerfstudio"], job(dataset, tmp_path)).kept == 2
+    (tmp_path / "outputs").rmdir()
+    assert run_export(FORMATS["hypersim"], job(dataset, tmp_path)).kept == 0
+    assert run_export(FORMATS["colmap"], job(dataset, tmp_path)).kept == 0
+    assert not list(tmp_path.glob("metadata*"))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_export_has_the_credits_of_its_scenes(
+    name: str, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    form = FORMATS[name]
+    form = replace(form, parts=lambda job: [], finish=lambda job: None, check=lambda job: None)
+    run_export(form, job(dataset, tmp_path))
+    rows = (tmp_path / CREDITS).read_text().splitlines()
+    assert rows[0] == "scene_id,licence,attribution"
+    assert [row.split(",")[0] for row in rows[1:]] == ["home-a", "home-b"]
+
+
+def test_a_dataset_without_color_has_no_exposure(dataset: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "data" / "dataset"
+    shutil.copytree(dataset, folder)
+    for path in folder.glob("*.parquet"):
+        names = ["color", "exposure_color", "white_color"]
+        pq.write_table(pq.read_table(path).drop_columns(names), path)
+    assert {row.exposure for row in DatasetRows(folder).rows} == {None}
+    run_export(FORMATS["webdataset"], job(folder, tmp_path / "out"))
+    facts = next(json.loads(text) for name, text in files_of(tmp_path / "out").items()
+                 if name.endswith(".json"))  # fmt: skip
+    assert "depth" not in facts and "exposure_color" not in facts
+    with pytest.raises(InputError, match="needs 'color'"):
+        run_export(FORMATS["colmap"], job(folder, tmp_path / "colmap"))
+
+
+def test_tars_hold_names_of_more_than_100_bytes(tmp_path: Path) -> None:
+    with tarfile.open(tmp_path / "long.tar", "w", format=webdataset.TAR) as tar:
+        webdataset._add(tar, f"{'a' * 110}.environment.exr", b"pixels")
+        webdataset._add(tar, "short.json", "{}")
+    with tarfile.open(tmp_path / "long.tar") as tar:
+        assert tar.getnames() == [f"{'a' * 110}.environment.exr", "short.json"]
+
+
 def test_the_command_exports_a_selection(dataset: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     data = ("--data", dataset.parent)
@@ -199,5 +253,9 @@ def test_the_command_exports_a_selection(dataset: Path, tmp_path: Path) -> None:
         said = printed("export-data", "--to", name, *data, "--out", tmp_path / name)
         assert said.splitlines()[-1].startswith(last), said
         assert ("3 left out" in said) == (name == "tum")
+    words = ["export-data", "--to", "colmap", "--images", "exr", *map(str, data)]
+    done = CliRunner().invoke(cli, words)
+    assert isinstance(done.exception, ParameterError)
+    assert str(done.exception) == "--images: not for colmap"
     usage = printed("export-data", "--help")
     assert all(f"--to {name} " in usage for name in FORMATS)

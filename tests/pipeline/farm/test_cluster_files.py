@@ -87,3 +87,7 @@ def test_the_other_files_are_well_formed() -> None:
         if line.startswith("COPY "):
             for name in line.split()[1:-1]:
                 assert (ROOT / name).exists(), name
+    copied = {line.split()[1] for line in docker.splitlines() if line.startswith("COPY ")}
+    for link in (ROOT / "pbrnet").iterdir():
+        if link.is_symlink():
+            assert link.readlink().parts[1] in copied, link.name

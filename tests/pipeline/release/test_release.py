@@ -182,3 +182,18 @@ def test_a_rendered_release_made_again_has_the_recorded_sums(tmp_path: Path) -> 
     assert "1 of 1 rows equal to the bit" in checked.output
     record = json.loads((recipes / "tiny.json").read_text())
     assert record["rows"] == 2 and record["core_seconds"]["color"] > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "one", "two", "same"),
+    [
+        ("renderer", "mitsuba 3.8, llvm, AVX2", "mitsuba 3.8, llvm, AVX-512", True),
+        ("renderer", "mitsuba 3.8, llvm, AVX2", "mitsuba 3.9, llvm, AVX2", False),
+        ("noise_lights", [0.1, 0.2], [0.1000001, 0.2], True),
+        ("noise_lights", [0.1, 0.2], [0.2, 0.2], False),
+        ("K", [1.0, 2.0], [1.0, 2.0000001], False),
+        ("noise_color", 0.1, 0.1000001, True),
+    ],
+)
+def test_rows_may_come_from_another_processor(name: str, one: Any, two: Any, same: bool) -> None:
+    assert verify._same(name, one, two) == same

@@ -64,6 +64,16 @@ def imported(builder: Builder, folder: Path, **options: object) -> Scene:
     return import_scene(builder.save(folder / "in" / "model.glb"), folder / "out", **options)
 
 
+def test_author_and_licence_are_found_in_the_extras(tmp_path: Path) -> None:
+    made = square()
+    made.json["asset"]["extras"] = {
+        "author": "A. Maker (https://example.org/a)",
+        "license": "CC-BY-4.0 (http://creativecommons.org/licenses/by/4.0/)",
+    }
+    model = read(made, tmp_path)
+    assert (model.author, model.licence) == ("A. Maker (https://example.org/a)", "CC-BY-4.0")
+
+
 def test_transforms_of_nodes_multiply_down_the_tree(tmp_path: Path) -> None:
     made = Builder()
     leaf = made.node(root=False, mesh=made.mesh(), scale=[2, 2, 2])
@@ -579,6 +589,11 @@ def _edited(*path: str | int, to: Any) -> Edit:
     return edit
 
 
+def _without_scenes(made: Builder) -> None:
+    made.json = changed(made.json, ("nodes", 0, "children"), 5)
+    del made.json["scenes"]
+
+
 def _buffer(length: int, uri: str) -> Edit:
     return _edited("buffers", to=[{"byteLength": length, "uri": uri}])
 
@@ -615,6 +630,7 @@ HOSTILE: dict[str, tuple[Edit, str]] = {
     "no asset": (_edited("asset", to=None), "no 'asset'"),
     "an unknown extension": (_edited("extensionsRequired", to=["VENDOR_x"]), "VENDOR_x"),
     "an extension that is no text": (_edited("extensionsRequired", to=[["VENDOR_x"]]), "VENDOR_x"),
+    "children that are no list": (_without_scenes, "list of node numbers"),
     "nodes that are no list": (_edited("nodes", to={"a": 1}), "list of objects"),
     "a scene number that is text": (_edited("scene", to="x"), "integer"),
     "an empty file of nodes": (_edited("scenes", to=[{"nodes": []}]), "no surfaces"),

@@ -29,7 +29,7 @@ from pbrnet.model.studies.photographs.sets.contract import (
 from pbrnet.scenes.arrays import AnyArray, UInt8Array
 from pbrnet.scenes.checked import build, check_name
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import read_csv, read_json, read_text, regular_file
+from pbrnet.scenes.files import digest_file, read_csv, read_json, read_text, regular_file
 from pbrnet.scenes.image_files import UnreadableImage, open_image
 
 # NYU Depth v2 (Silberman et al. 2012): camera of 640x480 pixels, and the part without a frame.
@@ -64,11 +64,15 @@ class FolderSet:
             yield self._read(self.keys[number])
 
     def fingerprint(self) -> str:
-        """Return the digest of names and sizes of the pictures and their depths."""
+        """Return the digest of names and sizes of pictures, depths and labels, and the camera."""
         names = [key.name for key in self.keys]
-        files = (self.path / "depth" / f"{name}.png" for name in names)
+        files = (
+            self.path / kind / f"{name}.png" for kind in ("depth", *self._labels) for name in names
+        )
+        camera = self.path / "intrinsics.json"
         return listing_digest(
-            [*(self._files[name] for name in names), *filter(Path.is_file, files)]
+            [*(self._files[name] for name in names), *filter(Path.is_file, files)],
+            *([digest_file(camera)] if camera.is_file() else []),
         )
 
     def _listed(self, purpose: Purpose) -> list[Key]:

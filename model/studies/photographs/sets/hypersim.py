@@ -25,9 +25,13 @@ from pbrnet.model.studies.photographs.sets.hdf5 import open_hdf5, whole
 from pbrnet.scenes.arrays import AnyArray, Float64Array
 from pbrnet.scenes.checked import check_name
 from pbrnet.scenes.errors import InputError
-from pbrnet.scenes.files import exists, read_csv
+from pbrnet.scenes.files import digest_file, exists, read_csv
 
 _CAMERAS = "metadata_camera_parameters.csv"
+_PARTS = (  # kinds and files of a frame
+    *(("geometry", part) for part in ("depth_meters", "normal_cam", "semantic")),
+    ("final", "color"),
+)
 _FRAMES = "metadata_images_split_scene_v1.csv"
 _TO_OURS = np.array([1.0, -1.0, -1.0])  # camera axes: theirs are x right, y up, z backward
 
@@ -60,9 +64,10 @@ class Hypersim:
             yield self._read(self.keys[number], self._places[number])
 
     def fingerprint(self) -> str:
-        """Return the digest of the depth files' sizes and of the frames' names."""
-        files = [self._file(one, "geometry", "depth_meters") for one in self._places]
-        return listing_digest(files, *(key.name for key in self.keys))
+        """Return the digest of the files' sizes, of the cameras and of the frames' names."""
+        files = [self._file(one, *part) for one in self._places for part in _PARTS]
+        names = (key.name for key in self.keys)
+        return listing_digest([*filter(exists, files)], digest_file(self.path / _CAMERAS), *names)
 
     def _read(self, key: Key, place: tuple[str, str, str]) -> Photograph:
         away = self._array(place, "geometry", "depth_meters", 2).astype(np.float64)
