@@ -9,6 +9,7 @@ import argparse
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 from dask_jobqueue import SLURMCluster
 
@@ -31,5 +32,11 @@ with SLURMCluster(
     job_script_prologue=["export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False"],
 ) as cluster:
     cluster.adapt(minimum_jobs=options.jobs, maximum_jobs=options.jobs)
-    environment = {**os.environ, "DASK_SCHEDULER_ADDRESS": cluster.scheduler_address}
-    sys.exit(subprocess.run(["dvc", "repro"], env=environment, check=False).returncode)
+    programs = Path(sys.executable).parent  # dvc, and pbrnet for the stages
+    environment = {
+        **os.environ,
+        "DASK_SCHEDULER_ADDRESS": cluster.scheduler_address,
+        "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
+    }
+    done = subprocess.run([programs / "dvc", "repro"], env=environment, check=False)
+    sys.exit(done.returncode)

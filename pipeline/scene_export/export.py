@@ -89,7 +89,8 @@ def export_scene(
     if name != "glb":
         optional("pxr", "usd")
     notes = out.with_name(f"{out.name}.json")
-    _check_replaced(notes, out.with_name(f"{out.stem}-textures") if name == "usd" else None)
+    beside = {"glb": f"{out.stem}-sky.exr", "usd": f"{out.stem}-textures"}.get(name)
+    _check_replaced(notes, None if beside is None else out.with_name(beside))
     content = read_content(folder, cameras)
     variants = [] if name == "glb" else light_variants(content)
     add_joints(content)
@@ -100,8 +101,8 @@ def export_scene(
     outdoors = outdoors_of(content)
     sky = out.with_name(f"{out.stem}-sky.exr")
     if outdoors is not None and outdoors.stated["kind"] == "image":
-        beside = {"glb": sky.name, "usd": f"{out.stem}-textures/{SKY}", "usdz": f"textures/{SKY}"}
-        outdoors.stated["file"] = beside[name]
+        places = {"glb": sky.name, "usd": f"{out.stem}-textures/{SKY}", "usdz": f"textures/{SKY}"}
+        outdoors.stated["file"] = places[name]
     if name == "glb":
         files = _write_glb(content, outdoors, out, unchanged)
     else:
@@ -113,17 +114,17 @@ def export_scene(
     return Exported((*files, notes), len(content.scene.objects), lost)
 
 
-def _check_replaced(notes: Path, textures: Path | None) -> None:
-    """Refuse to replace a JSON file or a folder of images that no export wrote."""
+def _check_replaced(notes: Path, images: Path | None) -> None:
+    """Refuse to replace a JSON file, a sky or a folder of images that no export wrote."""
     if exists(notes):
         record = read_json(notes)
         if not isinstance(record, dict) or "not held" not in record:
             raise MachineError(
                 f"{notes}: not replaced, because it is no report of an export; choose another --out"
             )
-    elif textures is not None and exists(textures):
+    elif images is not None and exists(images):
         raise MachineError(
-            f"{textures}: not replaced, because {notes.name} of its export is missing; choose "
+            f"{images}: not replaced, because {notes.name} of its export is missing; choose "
             "another --out"
         )
 

@@ -54,7 +54,7 @@ def described_scene(scene: Scene) -> dict[str, Any]:
         KEY: VALUE,
         "name": scene.scene_id,
         "author": ", ".join(dict.fromkeys(credit.author for credit in credits))[:200],
-        "licence": ", ".join(dict.fromkeys(credit.licence for credit in credits))[:200],
+        "licence": " AND ".join(dict.fromkeys(credit.licence for credit in credits))[:200],
         "strict": False,
         "rooms": [
             {

@@ -3,7 +3,7 @@
 import base64
 import json
 import os
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -12,9 +12,10 @@ import yaml
 
 from pbrnet.pipeline.farm.versions import scene_digest
 from pbrnet.pipeline.params import Params, load_params
+from pbrnet.pipeline.scene_export.export import export_scene
 from pbrnet.pipeline.stages.runner import StageError
 from pbrnet.pipeline.stages.scenes import run_scenes
-from pbrnet.scenes.contract import load_scene
+from pbrnet.scenes.contract import STAGE_FILES_KEY, STAGE_KEY, load_scene, save_scene
 from pbrnet.scenes.errors import ParameterError
 from pbrnet.scenes.importing.changes import Changes
 from pbrnet.scenes.mitsuba.pbrs import find_release
@@ -24,6 +25,7 @@ from tests.fixtures import mitsuba_files as mitsuba
 from tests.fixtures import sweethome as draw
 from tests.fixtures.gltf import square
 from tests.fixtures.paths import ROOT
+from tests.fixtures.stages import write_room
 
 RED_BOX = draw.BOX.replace("usemtl amber", "usemtl red")
 
@@ -245,3 +247,21 @@ def test_names_of_scenes() -> None:
     assert scene_name(Path("/a/My house.sh3d")) == "My-house"
     assert scene_name(Path("/release/0004d52d/main_template_color.xml")) == "0004d52d"
     assert scene_name(Path("/a/Grey & White/scene.xml")) == "Grey-White"
+
+
+def test_a_copy_is_not_the_stage_s_own_scene(tmp_path: Path) -> None:
+    """Else the next run would take it for a scene that nobody wants, and move it to the trash."""
+    write_room(tmp_path / "data" / "scenes" / "alpha")
+    first = load_scene(tmp_path / "data" / "scenes" / "alpha")
+    marked = {**first.source, STAGE_KEY: "0" * 64, STAGE_FILES_KEY: {"a": "b"}}
+    save_scene(first.folder, replace(first, source=marked))
+    for number, path in enumerate([first.folder, zipped(first.folder, tmp_path)]):
+        copy = import_scene(path, tmp_path / "data" / "scenes" / f"copy-{number}")
+        assert copy.source == first.source
+        with pytest.raises(ParameterError, match="not for scene folders and exported scenes"):
+            import_scene(path, tmp_path / "refused", outdoors="none")
+
+
+def zipped(folder: Path, place: Path) -> Path:
+    export_scene(folder, "mitsuba", place / "exported.zip")
+    return place / "exported.zip"

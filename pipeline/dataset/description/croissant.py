@@ -24,6 +24,7 @@ from pbrnet.pipeline.dataset.description.facts import (
     VERSION,
     DatasetFacts,
     bibtex,
+    single_licences,
 )
 from pbrnet.scenes.contract import Scene
 from pbrnet.scenes.files import digest_file, write_json
@@ -43,7 +44,7 @@ def write_croissant(
     `samples`: the most per pixel of the ground truth.
     """
     shards = sorted(folder.glob("*.parquet"))
-    licences = sorted({credit.licence for scene in scenes for credit in scene.credits})
+    known = single_licences([credit.licence for scene in scenes for credit in scene.credits])
     authors = sorted({credit.author for scene in scenes for credit in scene.credits})
     files = [
         {
@@ -78,7 +79,7 @@ def write_croissant(
                 "light sources, textureless shading and path-traced colour, to learn rendering "
                 "from."
             ),
-            "license": [f"https://spdx.org/licenses/{quote(licence)}.html" for licence in licences],
+            "license": [f"https://spdx.org/licenses/{quote(licence)}.html" for licence in known],
             "creator": [
                 {"@type": "sc:Organization", "name": AUTHORS},
                 *({"@type": "sc:Person", "name": author} for author in authors),

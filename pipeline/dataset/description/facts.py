@@ -198,8 +198,15 @@ def bibtex() -> str:
     return "\n".join([f"@misc{{{NAME}-dataset,", *lines, "}"])
 
 
+def single_licences(licences: Sequence[str]) -> list[str]:
+    """Return the licences that expressions such as `A AND B` name, without unknown ones."""
+    parts = {part for licence in licences for part in licence.split(" AND ")}
+    return sorted(parts - {"unknown"})
+
+
 def citation_file(licences: Sequence[str]) -> str:
     """Return the content of `CITATION.cff`, Citation File Format 1.2.0."""
+    known = single_licences(licences)
     content = {
         "cff-version": "1.2.0",
         "message": "If you use this dataset, please cite it, and the works that its card credits.",
@@ -208,7 +215,7 @@ def citation_file(licences: Sequence[str]) -> str:
         "authors": [{"name": AUTHORS}],
         "version": VERSION,
         "date-released": PUBLISHED,
-        "license": list(licences) if len(licences) > 1 else licences[0],
+        **({"license": known if len(known) > 1 else known[0]} if known else {}),
         "keywords": list(KEYWORDS),
     }
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)

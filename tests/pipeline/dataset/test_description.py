@@ -20,7 +20,7 @@ from PIL import Image
 from scipy import ndimage
 
 from pbrnet.pipeline.dataset.columns import dataset_columns
-from pbrnet.pipeline.dataset.description.facts import DatasetFacts, view_facts
+from pbrnet.pipeline.dataset.description.facts import DatasetFacts, citation_file, view_facts
 from pbrnet.pipeline.dataset.pack import pack_dataset
 from pbrnet.reader import chosen_columns
 from tests.fixtures.dataset import box_frames as frames_of
@@ -285,3 +285,10 @@ def test_citations_name_the_same_version(folder: Path) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     own = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert (own["version"], own["license"]) == (project["version"], project["license"])
+
+
+def test_a_citation_names_single_known_licences() -> None:
+    made = yaml.safe_load(citation_file(["CC-BY-4.0", "MIT AND CC0-1.0", "unknown"]))
+    assert made["license"] == ["CC-BY-4.0", "CC0-1.0", "MIT"]
+    assert yaml.safe_load(citation_file(["MIT"]))["license"] == "MIT"
+    assert "license" not in yaml.safe_load(citation_file(["unknown"]))

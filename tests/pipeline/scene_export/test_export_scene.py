@@ -391,6 +391,10 @@ def test_wrong_places_and_scenes_are_refused(home: Scene, tmp_path: Path) -> Non
     (tmp_path / "home.glb.json").write_text("{}")
     with pytest.raises(MachineError, match=r"home\.glb\.json: not replaced"):
         export_scene(home.folder, "glb", tmp_path / "home.glb")
+    (tmp_path / "kitchen-sky.exr").write_bytes(b"mine")
+    with pytest.raises(MachineError, match=r"kitchen-sky\.exr: not replaced"):
+        export_scene(home.folder, "glb", tmp_path / "kitchen.glb")
+    assert (tmp_path / "kitchen-sky.exr").read_bytes() == b"mine"
     (tmp_path / "own-textures").mkdir()
     with pytest.raises(MachineError, match="own-textures: not replaced"):
         export_scene(home.folder, "usd", tmp_path / "own.usdc")
