@@ -76,8 +76,8 @@ def margin(architecture: Architecture) -> int:
     """
     if architecture.kind not in _MARGINS:
         raise InputError(
-            f"a network of the kind {architecture.kind!r} cannot work in tiles: it needs the "
-            "statistics of the whole picture; leave out --tile"
+            f"a network of the kind {architecture.kind!r} cannot work in tiles: it needs "
+            "statistics of the whole picture, or its margin is not known; leave out --tile"
         )
     step = stride(architecture)
     return -(-_MARGINS[architecture.kind](architecture.levels) // step) * step
