@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Callable
@@ -42,6 +43,7 @@ from pbrnet.scenes.color import decode_srgb
 from pbrnet.scenes.contract import load_scene
 from pbrnet.scenes.errors import InputError
 from tests.fixtures.backbone import copy_backbone
+from tests.fixtures.changed import changed
 from tests.fixtures.command import Run
 from tests.fixtures.model import box_dataset, box_rows, write_shard
 from tests.fixtures.predict import box_camera, box_frames, box_room
@@ -171,6 +173,29 @@ def test_networks_whose_inputs_a_dataset_lacks_are_left_out_by_name(tmp_path: Pa
     result = evaluate(params, folders)
     assert list(result["methods"]) == ["plus", "radiosity", "ceiling"]
     assert list(result["left_out"]) == ["hybrid"] and "noisy" in result["left_out"]["hybrid"]
+
+
+def test_a_join_that_a_dataset_lacks_leaves_its_networks_out(tmp_path: Path) -> None:
+    folders = folders_in(tmp_path)
+    untrained_models(folders.models, ("plus", "unet"), levels=2)
+    card = folders.models / "unet.json"
+    facts = json.loads(card.read_text())
+    card.write_text(json.dumps(changed(facts, ("architecture", "panorama"), "product")))
+    shard = folders.data / "dataset" / "test-00000-of-00001.parquet"
+    write_shard(shard, box_rows(["mine", "other"], 1, "test", transport=True, **SIZE))
+    _, left_out = evaluation._measurable(["plus", "unet"], "test", folders)
+    assert list(left_out) == ["unet"] and "illumination.shadow_rays" in left_out["unet"]
+
+
+def test_nan_in_the_truth_names_the_view(
+    trained: Folders, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folders = replace(folders_in(tmp_path), data=trained.data, models=trained.models)
+    nan = dict.fromkeys(("ssim", "psnr", "flip"), math.nan)
+    monkeypatch.setattr(evaluation, "measure", lambda *_: nan)
+    with pytest.raises(InputError, match=r"/v\d+: ssim of \w+ is not a number"):
+        evaluate(PARAMS, folders)
+    assert not (folders.metrics / "evaluation.csv").exists()
 
 
 def test_a_folder_without_networks_is_refused_with_what_to_do(

@@ -12,6 +12,7 @@ import yaml
 from pbrnet.model.data.reader import PAPER, Dataset
 from pbrnet.model.studies.frame_store import FrameStore
 from pbrnet.model.studies.noise import noisy_truths
+from pbrnet.model.studies.trials import derived_splits
 from pbrnet.model.studies.trials.derived_splits import TruthImages, write_derived_split
 from pbrnet.model.studies.trials.results import TrialsResult
 from pbrnet.model.training.train import Folders, train_network
@@ -153,6 +154,7 @@ def test_packs_of_the_same_rows_are_read_in_the_same_order(tmp_path: Path) -> No
         (row,) = (r for r in rows if (r["scene_id"], r["view_id"]) == (scene, view))
         return {kind: row[kind].astype(np.float32) / 4 for kind in ("shading", "color")}
 
+    assert {"tint", "visibility"} <= {*derived_splits._KEPT}, "joins of the panorama need them"
     write_derived_split(tmp_path / "same", "1", lambda: [some], "test")
     write_derived_split(tmp_path / "other", "2", lambda: [some], "test", ToneParams(), darker)
     same, other = (Dataset(tmp_path / name / "dataset", "test") for name in ("same", "other"))

@@ -112,6 +112,7 @@ def test_nerfstudio_gets_the_coefficients(folder: Path, tmp_path: Path) -> None:
     fisheye = "fisheye" in str(folder)
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     assert file["camera_model"] == ("OPENCV_FISHEYE" if fisheye else "OPENCV")
+    assert file.get("is_fisheye", False) == fisheye  # as instant-ngp tells the lens
     assert [file[name] for name in names] == list(BRANDT if fisheye else BARREL)
     found = read_calibration(out / "transforms.json")
     assert found.distortion[:4] == (BRANDT if fisheye else BARREL)[:4]

@@ -92,6 +92,15 @@ def test_errors_name_file_line_and_key(
     assert not (tmp_path / "out").exists()
 
 
+def test_a_door_in_the_wall_of_a_room_without_area_is_an_error(tmp_path: Path) -> None:
+    content = with_room(polygon=[[0, 0], [4, 0]])
+    room = content["rooms"][0]["id"]
+    content["openings"] = [{"kind": "door", "room": room, "wall": "north"}]
+    path = write_layout(tmp_path / "flat.json", content)
+    with pytest.raises(InputError, match=r"flat\.json"):
+        import_layout(path, tmp_path / "out", "out", LayoutOptions(), OpenedFiles(tmp_path))
+
+
 def test_the_line_is_that_of_the_key(tmp_path: Path) -> None:
     content = with_object(yaw="north")
     path = write_layout(tmp_path / "flat.json", content)
