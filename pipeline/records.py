@@ -126,6 +126,7 @@ class Trash:
         """Move files or folders from the trash to `paths`; those that lie there change places."""
         for path in paths:
             back = self.place(path).with_name(f".{path.name}.back")
+            _remove(back)  # of a run that was killed here
             shutil.move(self.place(path), back)
             if path.exists():
                 self.add([path])

@@ -164,15 +164,12 @@ def _values(
         )
     if (picture < 0).any():
         picture = np.maximum(picture, 0)  # a filter's ringing
-    if row.exposure is None:
-        raise InputError(f"{path}: the dataset has no color to compare with")
     values = {}
     pair = [tonemap(truth["color"], row.exposure), picture]
     if linear:
         both = (truth["color"], picture)
         by_own = exposure == "own"
-        given = row.exposure
-        pair = [tonemap(one, exposure_of(one, tone) if by_own else given) for one in both]
+        pair = [tonemap(one, exposure_of(one, tone) if by_own else row.exposure) for one in both]
         values["stops"] = _stops(*both)
     found = measure(*pair)
     return {name: value for name, value in found.items() if value is not None} | values

@@ -86,14 +86,7 @@ def depth(photos: tuple[Path, ...], out: Path, fov: float | None, weights: Path 
 
     network, failed = load_depth(weights), 0
     files = _files(photos)
-    written: dict[Path, Path] = {}
-    for file in files:
-        made = {one.resolve(): file for one in _outputs(out / file.stem)}
-        if clash := next((one for one in files if one.resolve() in made), None):
-            raise InputError(f"{clash}: would be replaced by a result; choose another --out")
-        if written_by := next((written[one] for one in made if one in written), None):
-            raise InputError(f"{file} and {written_by}: one file for both; give them one by one")
-        written |= made
+    _check_outputs(files, out)
     for file in files:
         try:
             photo = read_photo(file, fov)
@@ -111,6 +104,18 @@ def depth(photos: tuple[Path, ...], out: Path, fov: float | None, weights: Path 
 def _outputs(stem: Path) -> list[Path]:
     """Files of a photograph: sheet, depth in millimetres, images, camera."""
     return [stem.with_name(stem.name + end) for end in (".png", "-depth.png", ".exr", ".json")]
+
+
+def _check_outputs(files: list[Path], out: Path) -> None:
+    """Raise `InputError` for a file of two photographs, and one that is a photograph itself."""
+    made = [(path.resolve(), file) for file in files for path in _outputs(out / file.stem)]
+    of = dict(made)
+    for file in files:
+        if file.resolve() in of:
+            raise InputError(f"{file}: would be replaced by a result; choose another --out")
+    for path, file in made:
+        if of[path] != file:
+            raise InputError(f"{file} and {of[path]}: one file for both; give them one by one")
 
 
 def _files(photos: tuple[Path, ...]) -> list[Path]:

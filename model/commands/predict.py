@@ -404,7 +404,7 @@ def _predictions(sources: Sequence[ViewSource], way: Way, output: Output) -> Pic
     if (way.spp or 0) > MAX_SAMPLES:
         raise click.UsageError(f"--spp: networks take at most {MAX_SAMPLES} samples per pixel")
     found = find_models(way.models, way.method)
-    if way.spp and not METHODS[found.method].takes_samples:
+    if way.spp and not (found.method in METHODS and METHODS[found.method].takes_samples):
         raise click.UsageError(f"--spp: {found.method} takes no samples")
     networks = load_networks(found.folder, [found.method], way.tile or 0)
     say(f"{found.method}, networks from {found.description}")

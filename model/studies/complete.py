@@ -119,7 +119,7 @@ def command(request: Request, only: tuple[str, ...], docs: Path | None) -> int:
     for part in parts:
         words = (*part.arguments, repr(keys(*part.keys)), *state[part.takes_models])
         digest = digest_bytes(*map(str.encode, words))
-        if digest in known.get(part.name, ()) and known[part.name] == [digest, _result(part)]:
+        if known.get(part.name) == [digest, _result(part)]:
             say(f"{part.name}: up to date")
         elif request.dry_run:
             say(f"{part.name}: {part.command}")

@@ -62,7 +62,8 @@ class Folders:
     def beside(data: Path, models: Path, backbone: Path | None = None) -> Folders:
         """Folders with metrics and plots inside `models`, unless that is the default folder.
 
-        The backbone is in `models`, too, unless it is elsewhere.
+        Those of the pretrained networks are in `metrics/pretrained` and `plots/pretrained`. The
+        backbone is in `models`, too, unless it is elsewhere.
         """
         backbone = backbone or models
         if models == Path("models"):

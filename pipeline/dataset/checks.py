@@ -285,7 +285,7 @@ def _stale(view: View, frames: Mapping[Kind, Frame]) -> Rejection | None:
         moves = kind == "video" or EXPOSURE_TIME in frame.meta
         neighbours = ("pose_before", "pose_after") if moves else ()
         for key in ("camera_to_world", "K", "projection", "distortion", *neighbours):
-            rendered_with = made_for.get(key, "perspective" if key == "projection" else ())
+            rendered_with = made_for.get(key, getattr(View, key, ()))
             if plain(rendered_with) != plain(getattr(view, key)):
                 return Rejection("stale", f"{kind}: rendered with another {key}; render it again")
     return None

@@ -39,7 +39,7 @@ _FIRST_VOLUME = 900  # Hypersim's own volumes are below 100
 _SCENES_A_VOLUME = 999
 _NEAR, _FAR = 1.0, 1000.0  # of the projection matrix, as in Hypersim's file
 _FLIP = np.array([1.0, -1.0, -1.0])  # camera axes from ours to Hypersim's
-_FILES = (
+_FILES = (  # of all scenes
     *("metadata_camera_parameters.csv", "metadata_images.csv"),
     *("metadata_images_split_scene_v1.csv", "scenes.csv"),
 )
@@ -282,14 +282,15 @@ def _finish(job: Job) -> None:
         *("settings_units_info_meters_scale", "use_camera_physical", "settings_camera_fov"),
         *(*uv, *proj),
     )
-    write_csv(job.out / _FILES[0], header, cameras)
+    of_cameras, of_frames, of_splits, of_names = (job.out / name for name in _FILES)
+    write_csv(of_cameras, header, cameras)
     header = ("scene_name", "camera_name", "frame_id", "included_in_public_release")
     header += ("exclude_reason",)
-    write_csv(job.out / _FILES[1], header, [frame[:5] for frame in frames])
+    write_csv(of_frames, header, [frame[:5] for frame in frames])
     header += ("split_partition_name",)
-    write_csv(job.out / _FILES[2], header, frames)
+    write_csv(of_splits, header, frames)
     header = ("scene_name", "camera_name", "frame_id", "scene_id", "view_id")
-    write_csv(job.out / _FILES[3], header, names)
+    write_csv(of_names, header, names)
 
 
 def _sizes(job: Job) -> tuple[int, int]:

@@ -28,7 +28,7 @@ def exposures(rows: Sequence[ViewRow], options: ExportOptions) -> list[Exposure]
     The shared one has the geometric mean of their scales, and the brightest white. Reconstruction
     from several views needs it, because a surface must keep its brightness from view to view.
     """
-    own = [row.exposure for row in rows if row.exposure is not None]
+    own = [row.exposure for row in rows]
     if options.exposure == "view":
         return own
     scale = float(np.exp(np.mean([np.log(one.scale) for one in own])))

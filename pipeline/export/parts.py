@@ -24,6 +24,7 @@ from pbrnet.scenes.errors import InputError, MachineError, PbrnetError
 from pbrnet.scenes.files import (
     atomic_directory,
     atomic_file,
+    exists,
     read_json,
     sweep,
     write_csv,
@@ -125,10 +126,10 @@ def run_export(form: Format, job: Job) -> Exported:
         parts = form.parts(job)
         tops = {part.path.partition("/")[0] for part in parts}
         record["files"] = sorted({*tops, *form.finished, CREDITS})
-        path = job.out / RECORD
-        if not path.exists() or (found := read_json(path)) != record:
-            _clear(job.out, found.get("files") if path.exists() else ())
-            write_json(path, record)
+        earlier = read_json(job.out / RECORD) if exists(job.out / RECORD) else {}
+        if earlier != record:
+            _clear(job.out, earlier.get("files", ()) if isinstance(earlier, dict) else ())
+            write_json(job.out / RECORD, record)
         kept = 0
         with Progress(sum(part.views for part in parts), form.name) as progress:
             for part in parts:
@@ -183,16 +184,13 @@ def _write_credits(job: Job) -> None:
     write_csv(job.out / CREDITS, ("scene_id", *columns), credits)
 
 
-def _clear(folder: Path, made: Iterable[str] | None) -> None:
-    """Remove the files of another export, `made`; before they were recorded, all are its own.
-
-    Raises `InputError` if there are others.
-    """
+def _clear(folder: Path, made: Iterable[str]) -> None:
+    """Remove the files `made` of another export; raises `InputError` if there are others."""
     found = {path.name for path in folder.iterdir()} - {_LOCK, RECORD}
-    others = [] if made is None else sorted(found - set(made))
+    others = sorted(found - {*made})
     if others:
         raise InputError(
-            f"{folder}: {others[0]} is not of the export there, which would be replaced; move it "
+            f"{folder}: {others[0]} is not listed in {RECORD}, so it is not replaced; move it "
             "away, or choose another folder with --out"
         )
     for name in sorted(found | {RECORD}):

@@ -48,8 +48,8 @@ class ViewRow:
     """A row without its images, and where it lies.
 
     `intrinsics` (3, 3) in pixels, centres at +0.5, NaN for equirectangular views; `pose` (4, 4)
-    camera to world, camera axes x right, y down, z forward, world in metres, Z up. `exposure` is
-    that of `color` in the renderer's unit, None in a dataset without colour.
+    camera to world, camera axes x right, y down, z forward, world in metres, Z up.
+    `color_exposure` is that of `color` in the renderer's unit, None in a dataset without colour.
     """
 
     scene_id: str
@@ -57,7 +57,7 @@ class ViewRow:
     split: str
     intrinsics: Float64Array
     pose: Float64Array
-    exposure: Exposure | None
+    color_exposure: Exposure | None
     radiance_scale: float
     values: Mapping[str, Any]  # trajectory, frame, room_type, where the dataset has them
     place: tuple[int, int, int]  # shard, row group, row in it
@@ -76,6 +76,13 @@ class ViewRow:
         matrix = () if projection == "equirectangular" else as_matrix(self.intrinsics)
         distortion = tuple(self.values.get("distortion") or ())
         return Lens(projection, width, height, matrix, distortion)
+
+    @property
+    def exposure(self) -> Exposure:
+        """Exposure of `color`; raises `InputError` in a dataset without colour."""
+        if self.color_exposure is None:
+            raise InputError(f"{self.name}: the dataset has no color, so no exposure")
+        return self.color_exposure
 
     @property
     def name(self) -> str:

@@ -98,9 +98,8 @@ def _facts(row: ViewRow, values: dict[str, Any]) -> dict[str, Any]:
     facts = {**row.values, **values}
     if facts.get("instances"):
         facts["instances"] = json.loads(facts["instances"])
-    exposed = {}
-    if row.exposure is not None:
-        exposed = {"exposure_color": row.exposure.scale, "white_color": row.exposure.white}
+    own = row.color_exposure
+    exposed = {} if own is None else {"exposure_color": own.scale, "white_color": own.white}
     return {
         **facts,
         "scene_id": row.scene_id,

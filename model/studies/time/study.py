@@ -67,14 +67,13 @@ from pbrnet.pipeline.keys import keys
 from pbrnet.pipeline.params import Params
 from pbrnet.pipeline.passes.denoise import denoise, denoiser_version
 from pbrnet.pipeline.passes.groundtruth import render_color, render_truth
-from pbrnet.pipeline.passes.illumination import render_illumination
 from pbrnet.pipeline.passes.inputs import render_inputs
 from pbrnet.pipeline.passes.registry import render, settings_of
-from pbrnet.pipeline.passes.settings import GroundTruthParams
+from pbrnet.pipeline.passes.settings import GroundTruthParams, IlluminationParams
 from pbrnet.pipeline.passes.surfaces import render_surfaces
 from pbrnet.pipeline.passes.transport import prepare_quick, render_quick, samples_for
 from pbrnet.pipeline.passes.truth import noisy_trace, sample_guides
-from pbrnet.pipeline.passes.visibility import render_visibility
+from pbrnet.pipeline.passes.visibility import render_lights
 from pbrnet.pipeline.progress import Progress
 from pbrnet.pipeline.render.scene import RenderScene, renderer_version, set_variant
 from pbrnet.pipeline.tonemap import tonemap
@@ -327,18 +326,16 @@ class ViewBenchmark:
     def _lights(self) -> dict[Kind, Channels]:
         """Panorama, and the visibility of its lights if a network needs that."""
         params = self.params.illumination
-        made: dict[Kind, Channels] = {
-            "illumination": render_illumination(self.scene, self.view, params)
-        }
+        settings: dict[Kind, IlluminationParams] = {"illumination": params}
         taken = {
             column
             for name, card in self.networks.cards.items()
             for column in input_columns(METHODS[name].inputs_with(card.architecture.panorama))
         }
         if "visibility" in taken and params.shadow_rays:
-            panorama = made["illumination"]
-            made["visibility"] = render_visibility(self.scene, self.view, params, panorama)
-        return made
+            settings["visibility"] = params
+        made = render_lights(self.scene, self.view, settings)
+        return {kind: channels for kind, (channels, _) in made.items()}
 
     def _transport(self, params: TransportParams) -> Channels:
         settings: dict[Kind, Any] = {"transport": params}

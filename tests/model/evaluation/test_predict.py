@@ -301,6 +301,7 @@ def test_every_method_that_a_time_budget_may_choose_is_predicted(
         (("--view", "east", "--method", "radiosity", "--tile", "64"), "--tile applies to networks"),
         (("--view", "east", "--seconds", "1", "--tile", "64"), "or --tile"),
         (("--view", "east", "--method", "unet", "--spp", "2"), "unet takes no samples"),
+        (("--view", "east", "--method", "pbrnet", "--spp", "2"), "pbrnet takes no samples"),
         (("--view", "east", "--out", "picture.jpg"), "end in .png"),
         (("--view", "east", *FRAMES), "not both"),
     ],

@@ -237,6 +237,14 @@ def test_made_twice_it_is_the_same_to_the_byte(
     write_pairs_page(Params(seed=5), folders, PairsConfig(), tmp_path / "pairs.html")
 
 
+def test_a_network_needs_no_others(folders: Folders, tmp_path: Path) -> None:
+    untrained_models(tmp_path / "models", ("unet",), levels=2)
+    alone = replace(folders, models=tmp_path / "models")
+    config = PairsConfig(methods=("unet",), pairs=2)
+    made = write_pairs_page(Params(), alone, config, tmp_path / "pairs.html")
+    assert [*made.key.models] == ["unet"]
+
+
 def test_the_key_of_another_page_is_kept_unless_it_may_go(folders: Folders, tmp_path: Path) -> None:
     page, key = tmp_path / "p.html", tmp_path / "p-key.json"
     config = PairsConfig(methods=("pbrnet",), pairs=2)

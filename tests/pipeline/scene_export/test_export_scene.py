@@ -21,6 +21,7 @@ from pbrnet.pipeline.scene_export.export import export_scene
 from pbrnet.pipeline.scene_export.glb import glb_bytes
 from pbrnet.pipeline.scene_export.looks import LookReader
 from pbrnet.pipeline.scene_export.outdoors import outdoors_of
+from pbrnet.pipeline.views import CameraFile, View, as_matrix, save_cameras
 from pbrnet.scenes.arrays import Float64Array
 from pbrnet.scenes.color import luminance
 from pbrnet.scenes.contract import Joint, Scene, load_scene
@@ -433,3 +434,18 @@ def test_the_image_of_a_sky_comes_back_from_a_package(home: Scene, tmp_path: Pat
     back = import_scene(tmp_path / "turned.usdz", tmp_path / "back")
     assert all(equal(load_scene(folder), back).values())
     assert ElementTree.parse(back.xml).find("emitter[@type='envmap']") is not None
+
+
+def test_cameras_that_a_file_cannot_say_are_left_out_and_named(home: Scene, tmp_path: Path) -> None:
+    plain = ((100.0, 0.0, 40.0), (0.0, 100.0, 30.0), (0.0, 0.0, 1.0))
+    aside = ((100.0, 0.0, 35.0), *plain[1:])
+    oblong = (plain[0], (0.0, 50.0, 30.0), plain[2])
+    pose = as_matrix(np.eye(4))
+    views = tuple(
+        View(home.scene_id, name, 80, 60, K, pose)
+        for name, K in {"plain": plain, "aside": aside, "oblong": oblong}.items()
+    )
+    save_cameras(tmp_path / "cameras.json", CameraFile(home.scene_id, views))
+    content = read_content(home.folder, tmp_path / "cameras.json")
+    assert [eye.name for eye in content.eyes] == ["sensor", "plain"]  # the scene's own first
+    assert any("not plain perspective" in sentence for sentence in content.lost.sentences())
