@@ -7,10 +7,9 @@ format makes a `Layout`, calls `check_layout` of `checks.py`, and is one line in
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
-from pbrnet.scenes.checked import within
 from pbrnet.scenes.contract import Point2, Point3
 
 RoomType = Literal["living", "bedroom", "kitchen", "bathroom", "study", "dining", "hall", "other"]
@@ -18,13 +17,6 @@ RoomType = Literal["living", "bedroom", "kitchen", "bathroom", "study", "dining"
 OpeningKind = Literal["door", "window", "opening", "archway", "entrance"]
 MAX_PLACE = 1000.0  # metres from the origin
 MAX_SIZE = 100.0  # metres, of an object
-_PLACE = within(-MAX_PLACE, MAX_PLACE)
-
-
-def limited(low: float, high: float, default: Any = None, optional: bool = False) -> Any:
-    """A field whose value, or each element, lies in [low, high]; with a default if `optional`."""
-    metadata = within(low, high)
-    return field(default=default, metadata=metadata) if optional else field(metadata=metadata)
 
 
 @dataclass(frozen=True)
@@ -33,9 +25,9 @@ class LayoutRoom:
 
     id: str
     type: RoomType
-    polygon: tuple[Point2, ...] = field(metadata=_PLACE)
+    polygon: tuple[Point2, ...]
     name: str = ""
-    floor_z: float = limited(-MAX_PLACE, MAX_PLACE, 0.0, optional=True)  # metres
+    floor_z: float = 0.0  # metres
     height: float | None = None  # metres from floor to ceiling; None: the layout's
 
 
@@ -50,10 +42,10 @@ class LayoutOpening:
 
     id: str
     kind: OpeningKind
-    start: Point2 = field(metadata=_PLACE)
-    end: Point2 = field(metadata=_PLACE)
-    bottom: float = limited(0.0, MAX_SIZE)
-    top: float = limited(0.0, MAX_SIZE)
+    start: Point2
+    end: Point2
+    bottom: float
+    top: float
     open_degrees: float | None = None  # of a door's leaf, 0 to 110; None: drawn
     hinge: Literal["start", "end"] = "start"
     swing: str | None = None
@@ -70,8 +62,8 @@ class LayoutObject:
 
     id: str
     category: str
-    center: Point3 = field(metadata=_PLACE)
-    size: Point3 = field(metadata=within(high=MAX_SIZE, above=0.0))
+    center: Point3
+    size: Point3
     yaw: float = 0.0  # degrees
     name: str = ""
     kind: str = ""  # of furniture that it must be, such as "round_table"; empty: what fits
@@ -92,9 +84,9 @@ class Layout:
     rooms: tuple[LayoutRoom, ...]
     openings: tuple[LayoutOpening, ...] = ()
     objects: tuple[LayoutObject, ...] = ()
-    height: float = limited(1.8, 20.0, 2.6, optional=True)  # metres from floor to ceiling
-    wall: float = limited(0.02, 1.0, 0.12, optional=True)  # metres
-    outer_wall: float = limited(0.05, 2.0, 0.3, optional=True)  # metres
+    height: float = 2.6  # metres from floor to ceiling
+    wall: float = 0.12  # metres
+    outer_wall: float = 0.3  # metres
     polygons: Literal["inner", "centre"] = "inner"
     style: str = ""  # interior style; empty: drawn
     seed: int | None = None  # of all that is drawn; None: that of the import
